@@ -15,7 +15,8 @@ from .page.html import render
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import BLUE, VERMILLION
 from .report import framed, versions
-from .text.verdict import NO_VERDICT, Verdict, motion_summary, verdict
+from .text.numbers import metres
+from .text.verdict import Verdict
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
@@ -76,19 +77,16 @@ def cell_page(
     )
     if isinstance(design.cell, Sector) and design.evaluation.turns:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."
-    animation, tiles = "", NO_VERDICT.tiles
+    animation = ""
     if motions:
         cycles = next(iter(motions.values())).cycles
-        tiles = verdict(
-            [motion_summary(name, motion, joint) for name, motion in motions.items()], cycles
-        ).tiles
         animation = _tour_page(design, motions, joint, f"{cycles} cycles of a sample path")
     return render(
         "cell.html",
         style="report.css",
         title=f"{task.robot.name}: one function for a cell",
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
-        verdict=Verdict(_sentence(design), tiles),
+        verdict=Verdict(_sentence(design, motions), ()),
         animation=animation.replace("<body>", '<body class="inside">', 1),
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
@@ -110,23 +108,37 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
         tracks,
         paths=[box_of(design.cell), way],
         name=name,
-        seconds=8.0,
     )
 
 
-def _sentence(design: CellDesign) -> str:
-    """Write the extra joint speed, the coverage and the limit margin of a function in one
-    sentence."""
-    margin, worst, unit = design.limit_margin, design.limit_margin_worst, design.task.unit
-    limits = f"limits {'respected' if margin >= 0 else 'violated'} by {abs(margin):.2g} {unit}"
-    limits += f", violated by {-worst:.2g} at the worst pose" if worst < 0 <= margin else ""
-    every = (
-        "One configuration for every pose"
-        if design.evaluation.everywhere
-        else "One configuration for each covered pose"
+def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
+    """Write the extra joint speed, the coverage, and the worst known limit margin and body distance
+    of a function in one sentence.
+
+    The worst known value is the minimum over the held-out poses, the search, and the
+    sample path."""
+    path = list(motions.values())[-1:]  # the function's
+    margins = [float(motion.limit_margin.min()) for motion in path]
+    margin = min([design.limit_margin, design.limit_margin_worst, *margins])
+    distances = [float(motion.coarse.body_distance.min()) for motion in path]
+    distance = min([design.body_distance, *distances])
+    every = "every pose" if design.evaluation.everywhere else "each covered pose"
+    parts = [
+        f"{100 * design.extra_speed:.2g} % more joint speed",
+        f"{design.evaluation.covered} covered",
+        "no joint limits"
+        if not np.isfinite(margin)
+        else f"limits {'kept' if margin >= 0 else 'exceeded'} by {abs(margin):.2g} "
+        f"{design.task.unit} at the worst pose",
+    ]
+    if np.isfinite(distance):
+        parts.append(
+            "bodies collide" if distance < 0 else f"bodies {metres(distance)} apart or more"
+        )
+    unbroken = (
+        ", ".join(parts)
+        .replace(" %", "\u00a0%")
+        .replace(" rad", "\u00a0rad")
+        .replace(" cm", "\u00a0cm")
     )
-    return (
-        f"{every}: {100 * design.extra_speed:.2g} % more joint speed, "
-        f"covered: {design.evaluation.covered}, "
-        f"{limits if np.isfinite(margin) else 'no joint limits'}."
-    )
+    return f"One configuration for {every}: {unbroken}."

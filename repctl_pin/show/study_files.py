@@ -11,7 +11,6 @@ from ..studies import Study
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
-from .text.verdict import study_verdict
 
 CSV_ROWS_PER_CYCLE = 100
 """Maximum number of rows per cycle in ``motion.csv``."""
@@ -85,10 +84,11 @@ def study_page(study: Study) -> str:
         if row.motion is not None
     ]
     chain = TracedChain(study.task, study.elbow)
+    stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
     return playback_page(
         [chain],
         tracks,
         paths=[study.path.points()],
         name=study.path.name,
-        summary=study_verdict(study),
+        stopped=stopped,
     )

@@ -27,7 +27,7 @@ from page_file import BLUE, VERMILLION, Visuals
 
 import repctl_pin as rp
 from repctl_pin.show.page import Arm, animation_page, choose_frames, read_surface
-from repctl_pin.show.text import Tile, Verdict
+from repctl_pin.show.text import Headline, Span
 
 RADIUS, STEPS, CYCLES = 0.1, 60, 2
 SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "xarm7 bare")
@@ -74,7 +74,6 @@ def circling(
                 visuals.placements(task.to_robot(Q)),
                 tip,
                 elbow,
-                Q,
                 drift,
                 color,
             )
@@ -85,13 +84,11 @@ def circling(
 def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
     page = folder / "animation.html"
     words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
-    frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
+    frames = choose_frames(len(arms[0].tip), len(arms[0].cycle_drift))
     shown = [
         replace(
             a,
-            **{
-                name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")
-            },
+            **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow")},
         )
         for a in arms
     ]
@@ -142,22 +139,16 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
 
 
 def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) -> None:
-    """Told by the corners of the meshes and Pinocchio's placements; the hand itself is always
+    """Told by all points of the meshes and Pinocchio's placements; the hand itself is always
     back."""
     visuals = Visuals.of(study.robot)
     off = np.zeros((2, len(visuals.shapes)))  # at the end, m
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
         ends = visuals.placements(study.task.to_robot(study.row(key).motion.q[[0, -1]]))
         for s, shape in enumerate(visuals.shapes):
-            points = read_surface(shape.path).points
-            box = (
-                np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
-                * shape.scale
-            )
-            corners = np.c_[box, np.ones(8)] @ ends[:, s].transpose(0, 2, 1)  # (2, 8, 4)
-            off[arm, s] = np.linalg.norm(corners[1] - corners[0], axis=1).max()
+            off[arm, s] = moved(shape, ends[0, s], ends[1, s])
     moving = [s for s, shape in enumerate(visuals.shapes) if "link0" not in shape.name]
-    assert len(moving) == len(visuals.shapes) - 1 and off[0].max() > 0.1
+    assert len(moving) == len(visuals.shapes) - 1 and off[0].max() > 0.08
 
     def told(time: float) -> tuple[NDArray[np.float64], list[list[NDArray[np.int64]]]]:
         answers = driver.execute_script(
@@ -188,20 +179,32 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
     motion = study.row("pseudoinverse").motion
     there = visuals.placements(study.task.to_robot(motion.q[[30, 150]]))
     for s, k in enumerate(moving):
-        points = read_surface(visuals.shapes[k].path).points
-        box = np.array(list(itertools.product(*zip(points.min(0), points.max(0), strict=True))))
-        corners = np.c_[box * visuals.shapes[k].scale, np.ones(8)] @ there[:, k].transpose(0, 2, 1)
-        assert between[0, s] == pytest.approx(
-            np.linalg.norm(corners[1] - corners[0], axis=1).max(), abs=2e-6
-        )
-    driver.find_element("id", "show-drift").click()
+        expected = moved(visuals.shapes[k], there[0, k], there[1, k])
+        assert between[0, s] == pytest.approx(expected, abs=2e-6)
+    in_the_menu(driver, "show-drift").click()
     _, own = told(3)
     assert len({tuple(c) for c in own[0]}) > 1 or not np.array_equal(
         own[0][0], grey
     )  # the robot's own colours
-    assert driver.find_element("id", "drift-note").text == ""
-    driver.find_element("id", "show-drift").click()
-    assert driver.find_element("id", "drift-note").text.endswith("10 cm and more")
+    note = driver.find_element("id", "drift-note")
+    assert note.get_attribute("hidden")
+    in_the_menu(driver, "show-drift").click()
+    assert not note.get_attribute("hidden")
+    assert note.get_attribute("textContent").endswith("10 cm and more")
+
+
+def moved(shape: Any, before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
+    """How far the farthest point of a mesh has moved, m."""
+    points = read_surface(shape.path).points * shape.scale
+    return float(
+        np.linalg.norm(np.c_[points, np.ones(len(points))] @ (after - before).T, axis=1).max()
+    )
+
+
+def in_the_menu(driver: Any, name: str) -> Any:
+    """A control of the menu, which is opened."""
+    driver.execute_script("document.getElementById('looks').open = true")
+    return driver.find_element("id", name)
 
 
 def ghosts_show_drift_and_nothing_else(
@@ -278,7 +281,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
     shapes = tuple(visuals.shapes[k] for k in keep)
     tip, elbow = placements[:, :1, :3, 3], placements[:, 1:2, :3, 3]
-    still = Arm("mirrored", shapes, placements, tip, elbow, np.zeros((2, 1)), np.zeros(1))
+    still = Arm("mirrored", shapes, placements, tip, elbow, np.zeros(1))
     open_page(driver, write(tmp_path, [still]))
     both = picture(driver, 0)
     show_only = "repctl.materials((m) => { m.side = arguments[0]; })"
@@ -302,9 +305,12 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     def element(name: str) -> Any:
         return driver.find_element("id", name)
 
-    assert element("title").text == "<i>four</i> links"
-    assert [e.text for e in driver.find_elements("css selector", ".arm-label .name")] == [
-        "J⁺",
+    def text(node: Any) -> str:  # also of what a small window hides
+        return " ".join(node.get_attribute("textContent").split())
+
+    assert text(element("title")) == "<i>four</i> links"
+    assert [text(e) for e in driver.find_elements("css selector", ".arm-label .name")] == [
+        "Usual control (pseudoinverse)",
         "repeatable",
     ]
     assert not driver.execute_script("return repctl.playing")
@@ -320,12 +326,15 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     time.sleep(0.2)
     assert driver.execute_script("return repctl.time") == held
     driver.execute_script("repctl.seek(2)")
-    assert element("clock").text == "after 2 of 2"
-    cards = driver.find_elements("class name", "card")
-    assert [c.find_element("tag name", "h2").text for c in cards] == ["J⁺", "repeatable"]
-    shown = float(re.match(r"[\d.]+", cards[0].find_element("class name", "drift").text)[0])  # type: ignore[index]
-    assert shown == pytest.approx(arms[0].cycle_drift[-1], rel=5e-3)
-    assert cards[0].find_element("class name", "after").text == "off cycle 1 after 2 cycles"
+    assert text(element("clock")) == "after 2 of 2"
+    first, second = (text(row) for row in driver.find_elements("class name", "reading"))
+    assert first.startswith("Usual control: ") and second.startswith("repeatable: 0 off")
+    assert first.endswith(f"after 2 cycles; joints {arms[0].cycle_drift[-1]:.3g} rad")
+    # at any time, what stands beside the bars is the end of the last finished cycle
+    driver.execute_script("repctl.seek(1.5)")
+    assert f"after 1 cycle; joints {arms[0].cycle_drift[0]:.3g} rad" in (
+        text(driver.find_element("class name", "reading"))
+    )
     # the slider
     from selenium.webdriver.common.keys import Keys
 
@@ -333,8 +342,9 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert driver.execute_script("return repctl.time") == 0
     assert element("scrub").get_attribute("aria-valuetext") == "start"
     # keys, wherever the focus is; what a pointer pressed does not keep them
-    element("show-traces").click()
-    element("show-traces").click()
+    in_the_menu(driver, "show-traces").click()
+    in_the_menu(driver, "show-traces").click()
+    driver.execute_script("document.getElementById('looks').open = false")
     time.sleep(0.1)
     body = driver.switch_to.active_element
     for keys, expected in (
@@ -357,32 +367,64 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert driver.execute_script("return repctl.time") == 1
     element("running").click()
     driver.execute_script("repctl.pause()")
-    # a click on a bar goes to that cycle's end
-    bars = cards[0].find_element("css selector", ".bars canvas")
+    # a click on a bar goes to that cycle's end; so do arrows, where the chart has the focus
+    chart = element("chart")
     driver.execute_script(
-        "const [c] = arguments, {left, top, width} = c.getBoundingClientRect(), half = width / 16;"
-        "c.dispatchEvent(new MouseEvent('click', {bubbles: true, clientX: left + half, clientY: "
+        "const [c] = arguments, {left, top, width} = c.getBoundingClientRect(), x = width / 3;"
+        "c.dispatchEvent(new MouseEvent('click', {bubbles: true, clientX: left + x, clientY: "
         "top + 5}))",
-        bars,
+        chart,
     )
     assert driver.execute_script("return repctl.time") == 1
+    chart.send_keys(Keys.ARROW_RIGHT)
+    assert driver.execute_script("return repctl.time") == 2
+    assert chart.get_attribute("aria-valuenow") == "2"
+    assert "off after 2 cycles" in chart.get_attribute("aria-valuetext")
+    # the keys are told, and the chart stands over the slider
+    driver.find_element("tag name", "body").send_keys("?")
+    assert "play or pause" in element("keys").text
+    element("keys").find_element("tag name", "button").click()
+    ends = driver.execute_script(
+        "return ['chart', 'scrub'].map((id) => { const r = "
+        "document.getElementById(id).getBoundingClientRect(); return [r.left, r.right]; })"
+    )
+    np.testing.assert_allclose(ends[0], ends[1], atol=1)
     # the boxes and the view
     before = picture(driver, 1.5, traces=True)
-    element("show-traces").click()
+    in_the_menu(driver, "show-traces").click()
     without = driver.execute_script("return repctl.picture()")
-    element("show-traces").click()
+    in_the_menu(driver, "show-traces").click()
     assert driver.execute_script("return repctl.picture()") != without
-    element("show-ghost").click()
+    in_the_menu(driver, "show-ghost").click()
     assert (
         changed(before, picture_now(driver)) > 0.0002
     )  # the ghost is no more than what one cycle's drift leaves bare
-    element("show-ghost").click()
+    in_the_menu(driver, "show-ghost").click()
     driver.execute_script("repctl.turn(0.5, 0.2, 0.8)")
     labels_are_in_their_panes(driver)
     assert changed(before, picture(driver, 1.5, traces=True)) > 0.01
-    element("view").click()
+    in_the_menu(driver, "view").click()
     assert changed(before, picture(driver, 1.5, traces=True)) < 0.001
     driver.find_element("css selector", "#speed option[value='4']").click()
+    assert errors(driver) == []
+    the_address_keeps_time_and_view(driver, page)
+
+
+def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
+    """What is looked at is in the address, and another who opens it looks at the same."""
+    driver.execute_script("repctl.seek(0.25); repctl.turn(0.5, 0.2, 0.8); repctl.seek(0.75)")
+    deadline = time.monotonic() + 20
+    while "#t=0.75&view=" not in driver.current_url:
+        assert time.monotonic() < deadline, driver.current_url
+        time.sleep(0.05)
+    address = driver.current_url
+    where = "const {camera} = repctl.viewer; return [...camera.position.toArray(), camera.zoom]"
+    stood = driver.execute_script(where)
+    driver.get("about:blank")
+    driver.get(address)
+    wait_until_drawn(driver, address)
+    assert driver.execute_script("return [repctl.time, repctl.playing]") == [0.75, False]
+    np.testing.assert_allclose(driver.execute_script(where), stood, atol=1e-3)
     assert errors(driver) == []
 
 
@@ -448,8 +490,9 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
     assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
     assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     cut = driver.execute_script(
-        "return [...document.querySelectorAll('.name, .past, .tiles dd, #verdict, .card :is(h2, "
-        "p, figcaption)')]"
+        "return [...document.querySelectorAll('.name, .past, #verdict, #notes, .reading')]"
+        " + '.callout')]"
+        ".filter((n) => n.offsetParent)"
         ".filter("
         "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > "
         "window.innerWidth)"
@@ -478,7 +521,7 @@ def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name:
     study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
     page.write_text(rp.animation(study).page, encoding="utf-8")
     drift = study.row("pseudoinverse").motion.drift[-1]
-    for width, height in ((1400, 900), (390, 844), (3840, 2160)):
+    for width, height in ((1400, 900), (390, 844), (844, 390), (1024, 500), (3840, 2160)):
         schemes(driver, width=width, height=height)
         open_page(driver, page)
         for dark in (False, True):
@@ -505,22 +548,19 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     and scheme."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
     robot = rp.Robot.load("planar3r")
-    tiles = (
-        Tile("Elbow creep in 10 cycles", "45 cm → 0"),
-        *(Tile("Joint limits", "broken in cycle 7", True),) * 3,
-    )
-    words = Verdict(
-        "The elbow creeps 45 cm in 10 cycles → 0. Joint speed +0.3 %. Limits broken in cycle 7.",
-        tiles,
+    words = Headline(
+        (Span("Both hands are back. One elbow is not: "), Span("45 cm off", "bad", "0.45 m")),
+        (Span("Joint limits kept."), *(Span("link and link come as near as 1 cm.", "near"),) * 4),
     )
     arms = [
         replace(arm, unit="rad and m")
         for arm in circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
     ]
     arms[1] = replace(arms[1], label="nearest repeatable")
-    open_page(driver, write(tmp_path, arms, planar=True, verdict=words))
+    open_page(driver, write(tmp_path, arms, planar=True, headline=words))
     driver.execute_script("repctl.seek(1.5)")
-    for (width, height), dark in itertools.product(((1400, 900), (390, 844)), (False, True)):
+    sizes = ((1400, 900), (390, 844), (844, 390), (1024, 500))
+    for (width, height), dark in itertools.product(sizes, (False, True)):
         schemes(driver, width=width, height=height, dark=dark)
         driver.execute_async_script(
             "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
@@ -529,9 +569,10 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
         ask = "return repctl.pane(arguments[0])"
         (a, b, wide, tall), (c, d, *same) = (driver.execute_script(ask, k) for k in (0, 1))
         np.testing.assert_allclose(same, [wide, tall], atol=0.01)
+        assert tall * driver.find_element("id", "stage").size["height"] > 150
         assert (
             (a == c and d > b) if width < height else (b == d and c > a)
         )  # stacked, or side by side
-        for figure in driver.find_elements("css selector", ".card canvas"):
-            assert figure.size["width"] > 60 and figure.size["height"] > 40
+        size = driver.find_element("id", "chart").size
+        assert size["width"] > 200 and size["height"] > 35
     assert errors(driver) == []

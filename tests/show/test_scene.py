@@ -19,6 +19,7 @@ from test_surfaces import DAE
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Shape
 from repctl_pin.show.page import Arm, animation_page, choose_frames, key, poses_of, read_surface
+from repctl_pin.show.page.body_points import corners
 from repctl_pin.show.page.meshes import record
 
 PATH = np.stack([np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1)
@@ -36,23 +37,28 @@ def swinging(name: str, cycles: int = 2, steps: int = 20) -> tuple[Arm, Arm]:
     placements = visuals.placements(Q)
     drift = 0.1 * np.arange(1, cycles + 1)
     tip, elbow = placements[:, -1:, :3, 3], placements[:, 1:2, :3, 3]
-    first = Arm("J⁺", visuals.shapes, placements, tip, elbow, Q, drift)
+    first = Arm("J⁺", visuals.shapes, placements, tip, elbow, drift)
     return first, replace(first, label="repeatable", color=BLUE, cycle_drift=1e-13 * drift)
 
 
 def page_of(arms: Sequence[Arm], **words: Any) -> str:
     """The page of arms that hold all samples of all cycles."""
-    frames = choose_frames(len(arms[0].q), len(arms[0].cycle_drift))
+    frames = choose_frames(len(arms[0].tip), len(arms[0].cycle_drift))
     shown = [
         replace(
             a,
-            **{
-                name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow", "q")
-            },
+            **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow")},
         )
         for a in arms
     ]
     return animation_page(shown, [PATH], frames=frames, **(WORDS | words))
+
+
+def vertices(shape: Shape) -> np.ndarray:
+    """Every point of a mesh, or the corners that stand for another shape."""
+    if shape.kind == "mesh":
+        return read_surface(shape.path).points * shape.scale
+    return corners([shape])[0]
 
 
 def matrices(poses: np.ndarray) -> np.ndarray:
@@ -97,16 +103,22 @@ def test_page_holds_what_went_in(name: str) -> None:
                 atol=1e-6,
             )
             at += 3 * len(frames.index)
-        q = arm.q[frames.index]
-        np.testing.assert_allclose(
-            motion[at : at + len(q)], np.linalg.norm(q - np.tile(q[:21], (2, 1)), axis=1), atol=1e-6
-        )
-        at += len(q)
-        i, j = (int(name.removeprefix("joint ")) - 1 for name in scene["pair"]["names"])
-        np.testing.assert_allclose(
-            motion[at : at + 2 * len(q)].reshape(-1, 2), q[:, [i, j]], atol=1e-6
-        )
-        at += 2 * len(q)
+        # how far each body is off its place in cycle 1, by the points that the page measures with
+        first = np.tile(np.r_[:20, 0], 2)  # the same moment of cycle 1
+        expected_off = np.zeros(len(frames.index))
+        for k, (shape, drawn) in enumerate(zip(told["shapes"], arm.shapes, strict=True)):
+            if shape["pose"] is not None:
+                continue
+            points = motion[at : at + 3 * shape["points"]].reshape(-1, 3)
+            at += 3 * shape["points"]
+            every = vertices(drawn)
+            for rows, found in ((every, expected_off), (points, np.zeros(len(first)))):
+                moved = np.c_[rows, np.ones(len(rows))] @ (expected - expected[first])[
+                    :, k
+                ].swapaxes(1, 2)
+                np.maximum(found, np.linalg.norm(moved, axis=2).max(axis=1), out=found)
+        ends = expected_off[[[0, 20], [21, 41]]]
+        np.testing.assert_allclose(told["off"], ends, atol=2e-6)
     np.testing.assert_allclose(motion[at:].reshape(-1, 3), PATH, atol=1e-6)
 
 

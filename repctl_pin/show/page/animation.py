@@ -72,7 +72,7 @@ class Animation:
         return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
 
 
-def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) -> Animation:
+def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side: path, traces, start configuration, and the drift
     after each cycle.
 
@@ -84,7 +84,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     motions
         The motions by name, all of as many cycles and steps; or a study.
     seconds
-        Time of a cycle at normal speed, s.
+        Time of a cycle at normal speed, s; by default that of the first motion: real time.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float = 4.0) ->
     >>> page.save("ours.html").name
     'ours.html'
     """
-    seconds = positive(seconds, "seconds", "s")
+    seconds = None if seconds is None else positive(seconds, "seconds", "s")
     if isinstance(motions, Study):
         return Animation(study_page(motions))
     if isinstance(motions, Motion):

@@ -28,16 +28,18 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from ...errors import RepctlError
-from ..text.verdict import Verdict
+from ..text.headline import Headline
 
 SCRIPTS = (
     *("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "stage"),
-    *("cards", "clock", "controls", "live", "console", "main"),
+    *("callouts", "chart", "clock", "address", "controls", "paper", "live", "console", "main"),
 )
 """The page's modules, each after those that it imports."""
 
 
-def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdict: Verdict) -> str:
+def page(
+    scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, headline: Headline
+) -> str:
     """Write the animation page.
 
     Parameters
@@ -48,7 +50,7 @@ def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdic
         meshcat commands, msgpack each.
     motion
         float32 numbers, little-endian, laid out as ``scene`` says.
-    verdict
+    headline
         What stands above it all.
     """
     return render(
@@ -56,7 +58,7 @@ def page(scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, verdic
         style="page.css",
         title=scene["title"],
         caption=scene["caption"],
-        verdict=verdict,
+        headline=headline,
         scene=scene,
         data=Markup(as_script(scene)),
         viewer=Markup(_viewer()),

@@ -14,6 +14,7 @@ from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion import Motion
 from ...motion.csv_file import read_motions
+from ...motion.displacement import leaves_range
 from ...motion.joint_motion import JointMotion, cycle_of
 from ...robot.model import frame_id
 from ...robot.robot import Robot
@@ -21,8 +22,11 @@ from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from ..text.verdict import MotionSummary, Verdict, motion_summary, verdict
-from .scene import Arm, Frames, Violation, animation_page, choose_frames
+from ..text.headline import Outcome, headline_of
+from ..text.parts import part_name
+from ..text.verdict import MotionSummary, motion_summary
+from .body_points import body_drift, corners
+from .scene import Arm, Frames, Violation, animation_page, choose_frames, farthest_link
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -136,8 +140,8 @@ def playback_page(
     *,
     paths: Sequence[Array] | None = None,
     name: str = "motion",
-    summary: Verdict | None = None,
-    seconds: float = 4.0,
+    stopped: Sequence[str] = (),
+    seconds: float | None = None,
 ) -> str:
     """Make the page of several motions, side by side.
 
@@ -151,10 +155,10 @@ def playback_page(
         Paths to draw, m; by default those of the first motion's frames in its first cycle.
     name
         Name of the path.
-    summary
-        Verdict on the motions; by default the last is compared with the first.
+    stopped
+        Sentences about motions that stopped.
     seconds
-        Time of a cycle at normal speed, s.
+        Time of a cycle at normal speed, s; by default its own, or 4 s if that is unknown.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
@@ -164,21 +168,52 @@ def playback_page(
     ((cycles, samples),) = sizes
     visuals, frames = Visuals.of(chains[0].task.robot), choose_frames(samples, cycles)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
+    bodies = corners(visuals.shapes)
     arms = [
-        _arm(chains, track, done, visuals, frames)
+        _arm(chains, track, done, (visuals, bodies), frames)
         for track, done in zip(tracks, played, strict=True)
+    ]
+    task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
+    link, _ = farthest_link(arms)
+    outcomes = [
+        _outcome(chains, done, track, arm)
+        for done, track, arm in zip(played, tracks, arms, strict=True)
     ]
     lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
     return animation_page(
         arms,
         lines,
-        seconds=seconds,
-        title=f"{chains[0].task.robot.name}: {name}",
+        seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
+        title=f"{task.robot.name}: {name}",
         caption="\n".join(_limb_words(chain.task) for chain in chains),
         planar=_is_planar(chains, [track.Q[0] for track in tracks], lines),
         frames=frames,
-        verdict=summary
-        or verdict([_summary(chains, *one) for one in zip(played, tracks, strict=True)], cycles),
+        headline=headline_of(outcomes, cycles, stopped),
+        part=(link, part_name(task, start, link)),
+    )
+
+
+def _cycle_time(track: Playback) -> float:
+    """Return the time of one cycle, s; 4 s if it is unknown."""
+    span = 0.0 if track.t is None else float(track.t[-1] - track.t[0])
+    return span / track.cycles if span > 0 else 4.0
+
+
+def _outcome(
+    chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback, arm: Arm
+) -> Outcome:
+    """Collect what the headline says of one motion."""
+    task, link = chains[0].task, farthest_link([arm])[0]
+    assert arm.drift is not None
+    found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
+    summary = _summary(chains, played, track)
+    return Outcome(
+        summary,
+        part_name(task, task.from_robot(track.Q[0]), link),
+        link,
+        float(arm.drift.off[-1].max(initial=0.0)),
+        min(found, default=None),
+        () if summary.body_distance is None else played[0].coarse.nearest_bodies[1].links,
     )
 
 
@@ -186,11 +221,12 @@ def _arm(
     chains: Sequence[TracedChain],
     track: Playback,
     played: Sequence[JointMotion],
-    visuals: Visuals,
+    drawn: tuple[Visuals, Sequence[Array]],
     frames: Frames,
 ) -> Arm:
     """Collect what the page shows of one motion."""
-    robot, rows = chains[0].task.robot, track.Q[frames.index]
+    (visuals, bodies), rows = drawn, track.Q[frames.index]
+    placements = visuals.placements(rows)
     tip, elbow = (
         np.stack(points, axis=1)
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
@@ -198,16 +234,14 @@ def _arm(
     return Arm(
         track.label,
         visuals.shapes,
-        visuals.placements(rows),
+        placements,
         tip,
         elbow,
-        rows,
         track.drift,
         track.color,
         unit=track.unit,
-        joint_names=robot.joint_names,
-        limits=np.stack([robot.lower, robot.upper]),
         broken=_broken(played, rows, track.t is not None),
+        drift=body_drift(bodies, placements, frames.per_cycle),
     )
 
 
@@ -259,7 +293,7 @@ def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Arr
 def _summary(
     chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback
 ) -> MotionSummary:
-    """Summarise a motion for the verdict; of several chains, which move each other's bodies, take
+    """Summarise a motion for the headline; of several chains, which move each other's bodies, take
     the worst of each quantity."""
     summaries = [
         motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,8 @@ from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
-from ..text.verdict import NO_VERDICT, Verdict
+from ..text.headline import NO_HEADLINE, Headline, title_of
+from .body_points import BodyDrift, body_drift, corners
 from .html import page
 from .meshes import Key, key, lifted, record
 
@@ -60,27 +61,23 @@ class Arm:
     Attributes
     ----------
     label : str
-        Title of its pane: ``J⁺``.
+        Name of the controller: ``J⁺``.
     shapes : tuple of Shape
         Visual shapes.
     placements : (T, S, 4, 4) array
         Rigid, unscaled transform of each shape.
     tip, elbow : (T, K, 3) arrays
         Traced points of K chains, m.
-    q : (T, n) array
-        Configurations, whose distance from cycle 1 is the drift.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, rad.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
         Unit of the drift.
-    joint_names : tuple of str
-        Names of the joints of q; () numbers them.
-    limits : (2, n) array or None
-        Lower and upper limits of q; infinite where there is none.
     broken : Violation or None
         First violated joint limit, or first collision.
+    drift : BodyDrift or None
+        How far each shape is off its place in cycle 1; None measures it.
     """
 
     label: str
@@ -88,13 +85,11 @@ class Arm:
     placements: Array
     tip: Array
     elbow: Array
-    q: Array
     cycle_drift: Array
     color: str = VERMILLION
     unit: str = "rad"
-    joint_names: tuple[str, ...] = ()
-    limits: Array | None = None
     broken: Violation | None = None
+    drift: BodyDrift | None = None
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
@@ -130,7 +125,8 @@ def animation_page(
     title: str,
     caption: str,
     planar: bool = False,
-    verdict: Verdict = NO_VERDICT,
+    headline: Headline = NO_HEADLINE,
+    part: tuple[str, str] | None = None,
     live: bool = False,
 ) -> str:
     """Write one self-contained HTML page with one pane per arm, which loops through their cycles.
@@ -149,8 +145,11 @@ def animation_page(
         Robot and task, in words; any text. Lines of the caption are kept.
     planar
         Look from above, as at a drawing.
-    verdict
+    headline
         What stands above it all.
+    part : (str, str), optional
+        Link of the part that is pointed at, and its name in words; by default of the shape that is
+        farthest off.
     live
         The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is
         where they may be.
@@ -161,8 +160,15 @@ def animation_page(
     """
     commands, library, problems = record(shape for arm in arms for shape in arm.shapes)
     parts: list[Array] = []
-    pair = _liveliest([arm.q for arm in arms], frames)
-    described = [_describe(arm, frames, library, pair, parts) for arm in arms]
+    bodies = corners(arms[0].shapes)
+    arms = [
+        arm
+        if arm.drift is not None
+        else replace(arm, drift=body_drift(bodies, arm.placements, frames.per_cycle))
+        for arm in arms
+    ]
+    link, name = part or farthest_link(arms)
+    described = [_describe(arm, frames, library, link, parts) for arm in arms]
     scene = {
         "title": title,
         "caption": caption,
@@ -173,62 +179,41 @@ def animation_page(
         "perCycle": frames.per_cycle,
         "paths": [len(path) for path in paths],
         "problems": problems,
-        "pair": None if pair is None else _pair(arms[0], pair),
+        "part": name,
         "arms": described,
     }
     motion = np.concatenate([p.ravel() for p in [*parts, *paths]]).astype("<f4").tobytes()
-    return page(scene, commands, motion, verdict)
+    return page(scene, commands, motion, headline)
 
 
-def _from_first(q: Array, frames: Frames) -> Array:
-    """Subtract the configuration at the same phase of cycle 1: (T, n)."""
-    cycles = q.reshape(len(frames.cycles), frames.per_cycle, -1)
-    return (cycles - cycles[0]).reshape(q.shape)
-
-
-def _liveliest(every: Sequence[Array], frames: Frames) -> tuple[int, int] | None:
-    """Choose the two joints that drift most, or that move most where none drifts; None with fewer
-    than two joints."""
-    if every[0].shape[1] < 2:
-        return None
-    most = np.max([np.abs(_from_first(q, frames)).max(axis=0) for q in every], axis=0)
-    if most.max() < 1e-4:
-        most = np.max([np.ptp(q, axis=0) for q in every], axis=0)
-    i, j = sorted(np.argsort(-most, kind="stable")[:2].tolist())
-    return i, j
-
-
-def _pair(arm: Arm, pair: tuple[int, int]) -> dict[str, Any]:
-    """Collect names and limits of two joints."""
-    ends = np.full((2, max(pair) + 1), np.nan) if arm.limits is None else arm.limits
-    return {
-        "names": [arm.joint_names[k] if arm.joint_names else f"joint {k + 1}" for k in pair],
-        "limits": [[float(v) if np.isfinite(v) else None for v in ends[:, k]] for k in pair],
-    }
+def farthest_link(arms: Sequence[Arm]) -> tuple[str, str]:
+    """Find the link of the shape that is farthest off at the end, and what it is called."""
+    ends = [np.zeros(0) if arm.drift is None else arm.drift.off[-1] for arm in arms]
+    which = int(np.argmax(np.max(ends, axis=0, initial=0.0))) if len(ends[0]) else 0
+    link = arms[0].shapes[which].link if arms[0].shapes else ""
+    return link, link
 
 
 def _describe(
     arm: Arm,
     frames: Frames,
     library: dict[Key, int],
-    pair: tuple[int, int] | None,
+    link: str,
     parts: list[Array],
 ) -> dict[str, Any]:
     """Describe an arm in plain types; arrays that change with time are appended to ``parts``.
 
-    Bodies (T, M, 7), tips and elbows (T, K, 3), distance from cycle 1 (T,), two joints (T, 2), the
-    broken joint (T, 3)."""
+    Bodies (T, M, 7), tips and elbows (T, K, 3), the broken joint (T, 3), and each moving body's
+    points (P, 3)."""
+    assert arm.drift is not None
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
     moving = moving_of(arm.placements)
-    parts += [
-        poses[:, moving],
-        arm.tip,
-        arm.elbow,
-        np.linalg.norm(_from_first(arm.q, frames), axis=1),
-    ]
-    parts += [] if pair is None else [arm.q[:, pair]]
+    parts += [poses[:, moving], arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
+    parts += [points for points, moves in zip(arm.drift.points, moving, strict=True) if moves]
+    rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [0, frames.per_cycle - 1]
+    off = arm.drift.off.max(axis=1, initial=0.0)[rows]  # (cycles shown, 2): at start and end
     shapes = [
         {
             "name": shape.name,
@@ -239,6 +224,7 @@ def _describe(
             else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
             "pose": None if moving[k] else poses[0, k].tolist(),
             "standing": shape.standing,
+            "points": len(arm.drift.points[k]),
         }
         for k, shape in enumerate(arm.shapes)
     ]
@@ -249,9 +235,11 @@ def _describe(
     }
     return {
         **picked(arm, "label", "color", "unit"),
+        "title": title_of(arm.label),
         "drift": arm.cycle_drift.tolist(),
+        "off": off.tolist(),
+        "part": [shape.link == link for shape in arm.shapes],
         "chains": arm.tip.shape[1],
-        "pair": pair is not None,
         "broken": broken,
         "shapes": shapes,
     }

@@ -218,7 +218,6 @@ class Viewer:
                 placements,
                 tips,
                 tips,
-                Q,
                 np.zeros(1),
                 colour,
                 unit=task.unit,

@@ -31,12 +31,23 @@ export class ArmView {
     // where in the motion each series of numbers is
     this.stride = this.rows.length * 7;
     let at = start;
-    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.chains], ["elbow", 3 * this.chains], ["wander", 1], ["pair", data.pair ? 2 : 0], ["mark", data.broken ? 3 : 0]]) {
+    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.chains], ["elbow", 3 * this.chains], ["mark", data.broken ? 3 : 0]]) {
       this[name + "Start"] = at;
       at += frames * width;
     }
+    // the points by which each moving body is measured
+    this.corners = [];
+    this.part = []; // numbers, in this.moving, of the bodies of the part that is pointed at
+    let row = 0;
+    data.shapes.forEach((shape, s) => {
+      if (shape.pose) return;
+      const points = Array.from({ length: shape.points }, (_, k) => new T.Vector3().fromArray(motion, at + 3 * k));
+      at += 3 * shape.points;
+      if (!this.rows[row++]) return;
+      if (data.part[s]) this.part.push(this.corners.length);
+      this.corners.push(points);
+    });
     this.end = at;
-    this.corners = this.moving.map((place) => boxCorners(place, place, []));
     this.makeGhost();
     viewer.scene.add(this.group);
   }
@@ -70,14 +81,16 @@ export class ArmView {
     this.shades.forEach((shade, k) => { shade.visible = this.off[k] > SAME; });
   }
 
-  // How far the joints are off where they were in cycle 1, at the same part of the cycle.
-  wander(number) {
-    const { frame, first, f } = this.now, a = this.wanderStart + frame, m = this.motion;
-    return first === 0 && f === 0 ? (number ? this.data.drift[number - 1] : 0) : m[a] + f * ((f > 0 ? m[a + 1] : m[a]) - m[a]);
-  }
+  // How far the part that is pointed at is off where it was in cycle 1, and how far the hand is, m.
+  partOff() { return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0); }
+  handOff() { const { frame, first, f } = this.now; return this.point("tip", 0, frame, f).distanceTo(this.point("tip", 0, first, f)); }
 
-  // The two liveliest joints at frame i.
-  pair(i) { return [this.motion[this.pairStart + 2 * i], this.motion[this.pairStart + 2 * i + 1]]; }
+  // The middle of that part, now; of the whole arm where nothing is off.
+  partCentre() {
+    const box = new MeshCat.THREE.Box3(), p = new MeshCat.THREE.Vector3();
+    for (const k of this.part) for (const c of this.corners[k]) box.expandByPoint(p.copy(c).applyMatrix4(this.moving[k].matrix));
+    return box.isEmpty() ? this.point("elbow", 0, this.now.frame) : box.getCenter(p);
+  }
 
   // Where the joint is that breaks its limit, now.
   mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
@@ -121,7 +134,7 @@ export class ArmView {
     return { moving, still };
   }
 
-  // How far body k is off where it was in cycle 1, m: the way of its farthest corner.
+  // How far body k is off where it was in cycle 1, m: the way of its farthest point.
   drift(k) {
     const T = MeshCat.THREE, p = new T.Vector3(), q = new T.Vector3(), here = this.moving[k], there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();

@@ -1,6 +1,7 @@
 // For tests, and for anyone at the browser's console: window.repctl.
 
-import { byId, element } from "./dom.js";
+import { byId } from "./dom.js";
+import { still } from "./paper.js";
 
 export function openConsole(api, { viewer, clock, view, arms, panes }) {
   Object.defineProperties(api, { time: { get: () => clock.time }, playing: { get: () => clock.playing } });
@@ -21,19 +22,4 @@ export function openConsole(api, { viewer, clock, view, arms, panes }) {
     drift: (k, name) => [arms[k].drift(arms[k].moving.indexOf(place(k, name))), "#" + [place(k, name).children[0].material].flat()[0].color.getHexString()],
     materials: (change) => { for (const arm of arms) for (const mesh of arm.meshes) [mesh.material].flat().forEach((m) => { change(m); m.needsUpdate = true; }); viewer.set_dirty(); },
   });
-}
-
-// A canvas with the end of the motion on white, for print.
-function still(viewer, clock, arms, panes) {
-  const { domElement } = viewer.renderer, paper = element("canvas", { width: domElement.width, height: domElement.height }), draw = paper.getContext("2d");
-  const scale = viewer.renderer.getPixelRatio(), { time } = clock;
-  clock.seek(clock.cycles);
-  viewer.renderer.setClearColor("#ffffff", 1);
-  viewer.render();
-  draw.drawImage(domElement, 0, 0);
-  draw.font = `600 ${16 * scale}px sans-serif`;
-  arms.forEach(({ data }, k) => { const { left, top } = panes.place(k); draw.fillStyle = data.color; draw.fillText(data.label, (left + 12) * scale, (top + 28) * scale); });
-  panes.colour();
-  clock.seek(time);
-  return paper;
 }

@@ -12,19 +12,22 @@ export function connect(clock, view, last) {
   byId("speed").addEventListener("change", (event) => { clock.speed = Number(event.target.value); event.target.blur(); });
   byId("running").addEventListener("click", () => { clock.step(false); clock.play(true); });
   byId("stepping").addEventListener("click", () => { clock.step(true); clock.play(true); });
+  const keys = () => byId("keys").showModal();
+  byId("help").addEventListener("click", keys);
+  document.addEventListener("pointerdown", (event) => { if (!event.target.closest("#looks")) byId("looks").open = false; });
   byId("view").addEventListener("click", view.reset);
-  for (const name of ["traces", "ghost", "drift"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
+  for (const name of ["traces", "ghost", "drift", "callouts"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
   // what a pointer has pressed does not keep the keys
-  document.addEventListener("pointerup", (event) => { if (event.target.closest("footer button, footer label.switch, #scrub")) setTimeout(() => document.activeElement.blur()); });
+  document.addEventListener("pointerup", (event) => { if (event.target.closest("footer button, footer label.switch, #scrub, #chart")) setTimeout(() => document.activeElement.blur()); });
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select")) return;
-    if (key === " " && target.closest("button, input[type=checkbox]")) return; // it is what presses them
-    const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }, hop = clock.stepping ? 1 : 1 / 60;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
+    if (key === " " && target.closest("button, summary, input[type=checkbox]")) return; // it is what presses them
+    const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }, hop = clock.stepping || target.id === "chart" ? 1 : 1 / 60, whole = target.id === "chart" ? Math.round : Number;
     const does = event.shiftKey && turns[key] ? () => view.turn(...turns[key])
-      : { " ": () => clock.play(!clock.playing), ArrowRight: () => seek(clock.time + hop), ArrowLeft: () => seek(clock.time - hop),
+      : { " ": () => clock.play(!clock.playing), ArrowRight: () => seek(whole(clock.time) + hop), ArrowLeft: () => seek(whole(clock.time) - hop),
         PageDown: () => seek(Math.floor(clock.time + 1)), PageUp: () => seek(Math.ceil(clock.time - 1)), Home: () => seek(0), End: () => seek(clock.cycles),
-        "+": () => view.turn(0, 0, 1.1), "-": () => view.turn(0, 0, 1 / 1.1) }[key];
+        "+": () => view.turn(0, 0, 1.1), "-": () => view.turn(0, 0, 1 / 1.1), "?": keys }[key];
     if (does) { event.preventDefault(); does(); }
   });
 

@@ -22,10 +22,10 @@ export class Eye {
     return [along.reduce((a, b) => Math.min(a, b), Infinity), along.reduce((a, b) => Math.max(a, b), -Infinity)];
   }
 
-  // Go where all points are in a pane of this size, with room for its label above and the notes below.
-  fit(points, { width, height, label }) {
+  // Go where all points are in a pane of this size, with room for what is said above and below.
+  fit(points, { width, height, above, below }) {
     const { camera, controls } = this.viewer, T = MeshCat.THREE;
-    const free = { x: 0.92, top: 1 - Math.min(0.35, (2 * label) / height), bottom: 1 - Math.min(0.25, (1.6 * label) / height) };
+    const free = { x: 0.92, top: 1 - Math.min(0.5, (2 * above) / height), bottom: 1 - Math.min(0.4, (2 * below) / height) };
     const world = (v) => new T.Vector3(v.x, v.z, -v.y); // three's y is up
     const center = new T.Vector3();
     let distance;
@@ -70,6 +70,19 @@ export class Eye {
     if (camera.isOrthographicCamera) Object.assign(camera, { left: camera.bottom * ratio, right: camera.top * ratio });
     else camera.aspect = ratio;
     camera.updateProjectionMatrix();
+  }
+
+  // Where the camera is, what it looks at, and how near it is: seven numbers, to set again.
+  where() { const { camera, controls } = this.viewer; return [...camera.position.toArray(), ...controls.target.toArray(), camera.zoom]; }
+  stand(numbers) {
+    const { camera, controls } = this.viewer;
+    camera.position.fromArray(numbers);
+    controls.target.fromArray(numbers, 3);
+    camera.zoom = numbers[6];
+    camera.updateProjectionMatrix();
+    controls.update();
+    this.touched = true;
+    this.viewer.set_dirty();
   }
 
   // Go round by these angles, and nearer by this factor.

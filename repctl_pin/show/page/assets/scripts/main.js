@@ -1,11 +1,14 @@
 // The page: what is loaded, and what happens when.
 
-import { Card } from "./cards.js";
+import { keep, wishes } from "./address.js";
+import { Callouts } from "./callouts.js";
+import { Chart } from "./chart.js";
 import { Clock } from "./clock.js";
 import { openConsole } from "./console.js";
 import { connect } from "./controls.js";
 import { byId, forgetTones } from "./dom.js";
 import { follow } from "./live.js";
+import { printable, still } from "./paper.js";
 import { setStage } from "./stage.js";
 import { openViewer } from "./viewer.js";
 
@@ -55,9 +58,8 @@ async function main() {
 
   // ---- what is shown at each time
   const cycles = scene.cycles.length, clock = new Clock(cycles, scene.seconds, () => show()), box = (name) => byId(`show-${name}`);
-  if (scene.pair && !scene.live) Card.frame(arms, scene);
-  const toCycle = (number) => { clock.play(false); clock.seek(scene.cycles.findIndex((n) => n >= number) + 1); };
-  const cards = scene.live ? [] : arms.map((arm) => new Card(arm, scene, toCycle));
+  const chart = scene.live ? null : new Chart(arms, scene, (time) => { clock.play(false); clock.seek(time); });
+  const callouts = scene.live ? null : new Callouts(panes, scene), wish = wishes();
   let tell = () => {};
   function show() {
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
@@ -74,8 +76,10 @@ async function main() {
     }
     if (scene.live) { viewer.set_dirty(); return; }
     for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); arm.point(which, chain, arm.now.frame, arm.now.f, ball.node.position); }
-    for (const card of cards) card.show(done, cycle, part);
+    chart.show(done, cycle, part);
+    callouts.say();
     tell(done, part);
+    keep(clock, eye);
     viewer.set_dirty();
   }
   function resize() {
@@ -84,8 +88,8 @@ async function main() {
     show();
   }
   const view = {
-    reset() { viewer.controls.reset(); eye.touched = false; resize(); },
-    set(name, on) { box(name).checked = on; byId("drift-note").hidden = !box("drift").checked; show(); },
+    reset() { viewer.controls.reset(); viewer.camera.zoom = 1; eye.touched = false; resize(); },
+    set(name, on) { box(name).checked = on; byId("drift-note").hidden = !box("drift").checked; byId("panes").classList.toggle("quiet", !box("callouts").checked); show(); },
     turn(...way) { eye.turn(...way); },
   };
   tell = connect(clock, view, last);
@@ -95,8 +99,13 @@ async function main() {
   dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
   if (window.parent !== window) leaveTheWheel(viewer);
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
+  if (callouts) panes.drawn = () => callouts.place();
+  viewer.controls.addEventListener("end", () => keep(clock, eye));
+  printable(() => still(viewer, clock, arms, panes));
+  if (wish.time !== null) clock.time = Math.min(Math.max(wish.time, 0), cycles);
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
+  if (wish.view) eye.stand(wish.view);
 
   run(clock, viewer, scene.live, resize);
   openConsole(api, { viewer, clock, view, arms, panes });
@@ -107,7 +116,7 @@ async function main() {
   if (problems.length) setTimeout(() => { byId("notice").hidden = true; }, 12000);
   viewer.render();
   api.ready = true;
-  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && location.hash !== "#paused" && !scene.live) clock.open();
+  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && !wish.paused && wish.time === null && !scene.live) clock.open();
 }
 
 main().catch((error) => {

@@ -2,6 +2,8 @@
 
 import { byId, element, tone } from "./dom.js";
 
+export const LOW = 360; // px
+
 export class Panes {
   // `ratio`: width to height of what a pane shows
   constructor(viewer, eye, arms, ratio) {
@@ -9,7 +11,7 @@ export class Panes {
     this.frames = arms.map((arm) => {
       arm.notice = element("span", { class: "past" });
       return element("div", { class: "pane", style: `--arm: ${arm.data.color}` },
-        element("p", { class: "arm-label" }, element("span", { class: "chip" }), element("span", { class: "name" }, arm.data.label), arm.notice));
+        element("p", { class: "arm-label" }, element("span", { class: "chip" }), element("span", { class: "name" }, ...named(arm.data.title)), arm.notice));
     });
     byId("panes").append(...this.frames);
     viewer.render = () => this.render();
@@ -25,9 +27,17 @@ export class Panes {
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     this.viewer.renderer.setSize(width, height);
     const { clientWidth, clientHeight } = this.frames[0];
-    this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), label: this.frames[0].firstChild.clientHeight * 1.5 };
+    this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), ...this.room() };
     this.eye.aspect(this.size.width / this.size.height);
     this.colour();
+  }
+
+  // What a pane keeps free above the arm, for its label and what is said of the part, and below it, px. In a low pane
+  // both stand in one row.
+  room() {
+    const label = this.frames[0].firstChild.clientHeight * 1.5, low = this.frames[0].clientHeight < LOW;
+    const box = this.frames[0].querySelector(".callout:not(.hand)"), above = box ? box.offsetHeight : 0;
+    return { above: low ? Math.max(label, above + 12) : label + above, below: low ? 14 : label };
   }
 
   colour() {
@@ -52,6 +62,13 @@ export class Panes {
       renderer.setScissor(left, low, width, height);
       renderer.render(scene, camera);
     });
+    if (this.drawn) this.drawn();
     this.viewer.needs_render = false;
   }
+}
+
+// "Usual control (pseudoinverse)": what stands in brackets is said more softly.
+function named(title) {
+  const [, name, more] = title.match(/^(.*?)( \(.*\))?$/s);
+  return more ? [name, element("span", { class: "more" }, more)] : [name];
 }

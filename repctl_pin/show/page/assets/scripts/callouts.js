@@ -1,0 +1,67 @@
+// What is off, said at the arm: the part that is farthest off, and the hand.
+
+import { tint } from "./chart.js";
+import { byId, element } from "./dom.js";
+import { inMetres } from "./numbers.js";
+import { LOW } from "./panes.js";
+
+export class Callouts {
+  constructor(panes, scene) {
+    Object.assign(this, { panes, scene });
+    this.sets = panes.arms.map((arm, k) => ({ arm, part: callout(panes.frames[k], ""), hand: callout(panes.frames[k], " hand") }));
+    for (const { arm, part } of this.sets) part.note.textContent = growth(arm.data, scene);
+  }
+
+  // Say how far they are off now.
+  say() {
+    for (const { arm, part, hand } of this.sets) {
+      const off = arm.partOff(), way = arm.handOff();
+      part.value.textContent = `${this.scene.part} ${inMetres(off)} off`;
+      part.value.className = tint(off);
+      part.box.title = `${off.toPrecision(3)} m`;
+      hand.value.textContent = way < 1e-3 ? "hand back: 0 off" : `hand ${inMetres(way)} off`;
+      hand.box.title = `${way.toPrecision(3)} m`;
+    }
+    this.place();
+  }
+
+  // The part's above the arm, the hand's below it; each with a line to what it speaks of.
+  place() {
+    const { panes } = this, { camera } = panes.viewer;
+    if (byId("panes").classList.contains("quiet")) return;
+    camera.updateMatrixWorld();
+    this.sets.forEach(({ arm, part, hand }, k) => {
+      const { width, height } = panes.place(k), label = panes.frames[k].firstChild, low = height < LOW;
+      const on = (p) => { const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height }; };
+      const at = on(arm.partCentre()), tip = on(arm.point("tip", 0, arm.now.frame, arm.now.f));
+      put(part, at, low ? 8 : label.offsetHeight + 16, width, height, low ? label.offsetLeft + label.offsetWidth + 8 : 8);
+      put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8);
+    });
+  }
+}
+
+function callout(pane, kind) {
+  const value = element("b"), note = element("small"), box = element("div", { class: `callout${kind}` }, value, note), leader = element("i", { class: `leader${kind}` });
+  if (kind) note.remove();
+  pane.append(leader, box);
+  return { box, leader, value, note };
+}
+
+// `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins
+function put({ box, leader }, at, y, width, height, left) {
+  const { offsetWidth: w, offsetHeight: h } = box, x = Math.max(Math.min(Math.max(at.x - w / 2, left), width - w - 8), 0), top = Math.min(Math.max(y, 4), height - h - 4);
+  box.style.transform = `translate(${x}px, ${top}px)`;
+  const from = { x: Math.min(Math.max(at.x, x + 6), x + w - 6), y: at.y > top + h ? top + h : at.y < top ? top : NaN };
+  const dx = at.x - from.x, dy = at.y - from.y;
+  leader.hidden = !(Math.hypot(dx, dy) > 4) || at.x < 0 || at.x > width || at.y < 0 || at.y > height;
+  leader.style.width = leader.hidden ? "0" : `${Math.hypot(dx, dy)}px`;
+  if (!leader.hidden) leader.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${Math.atan2(dy, dx)}rad)`;
+}
+
+// How it goes on from cycle to cycle.
+function growth({ off }, scene) {
+  const end = off.at(-1)[1], count = scene.cycles.at(-1);
+  if (Math.max(...off.flat()) < 1e-4) return "closes every cycle, from the first";
+  if (end < 0.01) return `hardly drifts: ${inMetres(end)} in ${count === 1 ? "1 cycle" : `${count} cycles`}`;
+  return count > 1 ? `about ${inMetres(end / count)} more each cycle` : "after 1 cycle";
+}

@@ -1,0 +1,88 @@
+// The time line: over the slider, for each cycle how far each arm is off at its end.
+
+import { byId, element, sharp, tone } from "./dom.js";
+import { inMetres, inWords } from "./numbers.js";
+
+const INSET = 8; // px: the slider's thumb is as far inside its ends
+export const SCALE = 0.1; // m, which bars reach at least up to
+
+export class Chart {
+  // `seek`: goes to the end of a shown cycle
+  constructor(arms, scene, seek) {
+    const canvas = byId("chart"), last = scene.cycles.length;
+    Object.assign(this, { arms, scene, canvas, top: Math.max(SCALE, ...arms.flatMap(({ data }) => data.off.flat())) });
+    canvas.setAttribute("aria-valuemax", scene.cycles[last - 1]);
+    canvas.addEventListener("click", ({ offsetX }) => seek(Math.min(last, Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)))));
+    this.readings = arms.map(({ data }) => {
+      const value = element("b"), detail = element("small");
+      byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title.split(" (")[0]}: `, value, " ", detail));
+      return { value, detail };
+    });
+  }
+
+  // How far an arm is off after the cycles that are finished when time is here, m.
+  after(arm, cycle, part) { return arm.data.off[cycle][part >= 1 ? 1 : 0]; }
+
+  // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time is
+  show(done, cycle, part) {
+    const times = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
+    this.readings.forEach(({ value, detail }, k) => {
+      const arm = this.arms[k], { data } = arm, off = this.after(arm, cycle, part), joints = done ? data.drift[done - 1] : 0;
+      value.textContent = `${inMetres(off)} off`;
+      value.className = tint(off);
+      value.title = `${off.toPrecision(3)} m`;
+      detail.textContent = `${times}; joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}`;
+      detail.title = `${joints.toPrecision(3)} ${data.unit}`;
+    });
+    this.canvas.setAttribute("aria-valuenow", done);
+    this.canvas.setAttribute("aria-valuetext", this.arms.map((arm) => `${arm.data.title}: ${inMetres(this.after(arm, cycle, part))} off ${times}`).join("; "));
+    this.draw(cycle, part);
+  }
+
+  draw(cycle, part) {
+    if (!this.canvas.clientWidth) return;
+    const { draw, width, height, em } = sharp(this.canvas), { arms, scene } = this, count = scene.cycles.length;
+    const pitch = (width - 2 * INSET) / count, foot = height - 1.15 * em, room = foot - 0.5 * em, at = (c) => INSET + c * pitch;
+    const group = Math.min(0.66 * pitch, 4.5 * em), wide = group / arms.length, level = (v) => foot - (v / this.top) * room;
+    draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
+    draw.strokeStyle = tone("--edge"); draw.fillStyle = tone("--soft"); draw.lineWidth = 1;
+    line(draw, INSET, level(SCALE), width - INSET, level(SCALE), [3, 4]);
+    draw.textAlign = "left";
+    if (room > 2.5 * em) draw.fillText("10 cm", INSET, level(SCALE) + (this.top > 1.4 * SCALE ? -0.3 : 0.95) * em);
+    line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
+    const every = Math.ceil((1.6 * em) / pitch);
+    for (let c = 0; c < count; c++) {
+      const finished = c < cycle || (c === cycle && part >= 1);
+      arms.forEach((arm, k) => {
+        const x = at(c + 1) - group + k * wide, tall = Math.max(2, foot - level(arm.data.off[c][1]));
+        draw.fillStyle = finished ? arm.data.color : tone("--empty");
+        draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
+        const { broken } = arm.data;
+        if (broken && scene.cycles[c] >= broken.cycle) hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
+      });
+      draw.fillStyle = tone("--soft"); draw.textAlign = "center";
+      if ((count - 1 - c) % every === 0) draw.fillText(scene.cycles[c], at(c + 1) - group / 2, height - 0.25 * em);
+    }
+    draw.strokeStyle = tone("--ink"); draw.lineWidth = 1.5;
+    line(draw, at(cycle + part), 0, at(cycle + part), foot, []);
+  }
+}
+
+// What is off by a centimetre and more is wrong; what is back is right.
+export const tint = (off) => (off >= 0.01 ? "bad" : off < 1e-4 ? "good" : "");
+
+function line(draw, x0, y0, x1, y1, dash) {
+  draw.setLineDash(dash);
+  draw.beginPath(); draw.moveTo(x0, y0); draw.lineTo(x1, y1); draw.stroke();
+  draw.setLineDash([]);
+}
+
+function hatch(draw, x, y, width, height, step) {
+  draw.save();
+  draw.beginPath(); draw.rect(x, y, width, height); draw.clip();
+  draw.strokeStyle = tone("--paper"); draw.lineWidth = 0.35 * step;
+  draw.beginPath();
+  for (let s = -height; s < width; s += step) { draw.moveTo(x + s, y + height); draw.lineTo(x + s + height, y); }
+  draw.stroke();
+  draw.restore();
+}

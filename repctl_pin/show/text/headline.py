@@ -1,0 +1,241 @@
+"""Headline of an animation page: which part is off, by how much, and what it costs to be back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .numbers import metres, percent, radians
+from .verdict import MotionSummary
+
+SMALL = 0.01
+"""A part that is off by less hardly drifts, m."""
+
+NEAR = 0.02
+"""Bodies that are nearer to each other than this are named, m."""
+
+_TURNED = 0.1
+"""A joint that is off by more is named where no part is, rad."""
+
+_BACK = 1e-5
+"""A part that is nearer to its start than this, in arm lengths, is back there."""
+
+_TITLES = {"J⁺": "Usual control (pseudoinverse)", "nearest repeatable": "Repeatable"}
+_UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
+_HANDS = {1: "The hand is", 2: "Both hands are"}
+
+
+@dataclass(frozen=True)
+class Span:
+    """A piece of a sentence, its tone (``bad``, ``good``, ``near`` or none) and its exact value."""
+
+    text: str
+    tone: str = ""
+    exact: str = ""
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One sentence on what is wrong and what is right, and a line on its price and the limits."""
+
+    sentence: tuple[Span, ...]
+    notes: tuple[Span, ...]
+
+
+NO_HEADLINE = Headline((), ())
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the headline says of one motion.
+
+    Attributes
+    ----------
+    summary : MotionSummary
+        Its quantities, as the verdict has them.
+    part : str
+        Name of the part that is farthest off at the end.
+    link : str
+        That part's link in the URDF.
+    off : float
+        How far it is off, m.
+    leaves : (int, str) or None
+        The cycle in which a joint leaves its range at this rate, and the joint.
+    near : tuple of str
+        The two links that come nearest to each other.
+    """
+
+    summary: MotionSummary
+    part: str
+    link: str
+    off: float
+    leaves: tuple[int, str] | None = None
+    near: tuple[str, ...] = ()
+
+    @property
+    def back(self) -> bool:
+        """Whether every part is back where it began."""
+        return self.off < _BACK * self.summary.size
+
+    @property
+    def turned(self) -> bool:
+        """Whether a joint is off although no part is."""
+        return self.off < SMALL and self.summary.turn[0] >= _TURNED
+
+
+def title_of(label: str) -> str:
+    """Name a controller above its pane."""
+    return _TITLES.get(label, label)
+
+
+def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()) -> Headline:
+    """Say which part is off, by how much, and what it costs to be back.
+
+    Parameters
+    ----------
+    outcomes
+        One for each motion: the first is the reference, the last is the repeatable one.
+    cycles
+        Number of cycles of each.
+    stopped
+        Sentences about motions that stopped.
+    """
+    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    worst = max(outcomes, key=lambda one: one.off)
+    words = [Span(f"{text} ") for text in stopped]
+    words += _hands(outcomes)
+    if all(one.back and not one.turned for one in outcomes):
+        words.append(Span(f"So is every part of the {_arms(outcomes)}: "))
+        words += [Span("0", "good", _exact(worst)), Span(f" off after {times}.")]
+    elif worst.off < SMALL and any(one.turned for one in outcomes):
+        words += _turned(outcomes, times)
+    elif worst.off < SMALL:
+        words.append(Span(f"{_subject(worst.part, 'The')} hardly drifts in {times}: "))
+        words += [*_offs(outcomes, ""), Span(".")]
+    else:
+        one = "One" if len(outcomes) == 2 and any(o.back for o in outcomes) else "The"
+        words.append(Span(f"{_subject(worst.part, one)} is not: "))
+        words += [*_offs(outcomes, " off"), Span("." if len(outcomes) > 1 else f" after {times}.")]
+    return Headline(tuple(words), tuple(_notes(outcomes)))
+
+
+def _subject(part: str, article: str) -> str:
+    """Begin a sentence about a part: "One elbow", or "Link 3 of one arm"."""
+    if any(letter.isdigit() for letter in part):
+        return f"{part[:1].upper()}{part[1:]} of {article.lower()} arm"
+    return f"{article} {part}"
+
+
+def _arms(outcomes: Sequence[Outcome]) -> str:
+    return "arm" if len(outcomes) == 1 else "arms"
+
+
+def _hands(outcomes: Sequence[Outcome]) -> list[Span]:
+    """Say whether the hands are back, or which one has left its path."""
+    lost = [one for one in outcomes if one.summary.path_loss]
+    if not lost:
+        return [Span(f"{_HANDS.get(len(outcomes), 'All hands are')} back. ")]
+    said = []
+    for one in lost:
+        assert one.summary.path_loss is not None
+        cycle, way, angle = one.summary.path_loss
+        by = metres(way) if way > 0 else radians(angle)
+        said.append(Span(f"Under {_under(one)} the hand leaves its path in cycle {cycle}: "))
+        said += [Span(f"{by} off", "bad"), Span(". ")]
+    return said
+
+
+def _under(one: Outcome) -> str:
+    return _UNDER.get(one.summary.label, one.summary.label)
+
+
+def _exact(one: Outcome) -> str:
+    return f"{one.link}: {one.off:.3g} m"
+
+
+def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
+    """List how far each arm is off; "off" is said once."""
+    said: list[Span] = []
+    for k, one in enumerate(outcomes):
+        value = "0" if one.back else metres(one.off)
+        word = "" if one.back and k else unit
+        tone = "good" if one.back else "bad" if one.off >= SMALL else ""
+        said += [Span(", ")] if said else []
+        said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, _exact(one)))
+        said += [Span(f" under {_under(one)}")] if len(outcomes) > 1 else []
+    return said
+
+
+def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
+    """Name the joint that is off where no part is, or hardly."""
+    name = max(outcomes, key=lambda one: one.summary.turn[0]).summary.turn[1]
+    said = [Span(f"{name} is not: ")]
+    for one in outcomes:
+        angle = one.summary.turn[0]
+        said += [Span(", ")] if len(said) > 1 else []
+        value = "0" if angle < _BACK else radians(angle)
+        said.append(Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good"))
+        said += [Span(f" under {_under(one)}")] if len(outcomes) > 1 else []
+    return [*said, Span(f" after {times}.")]
+
+
+def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
+    """Say what it costs, whether limits are kept, and where the drift leads."""
+    first, last = outcomes[0].summary, outcomes[-1].summary
+    said: list[Span] = []
+    if len(outcomes) > 1 and first.speed > 0 and not (first.path_loss or last.path_loss):
+        cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
+        said.append(
+            Span("It takes no more joint speed.")
+            if cost.startswith("0")
+            else Span(f"It takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed.")
+        )
+    return [*said, *_limits(outcomes), *_leads(outcomes), *_bodies(outcomes)]
+
+
+def _limits(outcomes: Sequence[Outcome]) -> list[Span]:
+    said = []
+    for one in outcomes:
+        under = f" under {_under(one)}" if len(outcomes) > 1 else ""
+        if one.summary.broken:
+            cycle, joint = one.summary.broken
+            said.append(Span(f"{joint} leaves its range in cycle {cycle}{under}.", "bad"))
+        if one.summary.haste > 1 + 1e-9:
+            said.append(Span(f"{one.summary.haste:.2g} times the speed limit{under}.", "bad"))
+    return said or [Span("Joint limits kept.")]
+
+
+def _leads(outcomes: Sequence[Outcome]) -> list[Span]:
+    found = [(one.leaves, one) for one in outcomes if one.leaves is not None]
+    return [
+        Span(
+            f"At this rate {leaves[1]} leaves its range in cycle {leaves[0]}"
+            + (f" under {_under(one)}." if len(outcomes) > 1 else ".")
+        )
+        for leaves, one in found
+    ]
+
+
+def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
+    """Say how near two links come to each other; name them where that is near."""
+    known = [one for one in outcomes if one.summary.body_distance is not None]
+    if not known:
+        return []
+    touching = [one for one in known if one.summary.touch]
+    said = [
+        Span(
+            f"{' and '.join(one.near)} touch in cycle {one.summary.touch} under {_under(one)}.",
+            "bad",
+        )
+        for one in touching
+    ]
+    free = [one for one in known if not one.summary.touch]
+    near = [one for one in free if (one.summary.body_distance or 0.0) < NEAR]
+    for one in near:
+        value = metres(one.summary.body_distance or 0.0).replace(" ", "\u00a0")
+        said.append(Span(f"{' and '.join(one.near)} come as near as {value}.", "near"))
+    if said or len(free) < len(outcomes):
+        return list(dict.fromkeys(said))
+    least = min(one.summary.body_distance or 0.0 for one in free)
+    value = metres(least).replace(" ", "\u00a0")
+    return [Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")]
