@@ -58,10 +58,10 @@ def test_it_says_what_the_motions_did(study: rp.Study) -> None:
     for motion in (plain, posture):
         start, end = (study.task.joint_origins(q)[study.elbow] for q in (study.q0, motion.q[-1]))
         off.append(metres(float(np.linalg.norm(end - start))))
-    assert text.startswith("Both hands are back. One elbow is not:")
+    assert text.startswith("Both hands are back. One elbow joint is not:")
     assert f"{off[0]} off under {USUAL}, 0 under {REPEATABLE}." in " ".join(text.split())
     assert answered(text, "hand off") == ["0", "0", "0"]
-    assert answered(text, "elbow off") == [*off, "0"]
+    assert answered(text, "elbow joint off") == [*off, "0"]
     drifts = [number(motion.drift[-1]) for motion in (plain, posture)]
     assert answered(text, "joints off") == [*drifts, "0"]
     assert answered(text, "first cycle closes") == ["no", "no", "yes"]
@@ -98,7 +98,7 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
     stopped = {"motion": None, "stopped": "the Jacobian loses rank"}
     text = text_of(changed(study, pseudoinverse=stopped))
     assert text.startswith("Usual control stopped: the Jacobian loses rank. The hand is back.")
-    assert answered(text, "elbow off")[0] == "stopped"
+    assert answered(text, "elbow joint off")[0] == "stopped"
     assert answered(text, "extra joint speed")[1:] == ["–", "–"]
     both = text_of(changed(study, pseudoinverse=stopped, repeatable=stopped))
     assert " ".join(both.split()).count("stopped: the Jacobian loses rank.") == 2
@@ -111,17 +111,17 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
     [
         (
             (usual(0.32), repeatable()),
-            f"Both hands are back. One elbow is not: 32 cm off under {USUAL}, "
+            f"Both hands are back. One elbow joint is not: 32 cm off under {USUAL}, "
             f"0 under {REPEATABLE}.",
         ),
         (
             (usual(0.0017), repeatable()),
-            f"Both hands are back. The elbow hardly drifts: 1.7 mm under {USUAL}, "
+            f"Both hands are back. The elbow joint hardly drifts: 1.7 mm under {USUAL}, "
             f"0 under {REPEATABLE}, in 10 cycles.",
         ),
         (
             (usual(), repeatable()),
-            "Both hands are back. So are both elbows: 0 off after 10 cycles.",
+            "Both hands are back. So are both elbow joints: 0 off after 10 cycles.",
         ),
         ((repeatable(),), "The hand is back. So is the elbow: 0 off after 10 cycles."),
         (
@@ -136,7 +136,7 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
         (
             (usual(0.3, path_loss=(7, 0.57, 0.0)), repeatable()),
             f"Under {USUAL} the hand leaves its path in cycle 7: 57 cm off. "
-            f"One elbow is not: 30 cm off under {USUAL}, 0 under {REPEATABLE}.",
+            f"One elbow joint is not: 30 cm off under {USUAL}, 0 under {REPEATABLE}.",
         ),
     ],
 )
@@ -159,7 +159,7 @@ def test_only_a_terminal_shows_tones_and_as_colours(
         monkeypatch.setenv("TERM", "dumb")
         assert text_of(study) == plain
     assert "\x1b" not in plain and re.sub(r"\x1b\[\d+m", "", shown) == plain
-    off = answered(plain, "elbow off")[0]
+    off = answered(plain, "elbow joint off")[0]
     assert f"\x1b[31m{off} off\x1b[0m" in shown and "\x1b[32myes\x1b[0m" in shown
 
 

@@ -60,7 +60,7 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         ),
         (
             [
-                replace(USUAL, off=0.0, summary=replace(USUAL.summary, turn=(6.28, "joint_1"))),
+                replace(USUAL, off=0.0, summary=replace(USUAL.summary, joint_displacement=(6.28, "joint_1"))),
                 CLOSED,
             ],
             "Both hands are back. joint_1 is not: 6.3 rad under the usual control, 0 under the "
@@ -80,7 +80,7 @@ def test_a_lost_path_is_not_called_back() -> None:
 
 
 def test_limits_bodies_and_where_it_leads() -> None:
-    broken = replace(USUAL, summary=replace(USUAL.summary, broken=(7, "joint 2")))
+    broken = replace(USUAL, summary=replace(USUAL.summary, limit_violation=(7, "joint 2")))
     assert (
         "joint 2 leaves its range in cycle 7 under the usual control."
         in (words(headline_of([broken, CLOSED], 10))[1])

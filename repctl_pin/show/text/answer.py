@@ -127,7 +127,7 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     unit = "" if some is None else f", {some.task.unit}"
     cells = [
         ("hand off its path, at most", line(_hand)),
-        ("elbow off at the end", line(lambda _, summary: elbow_off(summary))),
+        ("elbow joint off at the end", line(lambda _, summary: elbow_off(summary))),
         (f"joints off at the end{unit}", line(_joints)),
         ("first cycle closes", line(_first)),
         ("extra joint speed, cycle 1", line(lambda _, summary: _speed(summary, usual))),

@@ -80,7 +80,7 @@ class Outcome:
     @property
     def turned(self) -> bool:
         """Whether a joint is off although no part is."""
-        return self.off < SMALL and self.summary.turn[0] >= _TURNED
+        return self.off < SMALL and self.summary.joint_displacement[0] >= _TURNED
 
 
 def title_of(label: str) -> str:
@@ -168,10 +168,12 @@ def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
 
 def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
     """Name the joint that is off where no part is, or hardly."""
-    name = max(outcomes, key=lambda one: one.summary.turn[0]).summary.turn[1]
+    name = max(
+        outcomes, key=lambda one: one.summary.joint_displacement[0]
+    ).summary.joint_displacement[1]
     said = [Span(f"{name} is not: ")]
     for one in outcomes:
-        angle = one.summary.turn[0]
+        angle = one.summary.joint_displacement[0]
         said += [Span(", ")] if len(said) > 1 else []
         value = "0" if angle < _BACK else radians(angle)
         said.append(Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good"))
@@ -197,11 +199,11 @@ def _limits(outcomes: Sequence[Outcome]) -> list[Span]:
     said = []
     for one in outcomes:
         under = f" under {_under(one)}" if len(outcomes) > 1 else ""
-        if one.summary.broken:
-            cycle, joint = one.summary.broken
+        if one.summary.limit_violation:
+            cycle, joint = one.summary.limit_violation
             said.append(Span(f"{joint} leaves its range in cycle {cycle}{under}.", "bad"))
-        if one.summary.haste > 1 + 1e-9:
-            said.append(Span(f"{one.summary.haste:.2g} times the speed limit{under}.", "bad"))
+        if one.summary.speed_ratio > 1 + 1e-9:
+            said.append(Span(f"{one.summary.speed_ratio:.2g} times the speed limit{under}.", "bad"))
     return said or [Span("Joint limits kept.")]
 
 
@@ -221,15 +223,15 @@ def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
     known = [one for one in outcomes if one.summary.body_distance is not None]
     if not known:
         return []
-    touching = [one for one in known if one.summary.touch]
+    touching = [one for one in known if one.summary.collision_cycle]
     said = [
         Span(
-            f"{' and '.join(one.near)} touch in cycle {one.summary.touch} under {_under(one)}.",
+            f"{' and '.join(one.near)} touch in cycle {one.summary.collision_cycle} under {_under(one)}.",
             "bad",
         )
         for one in touching
     ]
-    free = [one for one in known if not one.summary.touch]
+    free = [one for one in known if not one.summary.collision_cycle]
     near = [one for one in free if (one.summary.body_distance or 0.0) < NEAR]
     for one in near:
         value = metres(one.summary.body_distance or 0.0).replace(" ", "\u00a0")

@@ -272,14 +272,14 @@ def headline(
         name = max(summary.joint_displacement for summary in summaries)[1]
         said += [Span(f"{name} is not: "), *_listed(summaries, _turned), Span(".")]
     elif all(summary.elbow_displacement < STILL * summary.size for summary in summaries):
-        elbows = "is the elbow" if len(summaries) == 1 else "are both elbows"
+        elbows = "is the elbow joint" if len(summaries) == 1 else "are both elbow joints"
         said += [Span(f"So {elbows}: "), Span("0", "good"), Span(f" off after {times}.")]
     elif off < SMALL:
-        said += [Span("The elbow hardly drifts: "), *_listed(summaries, elbow_off)]
+        said += [Span("The elbow joint hardly drifts: "), *_listed(summaries, elbow_off)]
         said += [Span(f", in {times}.")]
     else:
         back = len(summaries) == 2 and any(elbow_off(s).tone == "good" for s in summaries)
-        said += [Span(f"{'One' if back else 'The'} elbow is not: ")]
+        said += [Span(f"{'One' if back else 'The'} elbow joint is not: ")]
         said += [*_listed(summaries, elbow_off, " off"), Span(".")]
     return said
 
