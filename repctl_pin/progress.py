@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from .errors import needed
+from .errors import InputError, needed
 
 Report = Callable[[str, float], None]
 """Progress callback (step, fraction): the current step, and the completed fraction, 0 to 1."""
@@ -18,6 +18,12 @@ def silent(what: str, share: float) -> None:
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
     """Provide a progress callback: one that does nothing, a bar, or the user's."""
+    if not callable(progress) and not isinstance(progress, bool):
+        raise InputError(
+            "must be True, False or a callback (step, fraction), "
+            f"not of type {type(progress).__name__}",
+            argument="progress",
+        )
     if callable(progress) or not progress:
         yield progress if callable(progress) else silent
         return

@@ -63,7 +63,7 @@ class Sector(Cell):
         Half-widths, m.
     angle : float or "all"
         Half-width of φ, rad; ``"all"`` is as far as the joints go, with a middle of its own.
-    half_angle : float or array
+    half_angle : float or (2,) or (3,) array
         Half-widths of the tilts, rad: one number, or one per axis. A third number turns about the
         tool, as ``spin`` does, but without use of the symmetry: over a small range F can then do
         better.

@@ -1,5 +1,7 @@
 """Outcomes of a tick at run time."""
 
+from __future__ import annotations
+
 from enum import IntEnum
 
 
@@ -20,6 +22,14 @@ class Status(IntEnum):
         On the way, as fast as the limits of speed, acceleration and jerk allow.
     LIMIT
         A joint limit is ahead: the arm slows down and stops before it.
+
+    Examples
+    --------
+    >>> governor = rp.Governor(design.inverse, 0.001, acceleration=5.0)
+    >>> governor.start(q0)
+    >>> q, status = governor.step(task.placement(q0))
+    >>> status is rp.Status.OK
+    True
     """
 
     OK = 0

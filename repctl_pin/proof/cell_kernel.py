@@ -7,17 +7,15 @@ import warnings
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from itertools import combinations_with_replacement, permutations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..c_library import NoCompilerError, loaded_library
+from .cell_bounds import CellBounds
 from .leaf_margin_bounds import Bounds, _Problem
-
-if TYPE_CHECKING:
-    from .cells import CellBounds, CellProof
 
 
 class _Cell(ctypes.Structure):
@@ -77,7 +75,7 @@ def library() -> ctypes.CDLL | None:
 class Kernel:
     """A cell's numbers in the memory of the C kernel."""
 
-    def __init__(self, proof: CellProof, library: ctypes.CDLL) -> None:
+    def __init__(self, proof: Any, library: ctypes.CDLL) -> None:
         self._run = library.cell_bounds
         chain, n = proof.chain, proof.chain.n
         row, column = np.nonzero(chain.S)
@@ -140,8 +138,6 @@ class Kernel:
     def bounds(self, Uc: Array, half: Array) -> tuple[CellBounds, Array, Array]:
         """Bound the margins of F over boxes; and give its centre and its half-widths (K, n)
         each."""
-        from .cells import CellBounds
-
         K, n = len(Uc), self._chain[0].n
         leaf, center, sigma, limit, center_limit = np.zeros((5, K))
         Q, reach = np.full((2, K, n), np.nan)

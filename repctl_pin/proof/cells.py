@@ -11,17 +11,17 @@ from it. See docs/theory.md for the enclosure of second order."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
+from ..arguments import Array
 from ..errors import InputError
 from ..inverse_function.chart import Chart
 from ..inverse_function.rotations import left_jacobian
 from ..inverse_function.sector import Sector
+from .cell_bounds import CellBounds
 from .cell_kernel import Kernel, library
 from .chain import Chain, chain_of, tool_reach
 from .chart_bounds import Polynomials
@@ -62,30 +62,6 @@ def left_jacobian_slope(omega: Array, e: Array, d: Array) -> Array:
         + b[:, None] * (np.cross(d, one) + np.cross(omega, np.cross(d, e))),
         float,
     )
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
-class CellBounds:
-    """Bounds for K boxes of poses.
-
-    Attributes
-    ----------
-    leaf : Bounds
-        Lower bound of ``σ_min(Nᵀ n̂_ref)``.
-    limit_margin, center_limit : (K,) arrays
-        A lower bound on the box, −inf where F was not shown to exist, and the value at the centre.
-    found : (K,) array of bool
-        Whether there is a solution at the centre.
-    """
-
-    leaf: Bounds
-    limit_margin: Array
-    center_limit: Array
-    found: NDArray[np.bool_]
-
-    def __repr__(self) -> str:
-        return f"<CellBounds of {len(self.limit_margin)} boxes>"
 
 
 class CellProof:

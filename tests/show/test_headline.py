@@ -60,7 +60,11 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         ),
         (
             [
-                replace(USUAL, off=0.0, summary=replace(USUAL.summary, joint_displacement=(6.28, "joint_1"))),
+                replace(
+                    USUAL,
+                    off=0.0,
+                    summary=replace(USUAL.summary, joint_displacement=(6.28, "joint_1")),
+                ),
                 CLOSED,
             ],
             "Both hands are back. joint_1 is not: 6.3 rad under the usual control, 0 under the "

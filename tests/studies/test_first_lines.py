@@ -135,7 +135,7 @@ def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -
         for study in (chosen, dear)
     )
     assert cheap < 0.05 < price
-    (note,) = [note for note in dear.notes if note.startswith("joint speed: ")]
+    (note,) = [note for note in dear.notes if "at the same configurations" in note]
     same = (
         float(
             re.match(r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations", note)[

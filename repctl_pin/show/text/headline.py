@@ -226,7 +226,8 @@ def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
     touching = [one for one in known if one.summary.collision_cycle]
     said = [
         Span(
-            f"{' and '.join(one.near)} touch in cycle {one.summary.collision_cycle} under {_under(one)}.",
+            f"{' and '.join(one.near)} touch in cycle {one.summary.collision_cycle} "
+            f"under {_under(one)}.",
             "bad",
         )
         for one in touching
