@@ -1,0 +1,145 @@
+"""The function of a cell in JAX: the same numbers, its derivative, and what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pinocchio as pin
+import pytest
+from cell_functions import function_of
+
+import repctl_pin as rp
+from repctl_pin.integrations.jax import inverse_function, pose_and_leaf
+
+COUNT = 16
+
+
+@pytest.fixture(autouse=True, scope="module")
+def doubles() -> Iterator[None]:
+    with (jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64(True):
+        yield
+
+
+@pytest.fixture(scope="module")
+def poses() -> rp.InverseFunction:
+    return function_of("poses")
+
+
+@pytest.fixture(scope="module")
+def many(poses: rp.InverseFunction) -> Any:
+    """x (16, 4, 4), c (16, 1) → q (16, 7)."""
+    return jax.jit(jax.vmap(inverse_function(poses)))
+
+
+def targets(function: rp.InverseFunction, count: int = COUNT, share: float = 0.9) -> np.ndarray:
+    p, R = function.cell.placements(share * function.cell.sample(count, seed=5))
+    X = np.tile(np.eye(4), (count, 1, 1))
+    X[:, :3, :3], X[:, :3, 3] = R, p
+    return X
+
+
+def turned(x: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """Move a pose by a twist (v, ω) in base axes."""
+    moved = x.copy()
+    moved[:3, 3] += twist[:3]
+    moved[:3, :3] = pin.exp3(twist[3:]) @ x[:3, :3]
+    return moved
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "poses",
+        pytest.param("tool axes", marks=pytest.mark.slow),
+        pytest.param("positions", marks=pytest.mark.slow),
+        pytest.param("poses of one orientation", marks=pytest.mark.slow),
+    ],
+)
+def test_the_numbers_are_pythons_and_the_way_back_is_its_inverse(name: str) -> None:
+    function = function_of(name)
+    X, leaf = targets(function), np.full(function.task.r, 0.05)
+    C = np.tile(leaf, (COUNT, 1))
+    C[0] = 0.0
+    Q = jax.jit(jax.vmap(inverse_function(function)))(X, C)
+    listed = [pin.SE3(x) for x in X]
+    assert np.abs(Q[1:] - function.batch(listed, leaf=leaf)[1:]).max() < 1e-9
+    assert np.abs(Q[0] - function(listed[0])).max() < 1e-9
+    poses, leaves = jax.jit(jax.vmap(pose_and_leaf(function)))(Q)
+    assert np.abs(leaves - C).max() < 1e-9
+    at = [function.task.placement(q).homogeneous for q in np.asarray(Q)]
+    assert np.abs(poses - np.array(at)).max() < 1e-12
+
+
+def test_its_derivatives_are_those_of_finite_differences(
+    poses: rp.InverseFunction, many: Any
+) -> None:
+    x, step = targets(poses)[0], 1e-5
+    moved = [turned(x, sign * step * twist) for twist in np.eye(6) for sign in (1, -1)]
+    X, C = np.array([*moved, x, x, x, x]), np.zeros((COUNT, 1))
+    C[12:14, 0] = [step, -step]
+    Q = many(X, C)
+    by_x, by_c = jax.jit(jax.jacrev(inverse_function(poses), argnums=(0, 1)))(x, np.zeros(1))
+    for i in range(6):
+        dx = (X[2 * i] - X[2 * i + 1]) / (2 * step)
+        column = np.einsum("nab,ab->n", by_x, dx)
+        assert np.abs(column - (Q[2 * i] - Q[2 * i + 1]) / (2 * step)).max() < 1e-7
+        assert np.abs(column - poses.jacobian(x)[:, i]).max() < 1e-6
+    assert np.abs(by_c[:, 0] - (Q[12] - Q[13]) / (2 * step)).max() < 1e-7
+    assert np.abs(poses.task.jacobian(np.asarray(Q[14])) @ by_c).max() < 1e-9
+
+
+def test_it_is_nan_where_python_refuses(poses: rp.InverseFunction, many: Any) -> None:
+    x = targets(poses)[0]
+    X, C = np.tile(x, (COUNT, 1, 1)), np.zeros((COUNT, 1))
+    X[0, 0, 3] += 0.5
+    X[1] = np.nan
+    C[2] = 10.0
+    Q = many(X, C)
+    assert np.isnan(Q[:3]).all() and np.isfinite(Q[3:]).all()
+    with pytest.raises(rp.InputError, match=r"homogeneous matrix \(4, 4\)"):
+        inverse_function(poses)(np.eye(3))
+    with pytest.raises(rp.InputError, match="a cell's function"):
+        inverse_function(poses.chart)
+
+
+@pytest.mark.slow
+def test_one_orientation_is_held() -> None:
+    function = function_of("poses of one orientation")
+    f, x = inverse_function(function), targets(function)[0]
+    assert np.isfinite(f(x)).all()
+    assert np.isnan(f(turned(x, 1e-3 * np.eye(6)[3]))).all()
+
+
+@pytest.mark.slow
+def test_second_derivatives_are_of_the_function_not_of_the_iterations(
+    poses: rp.InverseFunction,
+) -> None:
+    x, step = targets(poses)[0], 1e-4
+    up = np.zeros((4, 4))
+    up[2, 3] = 1.0
+
+    def along(t: float) -> Any:
+        return inverse_function(poses)(x + t * up)
+
+    second = jax.jit(jax.jacfwd(jax.jacfwd(along)))(0.0)
+    differences = (along(step) - 2 * along(0.0) + along(-step)) / step**2
+    assert np.abs(second - differences).max() < 1e-5
+
+
+@pytest.mark.slow
+def test_single_precision(poses: rp.InverseFunction) -> None:
+    X = targets(poses)
+    Q = jax.vmap(inverse_function(poses))(jnp.asarray(X, jnp.float32))
+    assert Q.dtype == jnp.float32
+    assert np.abs(Q - poses.batch([pin.SE3(x) for x in X])).max() < 1e-4
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_poses_in_one_call(poses: rp.InverseFunction) -> None:
+    X = targets(poses, 100_000)
+    Q = jax.jit(jax.vmap(inverse_function(poses)))(X)
+    assert np.abs(Q[::1000] - poses.batch([pin.SE3(x) for x in X[::1000]])).max() < 1e-9
