@@ -91,6 +91,10 @@ def cells(task: rp.Task) -> None:
     )
     function: rp.InverseFunction = rp.compiled(found.function)
     print(function(np.eye(4), leaf=[0.0]), function.batch(poses), function.leaves(poses[0]), cell)
+    print(
+        function.batch(np.eye(4)[None], leaf=[[0.0]], missing="nan"),
+        function.pose_and_leaf(np.zeros((1, 3))),
+    )
     saved: rp.CellDesign = rp.load_cell(rp.save(found, "cell.json"))
     print(saved.summary())
 

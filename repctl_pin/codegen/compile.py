@@ -49,11 +49,11 @@ class CompiledFunction(InverseFunction):
                 return q
         return super().__call__(target, leaf=leaf)
 
-    def _batch(self, U: Array, c: Array, threads: int) -> Array:
-        if self._library is not None:
+    def _batch(self, U: Array, C: Array, threads: int, *, missing: bool = False) -> Array:
+        if self._library is not None and len(C) and (C == C[0]).all():
             p, R = self.cell.placements(U)
             poses = np.concatenate([p, R.reshape(-1, 9)], axis=1)
-            Q, leaf = np.empty((len(U), self.task.n)), np.ascontiguousarray(c)
+            Q, leaf = np.empty((len(U), self.task.n)), np.ascontiguousarray(C[0])
             size = max(_LEAST_PART, -(-len(U) // threads))
             parts = [slice(i, i + size) for i in range(0, len(U), size)]
 
@@ -68,7 +68,7 @@ class CompiledFunction(InverseFunction):
                     done = all(list(pool.map(run, parts)))
             if done:
                 return Q
-        return super()._batch(U, c, threads)
+        return super()._batch(U, C, threads, missing=missing)
 
     @cached_property
     def inverse(self) -> RepeatableInverse:

@@ -245,11 +245,15 @@ class Cell:
         target = as_placement(target)
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
+    def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
+        """Test whether coordinates U (K, k) lie in the cell: (K,)."""
+        within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
+        return within & (off <= TURNED)
+
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Refuse coordinates U (K, k) that lie outside the cell."""
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
-        within = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
-        bad = ~(within & (off <= TURNED))
+        bad = ~self._contains(U, off)
         if not bad.any():
             return U
         at = int(np.argmax(bad))

@@ -35,12 +35,15 @@ class CellPotentials:
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        Q = np.asarray(q, float)[None]
+        return self.values(np.asarray(q, float)[None])[0]
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate h at every row of Q (K, n): (K, r)."""
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
         away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
-        return np.einsum("Knr,Kn->Kr", n_ref, away)[0]
+        return np.einsum("Knr,Kn->Kr", n_ref, away)
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""

@@ -4,24 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, as_matrices, as_numbers, vector
+from ..arguments import (
+    Array,
+    as_configurations,
+    as_int,
+    as_matrices,
+    as_numbers,
+    require_choice,
+    vector,
+)
 from ..errors import InputError
 from ..redundancy import leaf_margin
-from ..robot.chain_formulas import Placement, as_placement, as_placements
+from ..robot.chain_formulas import Placement, as_placement
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
 from ..threads import PerThread
-from .cell import Cell, stacked
+from .cell import Cell
 from .cell_potentials import CellPotentials
 from .chart import Chart
 from .fast_function import OutsideError, evaluation
-from .kinematics import bases
+from .kinematics import bases, placed
+from .targets import as_poses
 
 _MOST_THREADS = 256
 _MARCH = 0.05
@@ -107,14 +116,21 @@ class InverseFunction:
         targets: Sequence[Placement] | Array,
         *,
         leaf: ArrayLike | None = None,
+        missing: Literal["raise", "nan"] = "raise",
         threads: int = 1,
     ) -> Array:
-        """Evaluate F at many targets, placements or coordinates U (K, k) of the cell: (K, n).
+        """Evaluate F at many targets: (K, n).
 
         Parameters
         ----------
-        targets, leaf
-            As for one target.
+        targets : list of placements, or (K, 4, 4), (K, 7) or (K, k) array
+            Placements; homogeneous matrices; positions, m, with quaternions, ``x, y, z, qx, qy, qz,
+            qw``; or coordinates U of the cell.
+        leaf : (r,) or (K, r) array, optional
+            c, by default 0: one for all, or one for each target.
+        missing : "raise" or "nan"
+            What becomes of a target outside the cell or without a configuration: an error, or a row
+            of NaN.
         threads
             Number of threads of a compiled function; Python's takes one.
 
@@ -122,32 +138,66 @@ class InverseFunction:
         ------
         InputError
             If a target is outside the cell or has no configuration; it is named by its number, from
-            0.
+            0. Or if a rotation is none.
         """
         cell, threads = self.cell, as_int(threads, "threads", 1, _MOST_THREADS)
-        targets = self._targets(targets)
-        if isinstance(targets, np.ndarray):
-            U = cell.inside(np.asarray(targets, float), np.zeros(len(targets)))
-        else:
-            U = cell.inside(*cell.coordinates(*stacked(cell.task, targets, "target")))
-        c = np.zeros(self.task.r) if leaf is None else self._leaf(leaf)
-        return self._batch(U, c, threads)
+        require_choice(missing, ("raise", "nan"), "missing")
+        U, off = self._coordinates(targets)
+        c = self._leaves(leaf, len(U))
+        if missing == "raise":
+            return self._batch(cell.inside(U, off), c, threads)
+        Q, good = np.full((len(U), self.task.n), np.nan), cell._contains(U, off)
+        Q[good] = self._batch(U[good], c[good], threads, missing=True)
+        return Q
 
-    def _batch(self, U: Array, c: Array, threads: int) -> Array:
-        """Evaluate F at coordinates U (K, k) inside the cell, on the leaf c (r,)."""
+    def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
+        """Find the pose of each configuration, and the leaf c that it is on: ``F(x; c) = q``.
+
+        ``c = n_ref(x)ᵀ (q − q_ref(x))``. Far from the function several configurations have the same
+        pose and leaf, of which F gives one.
+
+        Parameters
+        ----------
+        Q : (K, n) array
+            Configurations, rad or m.
+
+        Returns
+        -------
+        X : (K, 4, 4) array
+            Homogeneous matrices of the frame.
+        C : (K, r) array
+            Leaves; NaN where the pose lies outside the cell.
+
+        Raises
+        ------
+        InputError
+            If Q has another shape.
+        """
+        Q = as_configurations(Q, self.task.n, "this function")
+        p, R, _ = placed(self.task, Q)
+        X = np.tile(np.eye(4), (len(Q), 1, 1))
+        X[:, :3, 3], X[:, :3, :3] = p, R
+        good = self.cell._contains(*self.cell.coordinates(p, R))
+        C = np.where(good[:, None], CellPotentials(self.chart).values(Q), np.nan)
+        return X, C
+
+    def _batch(self, U: Array, C: Array, threads: int, *, missing: bool = False) -> Array:
+        """Evaluate F at coordinates U (K, k) inside the cell, on the leaves C (K, r): (K, n)."""
         cell = self.cell
         reduced, shift = self.chart.cell._split(U)
-        points = self.chart.solve(reduced, np.tile(c, (len(U), 1)))
+        points = self.chart.solve(reduced, C)
         Q = points.Q + shift
-        if not points.found.all():
+        if not points.found.all() and not missing:
             at = int(np.argmin(points.found))
             raise InputError(
                 f"target {at}: no configuration exists on this leaf at {cell.where(U[at])}"
             )
         broken = self.task.limit_margin(Q).min(axis=1, initial=np.inf) < 0
-        if self.keep_limits and broken.any():
+        broken &= self.keep_limits
+        if broken.any() and not missing:
             at = int(np.argmax(broken))
             raise InputError(f"target {at}: {self._beyond(Q[at], cell.at(U[at]))}")
+        Q[broken | ~points.found] = np.nan
         return Q
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
@@ -181,14 +231,24 @@ class InverseFunction:
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)
 
-    def _targets(self, targets: Sequence[Placement] | Array) -> list[pin.SE3] | Array:
-        """Convert placements, or check coordinates U (K, k)."""
-        if isinstance(targets, np.ndarray) and targets.ndim != 3:
-            return as_matrices(
+    def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
+        """Convert targets to coordinates U (K, k), and their distances along held ones (K,)."""
+        if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
+            (U,) = as_matrices(
                 ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
-            )[0]
-        what = "a list of placements, or an array of coordinates (K, k)"
-        return as_placements(targets, "target", what)
+            )
+            return U, np.zeros(len(U))
+        return self.cell.coordinates(*as_poses(self.task, targets))
+
+    def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
+        """Take one leaf (r,) for all targets, or one for each (K, r)."""
+        array = None if leaf is None else as_numbers(leaf)
+        if array is not None and array.ndim == 2:
+            form = f"{count} {self.task.r}"
+            (C,) = as_matrices(("the leaves", array, form), exact=True)
+            return C
+        c = np.zeros(self.task.r) if leaf is None else self._leaf(leaf)
+        return np.tile(c, (count, 1))
 
     def _leaf(self, leaf: ArrayLike) -> Array:
         array = as_numbers(leaf)

@@ -260,6 +260,10 @@ class Task:
                 require_rotation(R, "the target")
         data, frame, kind = self._data, self._frame_id, self.kind
         Q = self._matrix(Q)
+        if len(Q) != len(targets):
+            raise InputError(
+                f"{len(targets)} targets do not match {len(Q)} configurations; give one for each"
+            )
         errors = np.zeros((len(Q), 6))
         for e, q, target in zip(errors, Q, targets, strict=True):
             pin.framesForwardKinematics(self.model, data, q)

@@ -1,0 +1,87 @@
+"""Arrays of poses: homogeneous matrices, or positions with quaternions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..arguments import Array
+from ..errors import InputError
+from ..robot.chain_formulas import Placement, as_placements, require_rotation
+from ..robot.task import Task
+from .cell import stacked
+
+_UNIT = 1e-4
+"""How far the length of a quaternion may be from 1; it is normalised."""
+
+_ROTATION = 1e-6
+
+FORMS = (
+    "a list of placements, an array of matrices (K, 4, 4), of positions with quaternions (K, 7), "
+    "or of coordinates (K, k)"
+)
+
+
+def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
+    """Convert targets to positions (K, 3), m, and rotations (K, 3, 3).
+
+    Parameters
+    ----------
+    task
+        The task; only one with a rotation has the rotations checked.
+    targets : list of placements, (K, 4, 4) or (K, 7) array
+        A row of seven is a position and a quaternion, ``x, y, z, qx, qy, qz, qw``. A row that is
+        not finite stays so.
+
+    Raises
+    ------
+    InputError
+        If the form is another, or a rotation or quaternion is none; it is named by its number.
+    """
+    array: Any = targets
+    if isinstance(array, np.ndarray) and array.ndim == 2 and array.shape[1] == 7:
+        return _of_quaternions(_floats(array))
+    if isinstance(array, np.ndarray) and array.ndim == 3:
+        return _of_matrices(task, _floats(array))
+    return stacked(task, as_placements(array, "target", FORMS), "target")
+
+
+def _floats(array: Array) -> Array:
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"targets must be real numbers; got an array of {array.dtype}")
+    return array.astype(float)
+
+
+def _of_quaternions(rows: Array) -> tuple[Array, Array]:
+    finite = np.isfinite(rows).all(axis=1)
+    length = np.linalg.norm(rows[:, 3:], axis=1)
+    wrong = finite & (np.abs(length - 1) > _UNIT)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        raise InputError(
+            f"the quaternion of target {at} has length {length[at]:.4g}, not 1",
+            remedy="give x, y, z in m, then qx, qy, qz, qw, of length 1",
+        )
+    R = np.full((len(rows), 3, 3), np.nan)
+    if finite.any():
+        R[finite] = Rotation.from_quat(rows[finite, 3:]).as_matrix()
+    return rows[:, :3], R
+
+
+def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
+    if X.shape[1:] != (4, 4):
+        raise InputError(f"targets must be {FORMS}; got an array of shape {X.shape}")
+    p, R = X[:, :3, 3], X[:, :3, :3]
+    finite = np.isfinite(X).all(axis=(1, 2))
+    last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > _ROTATION
+    if (last & finite).any():
+        at = int(np.argmax(last & finite))
+        raise InputError(f"the last row of target {at} must be 0, 0, 0, 1; got {X[at, 3].tolist()}")
+    if task.kind in ("pose", "axis"):
+        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        for k in np.flatnonzero(finite & ((off > _ROTATION) | (np.linalg.det(R) < 0))):
+            require_rotation(R[k], f"target {k}")
+    return p, R

@@ -1,0 +1,97 @@
+"""Targets as arrays, leaves one by one, missing ones, and the way back from joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cell_functions import CELLS, function_of
+from scipy.spatial.transform import Rotation
+
+import repctl_pin as rp
+
+
+@pytest.fixture(scope="module")
+def function() -> rp.InverseFunction:
+    return function_of("poses")
+
+
+def forms(function: rp.InverseFunction, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates U (K, k), matrices (K, 4, 4), and positions with quaternions (K, 7)."""
+    U = 0.9 * function.cell.sample(count, seed=2)
+    X = np.array([function.cell.at(u).homogeneous for u in U])
+    return U, X, np.c_[X[:, :3, 3], Rotation.from_matrix(X[:, :3, :3]).as_quat()]
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_all_forms_of_targets_are_the_same(name: str) -> None:
+    function = function_of(name)
+    U, X, rows = forms(function, 64)
+    Q = function.batch(U)
+    for targets in (X, rows, list(X), -rows * [-1, -1, -1, 1, 1, 1, 1]):
+        assert np.abs(function.batch(targets) - Q).max() < 1e-9
+
+
+def test_a_leaf_for_each_target_and_the_way_back(function: rp.InverseFunction) -> None:
+    _, X, _ = forms(function, 64)
+    C = np.random.default_rng(4).uniform(-0.1, 0.1, (64, 1))
+    Q = function.batch(X, leaf=C)
+    one_by_one = [function(x, leaf=c) for x, c in zip(X, C, strict=True)]
+    assert np.abs(Q - one_by_one).max() < 1e-9
+    back, leaves = function.pose_and_leaf(Q)
+    assert np.abs(back - X).max() < 1e-9 and np.abs(leaves - C).max() < 1e-9
+    assert np.abs(leaves - [function.inverse.leaf(q) for q in Q]).max() < 1e-12
+    assert np.abs(function.batch(back, leaf=leaves) - Q).max() < 1e-9
+
+
+def test_compiled_it_takes_the_same(function: rp.InverseFunction) -> None:
+    compiled = rp.compiled(function)
+    _, X, rows = forms(function, 64)
+    C = np.random.default_rng(4).uniform(-0.1, 0.1, (64, 1))
+    for leaf in (None, [0.05], C):
+        assert np.abs(compiled.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max() < 1e-9
+
+
+def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
+    _, X, rows = forms(function, 6)
+    Q = function.batch(X)
+    rows[1, 0] += 1.0  # outside
+    rows[4] = np.nan
+    for one in (function, rp.compiled(function)):
+        found = one.batch(rows, missing="nan")
+        assert np.isnan(found[[1, 4]]).all()
+        assert np.abs(found[[0, 2, 3, 5]] - Q[[0, 2, 3, 5]]).max() < 1e-9
+    far = function.batch(X, leaf=[50.0], missing="nan")  # no configuration, or beyond a limit
+    assert np.isnan(far).any(axis=1).all()
+    assert function.batch(rows[:0], missing="nan").shape == (0, 7)
+    X, C = function.pose_and_leaf(np.tile(function.task.reference, (2, 1)))
+    assert X.shape == (2, 4, 4) and C.shape == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda X, rows: rows * [1, 1, 1, 2, 2, 2, 2], "quaternion of target 0 has length 2"),
+        (lambda X, rows: rows[:, :5], "coordinates of this cell"),
+        (lambda X, rows: X[:, :3], "matrices"),
+        (lambda X, rows: X * 1.1, "last row of target 0"),
+        (lambda X, rows: X * np.array([1.1, 1.1, 1.1, 1]), "rotation of target 0"),
+        (lambda X, rows: X.astype(complex), "real numbers"),
+        (lambda X, rows: rows * [1000, 1000, 1000, 1, 1, 1, 1], "target 0 lies outside the cell"),
+    ],
+)
+def test_bad_arrays_are_refused_by_number(
+    function: rp.InverseFunction, change: object, words: str
+) -> None:
+    _, X, rows = forms(function, 3)
+    with pytest.raises(rp.InputError, match=words):
+        function.batch(change(X, rows))  # type: ignore[operator]
+
+
+def test_bad_options_are_refused(function: rp.InverseFunction) -> None:
+    _, X, _ = forms(function, 3)
+    with pytest.raises(rp.InputError, match="missing"):
+        function.batch(X, missing="skip")  # type: ignore[arg-type]
+    with pytest.raises(rp.InputError, match="leaves"):
+        function.batch(X, leaf=np.zeros((2, 1)))
+    with pytest.raises(rp.InputError, match="this function"):
+        function.pose_and_leaf(np.zeros((2, 3)))
