@@ -11,8 +11,8 @@ from .terminal import until_stopped
 
 HELP = "run a saved design or cell as a ROS 2 node that commands the joints"
 EXAMPLE = """examples:
-  repctl ros2 control.json --ros-args -p acceleration:=panda -r target_pose:=/teleop/pose
-  repctl ros2 my_control.json --robot my_arm.urdf --ros-args -p acceleration:=5.0 -p rate:=250.0
+  repctl ros2 control.json --ros-args -p acceleration:=5.0 -r target_pose:=/pose
+  repctl ros2 my.json --robot my_arm.urdf --ros-args -p acceleration:=5.0
 
 Topics in: target_pose, target_twist, joint_states. Topics out: joint_trajectory or commands,
 /diagnostics. Services: ~/hold, ~/resume. Ctrl-C brakes the arm to rest, then ends the node."""

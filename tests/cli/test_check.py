@@ -69,9 +69,8 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
         (str(tmp_path / "slide.urdf"), ["--start", "0.3,0.01,0.8"], "theta2"),
     ):
         assert main(["check", arm, *more, "--samples", "16"]) == 0
-        assert f"note: Ω was cut at the limits of {joint} " in " ".join(
-            capsys.readouterr().out.split()
-        )
+        told = " ".join(capsys.readouterr().out.split())
+        assert f"note: Ω was cut at the limits of {joint}" in told
         assert main(["check", arm, *more, "--samples", "16", "--json"]) == 0
         data = json.loads(capsys.readouterr().out)
         task = rp.Robot.load(arm).task(data["frame"], data["task"])

@@ -254,7 +254,7 @@ def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path
         text=True,
     )
     assert (done.returncode, done.stderr) == (0, "")  # progress is for terminals
-    for word in ("tool, xy", "circle of radius ", "J⁺", "nearest", "repeatable", "outside"):
+    for word in ("tool, xy", "circle of radius ", "usual control", "repeatable", "outside"):
         assert word in done.stdout
     names = {"animation.html", "drift.png", "joints.png", "motion.csv", "control.json"}
     assert {p.name for p in (tmp_path / "repctl-out" / "planar3r").iterdir()} == names

@@ -160,7 +160,7 @@ JOINTS = [f"joint{i}" for i in range(1, 8)]
 def check_study(text: str, path: str) -> None:
     """A study's answer: the start it took, its path, and which strategies drift."""
     assert re.search(rf"^my_arm tool0, pose, r = 1: {path}, \d+ cycles$", text, flags=re.MULTILINE)
-    assert "note: the start is the reference pose\n" in text
+    assert "note: the start is the reference pose\n" in text or "more notes: --full\n" in text
     usual, _, repeatable = answered(text, "joints off")
     assert float(usual) > 0.6 and repeatable == "0"
     assert answered(text, "first cycle closes")[::2] == ["no", "yes"]

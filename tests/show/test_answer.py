@@ -123,10 +123,10 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
             (usual(), repeatable()),
             "Both hands are back. So are both elbow joints: 0 off after 10 cycles.",
         ),
-        ((repeatable(),), "The hand is back. So is the elbow: 0 off after 10 cycles."),
+        ((repeatable(),), "The hand is back. So is the elbow joint: 0 off after 10 cycles."),
         (
             (usual(0.3), repeatable(0.2)),
-            f"Both hands are back. The elbow is not: 30 cm off under {USUAL}, "
+            f"Both hands are back. The elbow joint is not: 30 cm off under {USUAL}, "
             f"20 cm off under {REPEATABLE}.",
         ),
         (

@@ -307,7 +307,7 @@ def test_inspect_lists_the_ends_with_their_places(
     assert ["tool0", "(default)", "7", x, y, z] in [line.split() for line in lines]
     assert (
         "x, y, z in m from the base, at the reference pose; choose one with --frame; --all lists "
-        "8 more" in lines
+        "8 more" in " ".join(" ".join(lines).split())
     )
     assert any(line.startswith("frame tool0, moved by 7: to_l1, ") for line in lines)
 
