@@ -490,8 +490,8 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
     assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
     assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
     cut = driver.execute_script(
-        "return [...document.querySelectorAll('.name, .past, #verdict, #notes, .reading')]"
-        " + '.callout')]"
+        "return [...document.querySelectorAll('.name, .past, #verdict, #notes, .reading, "
+        ".callout')]"
         ".filter((n) => n.offsetParent)"
         ".filter("
         "(n) => n.scrollWidth > n.clientWidth || n.getBoundingClientRect().right > "
