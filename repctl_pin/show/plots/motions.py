@@ -133,11 +133,11 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
     for (_, motion, colour), text, end, y, place in zip(
         order, words, ends, wanted, places, strict=True
     ):
-        line = {"arrowstyle": "-", "color": colour, "lw": 0.8, "shrinkA": 1, "shrinkB": 3}
+        line = {"arrowstyle": "-", "color": colour, "lw": 0.8, "relpos": (0, 0.5)}
         ax.annotate(
             text,
             xy=(motion.cycles, min(end, high)),
-            xytext=(1.015, place),
+            xytext=(1.03, place),
             textcoords="axes fraction",
             color=readable(colour),
             fontsize=9,
