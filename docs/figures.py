@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from time import thread_time
 
@@ -36,7 +37,7 @@ def drift() -> Figure:
         ("nearest repeatable", nearest.inverse, BLUE),
     ]
     motions = [
-        (name, rp.follow(it, path, q0, cycles=10, steps=200), colour)
+        (name, rp.follow(it, path, q0, cycles=10, steps=100), colour)
         for name, it, colour in controls
     ]
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
@@ -193,11 +194,11 @@ def states() -> Figure:
 FIGURES = {"drift": drift, "cell": cell, "proofs": proofs, "states": states}
 
 
-def main(folder: Path) -> None:
-    """Draw all figures into a folder."""
-    for name, figure in FIGURES.items():
+def main(folder: Path, names: Sequence[str] = tuple(FIGURES)) -> None:
+    """Draw figures into a folder."""
+    for name in names:
         picture = io.BytesIO()
-        figure().savefig(picture, dpi=110)
+        FIGURES[name]().savefig(picture, dpi=110)
         Image.open(picture).convert("RGB").quantize(256).save(folder / f"{name}.png", optimize=True)
 
 

@@ -1,7 +1,7 @@
 """Measure the drift of many arms under J⁺ and under the nearest repeatable inverse, and the extra
 joint speed.
 
-    python examples/survey.py            # the table of the README, as Markdown
+    python examples/survey.py            # the table of docs/survey.md, as Markdown
     python examples/survey.py panda ur5  # only these, pose and position
 
 Each arm is studied as `repctl study` does by default: start, path and region are chosen for it, and

@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import ast
+import io
 import sys
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
 
 from nbformat import v4, writes
+from PIL import Image
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WITHOUT = {"gallery"}
@@ -70,12 +72,25 @@ def scripts() -> list[Path]:
     return [script for script in sorted(EXAMPLES.glob("*.py")) if script.stem not in WITHOUT]
 
 
+def thumbnail(picture: Path, width: int = 640) -> bytes:
+    """Shrink a picture for the gallery."""
+    with Image.open(picture) as whole:
+        small = whole.convert("RGB")
+    small.thumbnail((width, width), Image.Resampling.LANCZOS)
+    file = io.BytesIO()
+    small.quantize(128).save(file, format="PNG", optimize=True)
+    return file.getvalue()
+
+
 def on_files(files: Any, *, config: Any) -> Any:
-    """Add figures and notebooks to the files of the site."""
+    """Add figures, thumbnails and notebooks to the files of the site."""
     from mkdocs.structure.files import File
 
     for figure in sorted((EXAMPLES / "figures").glob("*.png")):
         files.append(File.generated(config, f"figures/{figure.name}", abs_src_path=str(figure)))
+    for picture in sorted((EXAMPLES / "pictures").glob("*.png")):
+        made = thumbnail(picture)
+        files.append(File.generated(config, f"pictures/{picture.name}", content=made))
     for script in scripts():
         files.append(
             File.generated(config, f"notebooks/{script.stem}.ipynb", content=notebook(script))
@@ -84,8 +99,9 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 
 def on_page_markdown(text: str, /, **_: object) -> str:
-    """Point the links to figures of examples at the files of the site."""
-    return text.replace("](../examples/figures/", "](figures/")
+    """Point the links to figures and pictures of examples at the files of the site."""
+    text = text.replace("](../examples/figures/", "](figures/")
+    return text.replace("](../examples/pictures/", "](pictures/")
 
 
 if __name__ == "__main__":

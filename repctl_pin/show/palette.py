@@ -7,11 +7,31 @@ from ..studies import Study
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
 
+GREY = "#595959"
+"""For words beside a figure that are not about one line."""
+
 COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
 """The colour of each strategy of a study, the same in every picture."""
 
 _OWN = (PURPLE, SKY, YELLOW, INK)
 """For user-defined controls, one after the other."""
+
+
+def luminance(colour: str) -> float:
+    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1."""
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def readable(colour: str) -> str:
+    """Darken a colour until text in it has a contrast of 4.5:1 on white."""
+    parts = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    for share in range(100, 0, -2):
+        darker = "#" + "".join(f"{c * share // 100:02x}" for c in parts)
+        if 1.05 / (luminance(darker) + 0.05) >= 4.5:
+            return darker
+    return INK
 
 
 def colours(study: Study) -> dict[str, str]:

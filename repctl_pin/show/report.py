@@ -20,7 +20,7 @@ from .page.html import render
 from .page.snapshot import still_figure
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
-from .plots.designs import cost_against_degree, joint_map
+from .plots.designs import cost_against_degree, joint_map, maps_that_vary
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
@@ -117,14 +117,16 @@ def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[s
 
 def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     grid = maps.design
-    figure = Figure(figsize=(10, 7.4 if len(maps.degrees) > 1 else 3.9), layout="constrained")
-    rows = 2 if len(maps.degrees) > 1 else 1
-    axes = list(figure.subplots(rows, 2 if rows == 2 else 3).ravel())
-    for values, label, top in (
-        (maps.defect, "defect of $J^+$ (0: repeatable)", None),
+    drawn = maps_that_vary(
         (grid.distance / grid.reference, r"distance $\|G_r - J^+\| / \|J^+\|$", None),
+        (maps.defect, "defect of $J^+$ (0: repeatable)", None),
         (grid.leaf_margin, "leaf margin (0: singular, 1: best)", 1.0),
-    ):
+    )
+    panels = len(drawn) + (len(maps.degrees) > 1)
+    rows = -(-panels // 2)
+    figure = Figure(figsize=(10, 3.7 * rows), layout="constrained")
+    axes = [figure.add_subplot(rows, 2, k + 1) for k in range(panels)]
+    for values, label, top in drawn:
         joint_map(axes.pop(0), study.design, grid, values, label, top)
     if axes:
         cost_against_degree(axes[0], maps.degrees, maps.baselines).legend(

@@ -21,7 +21,7 @@ def module(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module(name)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/benchmark.md", "docs/which.md"])
+@pytest.mark.parametrize("page", ["docs/benchmark.md", "docs/which.md"])
 def test_the_tables_are_those_of_the_numbers(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pages = module("pages", monkeypatch)
     rows, said = pages.read()

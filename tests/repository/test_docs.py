@@ -9,6 +9,7 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
@@ -19,7 +20,9 @@ from repctl_pin.saving.schema import DesignFile
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
-    page for page in sorted((ROOT / "docs").rglob("*.md")) if page.name != "reference.md"
+    page
+    for page in sorted((ROOT / "docs").rglob("*.md"))
+    if "reference" not in page.relative_to(ROOT).parts
 ]  # run with its examples
 
 
@@ -29,7 +32,7 @@ def test_the_site_builds_strictly(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path)],
         cwd=ROOT,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "REPCTL_LIVE": "no"},
         capture_output=True,
         text=True,
     )
@@ -37,6 +40,40 @@ def test_the_site_builds_strictly(tmp_path: Path) -> None:
     assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count("<math") > 20
     commands = (tmp_path / "commands" / "index.html").read_text(encoding="utf-8")
     assert "--allow-violations" in commands and "<!-- commands -->" not in commands
+    home = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert 'media="(prefers-color-scheme)"' in home and "md-footer__link--next" in home
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == len(
+        list((ROOT / "examples" / "pictures").glob("*.png"))
+    )
+    pages = (file.read_text(encoding="utf-8") for file in tmp_path.rglob("*.html"))
+    assert not any("<!-- live: " in page or "](../" in page for page in pages)
+
+
+def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
+    """Each mark has its page; one of them is made here, all by a strict build of the site."""
+    live = runpy.run_path(str(ROOT / "docs" / "hooks" / "live.py"))
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert set(re.findall(r"<!-- live: (\w+) -->", text)) == set(live["PAGES"])
+    home = SimpleNamespace(
+        is_homepage=True, file=SimpleNamespace(dest_uri="index.html", src_uri="index.md")
+    )
+    assert 'src="live/panda.html"' in live["on_page_markdown"]("<!-- live: panda -->", page=home)
+    made = live["studied"]("planar3r", cycles=1, steps=40, degree=1)
+    assert made.startswith("<!DOCTYPE html>") and "http://" not in made.split("<script")[0]
+
+
+def test_links_to_the_repository_follow_its_one_address() -> None:
+    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "repository.py"))["on_page_markdown"]
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="how-to/a.md"))
+    text = "[b](../b.md) and [script](../../examples/c.py)"
+    without, at = (
+        SimpleNamespace(repo_url=None),
+        SimpleNamespace(repo_url="https://host.example/r/"),
+    )
+    assert hook(text, page=page, config=without) == "[b](../b.md) and script"
+    assert hook(text, page=page, config=at) == (
+        "[b](../b.md) and [script](https://host.example/r/blob/HEAD/examples/c.py)"
+    )
 
 
 def test_the_page_of_the_command_line_says_when_to_use_each() -> None:
@@ -51,11 +88,12 @@ def test_the_page_of_the_command_line_says_when_to_use_each() -> None:
 
 
 def test_the_reference_names_everything_public() -> None:
-    listed = re.findall(
-        r"^::: (\S+)$",
-        (ROOT / "docs" / "reference.md").read_text(encoding="utf-8"),
-        flags=re.MULTILINE,
-    )
+    pages = sorted((ROOT / "docs" / "reference").glob("*.md"))
+    listed = [
+        name
+        for page in pages
+        for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), flags=re.MULTILINE)
+    ]
     public = [getattr(rp, name) for name in dir(rp) if name not in ("redundancy", "__version__")]
     assert sorted(listed) == sorted(f"{thing.__module__}.{thing.__qualname__}" for thing in public)
 
@@ -83,16 +121,27 @@ def test_the_schema_of_a_design_file_is_the_decoders() -> None:
     assert schema == msgspec.json.schema(DesignFile)
 
 
-def test_the_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
-    """Drawn anew; those of the examples are held to their scripts by test_examples.py."""
-    script = ROOT / "docs" / "figures.py"
-    runpy.run_path(str(script))["main"](tmp_path)
+def redraw(names: list[str], folder: Path) -> None:
+    """Draw figures anew, and hold them against those that are kept."""
+    script = runpy.run_path(str(ROOT / "docs" / "figures.py"))
+    script["main"](folder, names)
+    assert {file.stem for file in folder.iterdir()} == set(names)
+    for file in folder.iterdir():
+        assert likeness(file, ROOT / "docs" / "figures" / file.name) > 0.8, file.name
+
+
+def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
+    """Those of the examples are held to their scripts by test_examples.py."""
     kept = sorted((ROOT / "docs" / "figures").glob("*.png"))
-    assert [file.name for file in kept] == sorted(file.name for file in tmp_path.iterdir())
-    for file in kept:
-        assert file.stat().st_size < 150_000
-        assert likeness(tmp_path / file.name, file) > 0.8, file.name
+    assert [file.stem for file in kept] == ["cell", "drift", "proofs", "states"]
+    assert all(file.stat().st_size < 150_000 for file in kept)
     linked = re.findall(
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
     assert len(linked) == 5 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)
+    redraw(["drift", "states"], tmp_path)
+
+
+@pytest.mark.slow
+def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
+    redraw(["cell", "proofs"], tmp_path)

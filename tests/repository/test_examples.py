@@ -90,9 +90,9 @@ def test_every_picture_of_the_page_is_there_and_small() -> None:
 
 
 def test_survey(run: Run) -> None:
-    """The short form's lines are the README's."""
+    """The short form's lines are those of docs/survey.md."""
     _, told = run("python examples/survey.py ppr planar3r")
-    table = (ROOT / "README.md").read_text(encoding="utf-8").split("<!-- survey -->")[1]
+    table = (ROOT / "docs" / "survey.md").read_text(encoding="utf-8").split("<!-- survey -->")[1]
     assert len(told.splitlines()) == 4
     assert all(line in steady(table) for line in steady(told))
 
@@ -103,7 +103,7 @@ def test_survey_of_all_arms(
 ) -> None:
     start("python examples/survey.py", monkeypatch)
     table = (
-        (ROOT / "README.md")
+        (ROOT / "docs" / "survey.md")
         .read_text(encoding="utf-8")
         .split("<!-- survey -->")[1]
         .split("\n\n")[0]
@@ -132,6 +132,31 @@ def test_audit_pink(run: Run) -> None:
     assert abs(last["pink + repeatable"] - first["pink + repeatable"]) < 1e-6
 
 
+def test_a_short_run_of_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cycles of a second after a push: J⁺ stays where it was pushed to; torques let go and
+    come back."""
+    pytest.importorskip("mujoco")
+    module = example("physics")
+    for name, value in {"PERIOD": 1.5, "CYCLES": 4, "PUSH_CYCLE": 3, "DT": 4e-3}.items():
+        monkeypatch.setattr(module, name, value)
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    q0 = np.array(task.reference)
+    few = rp.FitOptions(samples=256, held_out=64)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(q0, 1, 0.4), rp.Box(q0, 0.4), options=few
+    )
+    path = rp.circle(task, q0, radius=0.05, normal="x")
+    off = {}
+    for name, control in module.controls(design, path, q0).items():
+        ends = module.ten_cycles(task, path, q0, control)[:: round(module.PERIOD / module.DT)]
+        off[name] = np.linalg.norm(ends[4] - ends[2])
+    assert off["nearest repeatable"] < 1e-2 < 3e-2 < off["J⁺"]
+    monkeypatch.setattr(module, "DT", 2e-3)
+    held = np.linalg.norm(module.held_by_torques(design, q0) - q0, axis=1)
+    assert held.max() > 0.3 and held[-1] < 1e-3
+
+
+@pytest.mark.slow
 def test_physics(run: Run) -> None:
     """With servos, noise and a push: back within 1e-3 rad of cycle 2, as J⁺ is not; torques hold
     the hand to 5 mm."""
@@ -191,20 +216,35 @@ def test_stable_surfaces(run: Run) -> None:
     assert told.count("stable surfaces") == 5 and told.count("none is stable") == 5
 
 
-def test_nearest_ppr(run: Run) -> None:
-    names, told = run("python examples/nearest_ppr.py")
-    # Table I, cell by cell, and the other two answers beside it.
-    rows = [
-        line.split("  ") for line in told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6]
-    ]
-    cells = [[cell.strip() for cell in row if cell.strip()] for row in rows]
+def test_table_one_and_the_solver_beside_it() -> None:
+    """On fewer intervals and nodes: Table I is that of the paper, the solver finds its k."""
+    module = example("nearest_ppr")
+    task = rp.Robot.load("ppr").task("tool", "xy")
+    symmetric = [module.answer(task, -b, b, (1, 2), 128) for b in (1.0, np.pi / 2, 2.0, np.pi)]
+    check_table_one(module.table_one(symmetric).splitlines()[2:6], solved=False)
+    a, b = module.INTERVALS[0]
+    answer = module.answer(task, a, b, (3, 5), 512)
+    assert answer.search.unique and answer.search.cost == pytest.approx(answer.cost, rel=1e-9)
+    assert answer.solver_k == pytest.approx(answer.k, rel=1e-2, abs=1e-2)
+
+
+def check_table_one(rows: list[str], *, solved: bool) -> None:
+    """Table I, cell by cell; the last column is the solver's."""
+    cells = [[cell.strip() for cell in row.split("  ") if cell.strip()] for row in rows]
     assert [row[:6] for row in cells] == [
         ["1", "−", "0.00000", "sin θ₃/√2", "0", "0.00000"],
         ["π/2", "0", "any value", "(49)", "(48)", "any value"],
         ["2", "+", "∞", "0", "−cos θ₃/√2", "∞"],
         ["π", "0", "any value", "(49)", "(48)", "any value"],
     ]
-    assert cells[0][6] == "0.00000" and all(row[6] in ("–", "singular") for row in cells[1:])
+    if solved:
+        assert cells[0][6] == "0.00000" and all(row[6] in ("–", "singular") for row in cells[1:])
+
+
+@pytest.mark.slow
+def test_nearest_ppr(run: Run) -> None:
+    names, told = run("python examples/nearest_ppr.py")
+    check_table_one(told.split("Table I")[1].split("\n\n")[1].splitlines()[2:6], solved=True)
     assert "J⁺: not repeatable" in told and told.count(": repeatable") == 3
 
     result = names["found"]

@@ -14,7 +14,7 @@ import repctl_pin as rp
 NAMES = [name for name in dir(rp) if name not in ("redundancy", "__version__")]
 SHARED = re.search(
     r"```python\n(.*?)```",
-    (Path(__file__).parents[2] / "docs" / "reference.md").read_text(encoding="utf-8"),
+    (Path(__file__).parents[2] / "docs" / "reference" / "index.md").read_text(encoding="utf-8"),
     flags=re.DOTALL,
 )
 

@@ -61,7 +61,7 @@ def test_a_notebook_runs_and_prints_what_the_script_prints(
         for output in outputs
         if output.output_type == "stream" and output.name == "stdout"
     )
-    if f"python examples/{script.name}" in SHOWN:  # the survey's is the README's table
+    if f"python examples/{script.name}" in SHOWN:  # the survey's is the table of docs/survey.md
         assert steady(told) == steady(SHOWN[f"python examples/{script.name}"])
     pictures = [output for output in outputs if "image/png" in output.get("data", {})]
     assert bool(pictures) == (".savefig(" in script.read_text(encoding="utf-8"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from page_file import COLOURS
 
 import repctl_pin as rp
+from repctl_pin.show import palette
 from repctl_pin.show.page import snapshot
 from repctl_pin.show.plots import (
     cycle_figure,
@@ -27,6 +28,7 @@ from repctl_pin.show.plots import (
     orbits_figure,
     speed_over_cycle,
 )
+from repctl_pin.show.plots.designs import maps_that_vary, varies
 from repctl_pin.show.text import number
 from repctl_pin.studies.study_maps import study_maps
 
@@ -53,13 +55,16 @@ def test_drift_lines_hold_the_drift(motions) -> None:
         end = (
             f"{motion.drift[-1]:.3g} rad"
             if motion.drift[-1] > 1e-6
-            else f"0 ({motion.drift[-1]:.0e}"
+            else f"0\n({motion.drift[-1]:.0e}"
         )
         assert any(text.startswith(f"{label}: {end.replace('e-0', 'e-')}") for text in said), (
             label,
             said,
         )
-    assert drift_over_cycles(axes(), motions, log=True).get_yscale() == "log"
+    logarithmic = drift_over_cycles(axes(), motions, log=True)
+    assert logarithmic.get_yscale() == "log"
+    labels = {text.get_text() for text in logarithmic.texts}
+    assert {text.removesuffix(" ↑") for text in said} <= labels
     for line, (label, motion, colour) in zip(ax.lines, motions, strict=True):
         assert line.get_label() == label and to_hex(line.get_color()) == colour.lower()
         np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
@@ -91,10 +96,51 @@ def test_orbits_are_three_orthogonal_views(motions) -> None:
     assert seen == [(f"{names[i]} (rad)", f"{names[j]} (rad)") for i, j in ((1, 2), (1, 3), (2, 3))]
 
 
+def test_text_in_a_colour_can_be_read_and_labels_keep_apart(motions) -> None:
+    """Contrast 4.5:1 on white, by WCAG's formula; every colour stays darker or as it is."""
+    for colour in (*COLOURS.values(), palette.SKY, palette.YELLOW, palette.GREY):
+        text = palette.readable(colour)
+        assert 1.05 / (palette.luminance(text) + 0.05) >= 4.5
+        assert all(int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    assert palette.luminance("#ffffff") == pytest.approx(1) and palette.luminance("#000000") == 0
+    figure = drift_figure(motions, "")
+    figure.canvas.draw()
+    seen = [note.get_window_extent() for note in figure.axes[0].texts]
+    for k, box in enumerate(seen):
+        assert not any(box.overlaps(other) for other in seen[:k])
+
+
+def test_the_joints_shown_are_the_four_that_drift_most() -> None:
+    """With their limits; a motion that goes away at once does not choose them."""
+    task = rp.Robot.load("planar7r").task(kind="xy")
+    q0 = np.linspace(0.2, 0.8, 7)
+    path = rp.circle(task, q0, 0.2)
+    controls = {"J⁺": rp.Pseudoinverse(task), "away": rp.PostureControl(task, q0[::-1])}
+    shown = [
+        (name, rp.follow(control, path, q0, cycles=3, steps=40), "#000000")
+        for name, control in controls.items()
+    ]
+    names = shown[0][1].task.joint_names
+    plain = shown[0][1]
+    most = np.argsort(-np.abs(plain.q[plain.steps :: plain.steps] - plain.q[0]).max(axis=0))
+    figure = joints_figure(shown, "")
+    seen = [ax.get_title(loc="left") for ax in figure.axes]
+    assert seen == [names[joint] for joint in sorted(most[:4])]
+    assert all("limits " in ax.get_title(loc="right") for ax in figure.axes)
+
+
+def test_maps_that_hardly_vary_are_not_drawn() -> None:
+    """Against the colour scale: 5 % of the largest value, or of the best one."""
+    flat, slope = np.full((3, 3), 2.0), np.linspace(0.8, 1.0, 9).reshape(3, 3)
+    assert not varies(flat) and varies(slope) and not varies(0.96 + 0.04 * slope, 1.0)
+    kept = maps_that_vary((flat, "flat", None), (slope, "slope", 1.0))
+    assert [label for _, label, _ in kept] == ["slope"]
+    assert maps_that_vary((flat, "flat", None)) == [(flat, "flat", None)]
+
+
 def test_liveliest_joints_are_those_that_end_furthest_off(motions) -> None:
-    off = np.max(
-        [np.abs(m.q[m.steps :: m.steps] - m.q[0]).max(axis=0) for _, m, _ in motions], axis=0
-    )
+    motion = motions[0][1]  # under the usual control
+    off = np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0)
     assert set(liveliest_joints(motions)) == set(np.argsort(off)[1:].tolist())
     assert liveliest_joints(motions) == sorted(liveliest_joints(motions))
 
@@ -125,18 +171,15 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(motions) -> None:
     assert ax.get_ylim()[0] <= 0 and "(rad)" in ax.get_ylabel()
 
 
-def test_a_joint_without_limits_is_said(tmp_path) -> None:
-    from dataclasses import replace
-
-    study = rp.study("kinova", kind="position", cycles=1, steps=40, degree=1)
-    motion = study.row("repeatable").motion
-    free = np.isinf(motion.task.lower)
-    assert free.any() and not free.all()
-    robot = rp.Robot.load("kinova")
-    robot.lower, robot.upper = np.full_like(robot.lower, -np.inf), np.full_like(robot.upper, np.inf)
-    only = robot.task(kind="position")
-    ax = margin_over_cycles(axes(), [("a", replace(motion, task=only), "#000000")])
+def test_a_joint_without_limits_is_said(motions) -> None:
+    robot = rp.Robot.load("planar4r")
+    robot.lower, robot.upper = np.full(4, -np.inf), np.full(4, np.inf)
+    free = replace(motions[0][1], task=robot.task(kind="xy"))
+    ax = margin_over_cycles(axes(), [("a", free, "#000000")])
     assert [t.get_text() for t in ax.texts] == ["no joint limits"]
+    assert joint_over_cycles(axes(), [("a", free, "#000000")], 0).get_title(loc="right") == (
+        "no limits"
+    )
 
 
 def test_units_of_mixed_arms() -> None:
@@ -202,7 +245,7 @@ def test_every_axis_of_every_figure_has_a_name_and_its_unit(study: rp.Study, mot
     joints = joints_figure(motions, "")
     assert [ax.get_ylabel() for ax in joints.axes] == ["rad"] * 4
     assert {to_hex(line.get_color()) for line in joints.axes[0].lines} >= {
-        c.lower() for c in COLOURS.values()
+        COLOURS[key].lower() for key in ("pseudoinverse", "posture", "repeatable")
     }
 
 
@@ -222,18 +265,14 @@ def test_a_control_that_goes_away_at_once_does_not_hide_the_drift() -> None:
     assert not any("↑" in note.get_text() for note in ax.texts)  # J⁺ and ours: nothing is left out
 
 
-@pytest.mark.parametrize("name", ["ppr", "my_arm"])
-def test_the_inset_covers_no_line(name: str) -> None:
-    robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
-    study = rp.study(robot, cycles=4, steps=60, degree=1)
-    figure = drift_figure(drawn(study), "")
+def test_the_inset_covers_no_line(motions) -> None:
+    figure = drift_figure(motions, "")
     figure.canvas.draw()
     ax = figure.axes[0]
-    for inset in ax.child_axes:
-        box = inset.get_window_extent()
-        for line in ax.lines:
-            points = ax.transData.transform(line.get_xydata())
-            along = np.linspace(0, len(points) - 1, 200)
-            x, y = (np.interp(along, np.arange(len(points)), column) for column in points.T)
-            assert not ((x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1)).any()
-    assert ax.child_axes or name == "my_arm"
+    (inset,) = ax.child_axes
+    box = inset.get_window_extent()
+    for line in ax.lines:
+        points = ax.transData.transform(line.get_xydata())
+        along = np.linspace(0, len(points) - 1, 200)
+        x, y = (np.interp(along, np.arange(len(points)), column) for column in points.T)
+        assert not ((x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1)).any()

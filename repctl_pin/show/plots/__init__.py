@@ -7,7 +7,6 @@ needed("matplotlib", by="a figure")
 
 from .cycles import cycle_figure as cycle_figure
 from .cycles import least_margins as least_margins
-from .cycles import liveliest_joints as liveliest_joints
 from .cycles import margin_over_cycles as margin_over_cycles
 from .cycles import orbit as orbit
 from .cycles import orbits_figure as orbits_figure
@@ -19,3 +18,4 @@ from .motions import drift_figure as drift_figure
 from .motions import drift_over_cycles as drift_over_cycles
 from .motions import joint_over_cycles as joint_over_cycles
 from .motions import joints_figure as joints_figure
+from .motions import liveliest_joints as liveliest_joints

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ...motion import Motion, TimedMotion
 from ..palette import BLUE, INK
-from .motions import axis_label, legend_below, quiet, titled
+from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
 
 
 def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
@@ -53,7 +53,7 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     if not lines:
         ax.text(0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK)
     _least_over_cycles(ax, lines, motions[0][1].cycles)
-    ax.set_ylabel(f"least distance to a joint limit ({motions[0][1].task.unit})")
+    ax.set_ylabel(f"minimum joint-limit margin ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
 
 
@@ -71,7 +71,7 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
         (label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions
     ]
     _least_over_cycles(ax, lines, motions[0][1].cycles)
-    ax.set_ylabel("least distance between bodies (m)")
+    ax.set_ylabel("minimum body distance (m)")
     return quiet(ax, whole=True)
 
 
@@ -108,12 +108,12 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:
-        bodies_over_cycles(ax, motions).set_title("room between bodies", fontsize=9, loc="left")
+        bodies_over_cycles(ax, motions).set_title("body distance", fontsize=9, loc="left")
     speed_over_cycle(left, motions)
     dashed = ", the last dashed" if motions[0][1].cycles > 1 else ""
     left.set_title(f"speed over the first cycle{dashed}", fontsize=9, loc="left")
     margin_over_cycles(right, motions)
-    right.set_title("room to the joint limits", fontsize=9, loc="left")
+    right.set_title("joint-limit margin", fontsize=9, loc="left")
     return legend_below(figure, left)
 
 
@@ -142,16 +142,6 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
     ax.set_ylabel(axis_label(task, upward))
     ax.margins(0.06)
     return quiet(ax)
-
-
-def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
-    """Find the joints that drift most at the ends of cycles, in the order of the arm."""
-    ends = [
-        np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0)
-        for _, motion, _ in motions
-    ]
-    order = np.argsort(-np.max(ends, axis=0), kind="stable")[:count]
-    return sorted(int(joint) for joint in order)
 
 
 def orbits_figure(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...design import Design
 from ...design.design_map import DesignMap
 from ...design.evaluation import Baseline
-from ..palette import BLUE, GREEN, INK, ORANGE
+from ..palette import BLUE, GREY, INK
 from .motions import axis_label, quiet, titled
 
 
@@ -45,13 +45,11 @@ def cost_against_degree(
         lw=1.4,
         label="nearest repeatable",
     )
-    for baseline, colour, style in zip(baselines, (ORANGE, GREEN), ("--", "-."), strict=False):
+    for baseline, style in zip(baselines, ("--", ":"), strict=False):
         if baseline.evaluation is None:
             ax.plot([], [], " ", label=f"{baseline.name}: singular in Ω")
         else:
-            ax.axhline(
-                baseline.evaluation.cost, color=colour, ls=style, lw=1.4, label=baseline.name
-            )
+            ax.axhline(baseline.evaluation.cost, color=GREY, ls=style, lw=1.4, label=baseline.name)
     ax.set_yscale("log")
     ax.set_xticks(d, [f"{int(v)}" for v in d])
     ax.set_xlim(d.min() - 0.4, d.max() + 0.4)
@@ -59,6 +57,24 @@ def cost_against_degree(
     ax.set_ylabel(r"mean $\|G_r - G_d\|^2$")
     _plain_log_ticks(ax)
     return quiet(ax)
+
+
+VARIATION = 0.05
+"""Share of its colour scale by which a map must vary to be drawn."""
+
+
+def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
+    """Check whether values over two joints vary enough to be drawn as a map.
+
+    Parameters
+    ----------
+    values : (l, k) array
+        Values; nan where there is none.
+    top
+        Largest value of the colour scale; by default that of the values.
+    """
+    shown = values[np.isfinite(values)]
+    return shown.size > 0 and bool(np.ptp(shown) >= VARIATION * (top or np.abs(shown).max()))
 
 
 def joint_map(
@@ -71,6 +87,8 @@ def joint_map(
 ) -> Axes:
     """Draw values over a grid of two joints, with contour lines, a colour bar, and a cross at the
     centre of Ω.
+
+    Bright means good and dark means bad in every map.
 
     Parameters
     ----------
@@ -85,23 +103,20 @@ def joint_map(
     label
         What is drawn, and its unit.
     top
-        Where the colours end; by default at the largest value. They begin at 0, and bright is
-        large.
+        The best value, where the colours end, if large is good; by default small is good, and the
+        colours end at the largest value. They begin at 0.
     """
     across, upward = grid.joints
     shown = np.ma.masked_invalid(values)
+    colours = "viridis_r" if top is None else "viridis"
     shade = ax.pcolormesh(
-        grid.x, grid.y, shown, cmap="viridis", vmin=0, vmax=top, shading="nearest", rasterized=True
+        grid.x, grid.y, shown, cmap=colours, vmin=0, vmax=top, shading="nearest", rasterized=True
     )
-    if shown.count() and np.ptp(shown) > 0.1 * (
-        top or np.abs(shown).max()
-    ):  # else all lines would read alike
-        lines = ax.contour(
-            grid.x, grid.y, shown, levels=6, colors="white", linewidths=0.7, alpha=0.85
-        )
+    if varies(values, 0.5 * top if top else None):  # else all lines would read alike
+        lines = ax.contour(grid.x, grid.y, shown, levels=5, colors="white", linewidths=0.9)
         digits = max(0, 1 - int(np.floor(np.log10(np.ptp(np.array(lines.levels)) / 6))))
-        for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=7):
-            value.set_path_effects([withStroke(linewidth=1.6, foreground="#00000088")])
+        for value in ax.clabel(lines, fmt=lambda v: f"{v:.{digits}f}", fontsize=8, colors="white"):
+            value.set_path_effects([withStroke(linewidth=2.2, foreground=INK)])
     ax.plot(*design.region.center[[across, upward]], "+", color=INK, ms=9, mew=1.5)
     ax.set_xlabel(axis_label(design.task, across))
     ax.set_ylabel(axis_label(design.task, upward))
@@ -134,18 +149,31 @@ def design_figure(
     title
         Title of the figure.
     """
-    panels = 3 if degrees else 2
-    figure = titled(4.3 * panels, 4.0, title)
-    axes = list(figure.subplots(1, panels))
+    with np.errstate(invalid="ignore"):
+        distance = grid.distance / grid.reference
+    drawn = maps_that_vary(
+        (distance, r"distance $\|G_r - G_d\| / \|G_d\|$", None),
+        (grid.leaf_margin, "leaf margin (0: singular, 1: best)", 1.0),
+    )
+    panels = len(drawn) + bool(degrees)
+    figure = titled(4.3 * max(panels, 2), 4.0, title)
+    axes = list(figure.subplots(1, panels, squeeze=False)[0])
     if degrees:
         ax = cost_against_degree(axes.pop(0), degrees, baselines)
         ax.set_title("cost on held-out nodes, ± 2 standard errors", fontsize=10)
         ax.legend(frameon=False, fontsize=8.5, loc="upper right")
-    with np.errstate(invalid="ignore"):
-        distance = grid.distance / grid.reference
-    joint_map(axes[0], design, grid, distance, r"distance $\|G_r - G_d\| / \|G_d\|$")
-    joint_map(axes[1], design, grid, grid.leaf_margin, "leaf margin (0: singular, 1: best)", 1.0)
+    for ax, (values, label, top) in zip(axes, drawn, strict=True):
+        joint_map(ax, design, grid, values, label, top)
     return figure
+
+
+Map = tuple[NDArray[np.float64], str, float | None]
+"""Values over two joints, their label, and the best value if large is good."""
+
+
+def maps_that_vary(*maps: Map) -> list[Map]:
+    """Select the maps that vary enough to be drawn; the first one if none does."""
+    return [one for one in maps if varies(one[0], one[2])] or [maps[0]]
 
 
 def _plain_log_ticks(ax: Axes) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from ...motion import Motion
@@ -17,7 +17,7 @@ from ...motion.joint_motion import violations_of
 from ...motion.motion import CLOSED
 from ...robot.task import Task
 from ...studies import Study
-from ..palette import INK, colours
+from ..palette import GREY, INK, colours, readable
 from ..text.numbers import number
 
 _BEYOND: dict[str, Any] = {
@@ -44,7 +44,7 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
 def drift_over_cycles(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False
 ) -> Axes:
-    """Draw the joint drift after each cycle, with its last value at the end of the line.
+    """Draw the joint drift after each cycle, with name and last value at the end of each line.
 
     A cross marks the cycle in which a joint first exceeds its limits, or two bodies first collide.
 
@@ -55,34 +55,65 @@ def drift_over_cycles(
     motions
         Label, motion and colour of each.
     log
-        Whether to use a log scale, without the values.
+        Whether to use a log scale, on which closed motions can be told from slow ones.
     """
-    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
-        cycles = np.arange(1, motion.cycles + 1)
-        ax.plot(
-            cycles, np.maximum(motion.drift, 1e-17), marker=marker, ms=4, color=colour, label=label
-        )
-        for beyond in violations_of(motion, motion.coarse):
-            ax.plot(beyond.cycle, max(motion.drift[beyond.cycle - 1], 1e-17), **_BEYOND)
+    _drift_lines(ax, motions)
     if log:
         ax.set_yscale("log")
+        ax.yaxis.set_minor_locator(NullLocator())
+        _closed_band(ax)
     else:
         ax.set_ylim(0, _top(motions) or ax.get_ylim()[1])
-        _end_labels(ax, motions)
+    ax.set_xlim(0.6, motions[0][1].cycles + 0.3)
+    _end_labels(ax, motions)
     ax.set_xlabel("cycle")
-    ax.set_ylabel(f"joint drift $\\|q - q_0\\|$ ({motions[0][1].task.unit})")
+    ax.set_ylabel(f"joint drift ‖q − q₀‖ ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
 
 
+def _drift_lines(ax: Axes, motions: Sequence[tuple[str, Motion, str]], size: float = 4.0) -> None:
+    """Draw the drift after each cycle, and crosses at the first violations."""
+    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
+        drift = np.maximum(motion.drift, _LEAST)
+        cycles = np.arange(1, motion.cycles + 1)
+        ax.plot(cycles, drift, marker=marker, ms=size, lw=0.4 * size, color=colour, label=label)
+        for beyond in violations_of(motion, motion.coarse):
+            cross = _BEYOND | {"ms": 2.25 * size}
+            ax.plot(beyond.cycle, drift[beyond.cycle - 1], **cross)
+
+
+_LEAST = 1e-17
+"""Drift that is drawn in place of 0 on a log scale."""
+
+
+def _closed_band(ax: Axes) -> None:
+    """Shade what counts as closed on a log scale, if any line is there."""
+    low, high = ax.get_ylim()
+    low, high = (low / 30, 3 * high) if low < CLOSED else (low, high)
+    ax.set_ylim(low, high)
+    if low < CLOSED:
+        ax.axhspan(low, CLOSED, color="#f2f2f2", zorder=0)
+        words = f"closed: below {number(CLOSED)}"
+        ax.text(0.01, 0.01, words, transform=ax.transAxes, fontsize=8, va="bottom", color=GREY)
+
+
 def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
-    """Choose the upper end of the axis if a controller that moves away in cycle 1 and stays there
-    would hide all other drift."""
-    drifts = [motion.drift for _, motion, _ in motions]
-    rest = max((float(d.max()) for d in drifts if not _stays(d)), default=0.0)
-    if not rest > CLOSED:
+    """Choose the upper end of a linear axis if not all motions are near."""
+    kept = _near(motions)
+    if len(kept) == len(motions):
         return None
-    kept = [float(d.max()) for d in drifts if not (_stays(d) and d[0] > 4 * rest)]
-    return 1.2 * max(kept) if len(kept) < len(drifts) else None
+    return 1.2 * max(float(motion.drift.max()) for _, motion, _ in kept)
+
+
+def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
+    """Leave out motions that move away in cycle 1 and stay there, if they would hide the drift of
+    the others."""
+    rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
+    return [
+        one
+        for one in motions
+        if not rest > CLOSED or not _stays(one[1].drift) or one[1].drift[0] <= 4 * rest
+    ]
 
 
 def _stays(drift: NDArray[np.float64]) -> bool:
@@ -91,31 +122,59 @@ def _stays(drift: NDArray[np.float64]) -> bool:
 
 
 def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
-    """Write each motion's name, last drift and first violation beside the end of its line."""
-    low, high = ax.get_ylim()
-    step, floor = 0.075 * (high - low), -np.inf
-    for label, motion, colour in sorted(motions, key=lambda one: float(one[1].drift[-1])):
-        drift = float(motion.drift[-1])
-        above, floor = drift > high, max(min(drift, high), floor + step)
-        value = (
-            f"0 ({number(drift)}, the integrator's error)"
-            if motion.closes
-            else f"{number(drift)} {motion.task.unit}"
-        )
-        beyond = "".join(
-            f"\n$\\times$ {'limit' if len(it.names) == 1 else 'touch'} in cycle {it.cycle}"
-            for it in violations_of(motion, motion.coarse)
-        )
-        floor += 0.5 * step * beyond.count("\n")
+    """Write each motion's name, last drift and first violation at the end of its line."""
+    high = ax.get_ylim()[1]
+    to_axes = ax.transData + ax.transAxes.inverted()
+    order = sorted(motions, key=lambda one: float(one[1].drift[-1]))
+    words = [_end_words(label, motion, high) for label, motion, _ in order]
+    ends = [max(float(motion.drift[-1]), _LEAST) for _, motion, _ in order]
+    wanted = [min(float(to_axes.transform((1.0, end))[1]), 1.0) for end in ends]
+    places = _apart(wanted, [_LINE * (text.count("\n") + 1) for text in words])
+    for (_, motion, colour), text, end, y, place in zip(
+        order, words, ends, wanted, places, strict=True
+    ):
+        line = {"arrowstyle": "-", "color": colour, "lw": 0.8, "relpos": (0, 0.5)}
         ax.annotate(
-            f"{label}: {value}{' ↑' if above else ''}{beyond}",
-            xy=(motion.cycles, drift),
-            xytext=(1.055 * motion.cycles, floor),
-            color=colour,
+            text,
+            xy=(motion.cycles, min(end, high)),
+            xytext=(1.03, place),
+            textcoords="axes fraction",
+            color=readable(colour),
             fontsize=9,
             va="center",
             annotation_clip=False,
+            arrowprops=line if abs(place - y) > 0.3 * _LINE else None,
         )
+
+
+_LINE = 0.058
+"""Height of a line of a label, as a fraction of the axes."""
+
+
+def _end_words(label: str, motion: Motion, high: float) -> str:
+    """Write the label of a line: name, last drift, and first violations."""
+    drift = float(motion.drift[-1])
+    value = f"{number(drift)} {motion.task.unit}"
+    if motion.closes:
+        value = f"0\n({number(drift)}, the integrator's error)"
+    beyond = "".join(
+        f"\n$\\times$ {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
+        for it in violations_of(motion, motion.coarse)
+    )
+    return f"{label}: {value}{' ↑' if drift > high else ''}{beyond}"
+
+
+def _apart(wanted: Sequence[float], heights: Sequence[float]) -> list[float]:
+    """Move rising heights of labels apart so that none covers another or leaves the axes."""
+    places, floor = [], -np.inf
+    for want, height in zip(wanted, heights, strict=True):
+        places.append(max(want, floor + height / 2))
+        floor = places[-1] + height / 2
+    ceiling = 1.0 + heights[-1] / 2
+    for k in reversed(range(len(places))):
+        places[k] = min(places[k], ceiling - heights[k] / 2)
+        ceiling = places[k] - heights[k] / 2
+    return places
 
 
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
@@ -139,27 +198,33 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
                 )
     low, high = ax.get_ylim()
     span = high - low
-    for limit in (task.lower[joint], task.upper[joint]):
+    limits = task.lower[joint], task.upper[joint]
+    for limit in limits:
         if low - 0.5 * span < limit < high + 0.5 * span:
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
     ax.set_title(plain(task.joint_names[joint]), fontsize=9, loc="left")
+    ends = " to ".join(f"{limit:.2f}" if np.isfinite(limit) else "∞" for limit in limits)
+    words = f"limits {ends}" if np.isfinite(limits).any() else "no limits"
+    ax.set_title(words.replace("-", "−"), fontsize=8, loc="right", color=GREY)
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
     return quiet(ax, whole=True)
 
 
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure ``drift.png``."""
+    """Make the figure ``drift.png``: the drift on a log scale, and small on a linear one."""
     figure = Figure(figsize=(8.6, 4.4), layout="constrained")
-    ax = drift_over_cycles(figure.add_subplot(), motions)
+    ax = drift_over_cycles(figure.add_subplot(), motions, log=True)
     ax.set_title(plain(title), fontsize=10, loc="left")
     corner = _free_corner(ax, motions)
     if corner is not None:
-        inset = drift_over_cycles(ax.inset_axes((*corner, *_INSET)), motions, log=True)
-        inset.set(xlabel="", ylabel="")
-        inset.set_title("the same on a log scale", fontsize=8, loc="left")
+        inset = ax.inset_axes((*corner, *_INSET))
+        _drift_lines(inset, motions, 2.5)
+        inset.set_ylim(0, _top(motions) or inset.get_ylim()[1])
+        inset.set_title("the same on a linear scale", fontsize=8, loc="left")
         inset.tick_params(labelsize=7)
-        for line in inset.lines:
-            line.set(markersize=2, linewidth=1)
+        inset.locator_params("y", nbins=4)
+        inset.locator_params("x", nbins=5, integer=True)
+        quiet(inset).grid(visible=False)
     return figure
 
 
@@ -173,35 +238,54 @@ def _free_corner(
     """Find the highest place, on the left or else on the right, where the inset covers no line;
     None if there is none."""
     to_axes, shares = ax.transData + ax.transAxes.inverted(), np.linspace(0, 1, 101)
-    lines = [to_axes.transform(np.c_[1 : m.cycles + 1, m.drift]).T for _, m, _ in motions]
+    lines = [
+        to_axes.transform(np.c_[1 : m.cycles + 1, np.maximum(m.drift, _LEAST)]).T
+        for _, m, _ in motions
+    ]
     for left in (0.1, 0.6):
         near = (shares > left - 0.08) & (shares < left + _INSET[0])
         y = np.concatenate([np.interp(shares[near], *line) for line in lines])
-        for low in np.arange(0.6, 0.1, -0.04):
+        for low in np.arange(0.6, 0.14, -0.04):
             if not ((y > low - 0.08) & (y < low + _INSET[1] + 0.12)).any():
                 return left, float(low)
     return None
 
 
+SHOWN_JOINTS = 4
+"""Joints in ``joints.png``."""
+
+
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure ``joints.png``: every joint over all cycles."""
+    """Make the figure ``joints.png``: the joints that drift most, over all cycles.
+
+    A motion that moves away in cycle 1 and would hide the others' drift is left out."""
+    motions = _near(motions)
     n = motions[0][1].task.n
-    columns = 2 if n > 3 else 1
-    rows = -(-n // columns)
-    figure = titled(10 if columns == 2 else 7, 1.7 * rows + 0.9, title)
+    joints = liveliest_joints(motions, SHOWN_JOINTS)
+    columns = 2 if len(joints) == SHOWN_JOINTS else 1
+    rows = len(joints) // columns
+    most = f": the {len(joints)} joints of {n} that drift most" if n > len(joints) else ""
+    size = (10, 1.9 * rows + 0.9) if columns == 2 else (7, 1.7 * rows + 0.9)
+    figure = titled(*size, f"{title}{most}".removeprefix(": "))
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    for joint, ax in enumerate(axes.ravel()):
-        if joint < n:
-            joint_over_cycles(ax, motions, joint)
-        else:
-            ax.set_axis_off()
-    for column in range(columns):
-        last = [
-            ax for joint, ax in enumerate(axes.ravel()) if joint < n and joint % columns == column
-        ][-1]
-        last.set_xlabel("cycle")
-        last.tick_params(labelbottom=True)
+    for joint, ax in zip(joints, axes.ravel(), strict=True):
+        joint_over_cycles(ax, motions, joint)
+    for ax in axes[-1]:
+        ax.set_xlabel("cycle")
     return legend_below(figure, axes[0, 0])
+
+
+def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
+    """Find the joints that drift most at the ends of cycles, in the order of the arm.
+
+    Motions that move away in the first cycle and then stay count only if all do."""
+    going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
+    ends = [
+        np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0)
+        for motion in going or [motion for _, motion, _ in motions]
+    ]
+    order = np.argsort(-np.max(ends, axis=0), kind="stable")[:count]
+    return sorted(int(joint) for joint in order)
 
 
 def plain(text: str) -> str:

@@ -125,7 +125,8 @@ def joints_words(study: Study) -> str:
         for name, value in zip(study.task.joint_names, off, strict=True)
     ]
     drift = ", ".join(parts)
-    return f"Each joint over all cycles. At the end of {label} the joints have drifted by: {drift}."
+    shown = "The joints that drift most, over all cycles."
+    return f"{shown} At the end of {label} the joints have drifted by: {drift}."
 
 
 def orbits_words(study: Study) -> str:
@@ -176,6 +177,7 @@ def maps_words(study: Study, maps: StudyMaps) -> str:
     )
     names = study.task.joint_names
     return (
+        "Maps that vary by 5 % or more; bright is good and dark is bad. "
         f"Over {names[i]} and {names[j]}, the other joints at the centre of Ω (the cross): "
         f"{'; '.join(ranges)}.{last}"
     )

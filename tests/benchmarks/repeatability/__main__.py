@@ -2,7 +2,7 @@
 
 Every program follows the same closed paths on the same arms, from the same joints, and undoes the
 whole task error in each step. One command, one process, about ten minutes; it writes the tables of
-README.md and docs/benchmark.md, the figure, and every number as docs/benchmark.csv:
+docs/benchmark.md and docs/which.md, the figure, and every number as docs/benchmark.csv:
 
     pip install -e '.[bench]'
     python tests/benchmarks/repeatability

@@ -11,14 +11,17 @@ from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from cycles import Row
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from repctl_pin.show.palette import BLUE, GREEN, VERMILLION, readable
 
 ROOT = Path(__file__).parents[3]
 CSV = ROOT / "docs" / "benchmark.csv"
 PACKAGES = ("repctl-pin", "pin", "pin-pink", "mink", "mujoco", "ssik", "daqp", "numpy")
-PAGES = (ROOT / "README.md", ROOT / "docs" / "benchmark.md", ROOT / "docs" / "which.md")
+PAGES = (ROOT / "docs" / "benchmark.md", ROOT / "docs" / "which.md")
 COLUMNS = (
     "program",
     "drift, cycle 1",
@@ -139,7 +142,7 @@ def _summary(rows: Iterable[Row]) -> list[str]:
 
 
 def _short_table(rows: Sequence[Row]) -> list[str]:
-    """One line per program for the README: medians, started at the posture and away from it."""
+    """One line per program: medians, started at the posture and away from it."""
     header = (
         "program",
         "drift, cycle 1",
@@ -185,52 +188,59 @@ def _times(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row], path: Path) -> None:
-    """Draw drift over cycles on the circle: one panel per arm; dotted where started
-    away from the posture."""
-    chosen = [row for row in rows if row.lag_ms == 0 and row.path == "circle"]
-    chosen = [row for row in chosen if row.program not in ("repctl_pin, compiled", "repctl_pin, C")]
-    arms, names = list(_grouped(chosen, "arm")), list(_grouped(chosen, "program"))
-    colours = dict(zip(names, plt.get_cmap("tab10").colors, strict=False)) | {
-        "repctl_pin, Python": "black"
-    }
-    across = min(3, len(arms))
-    shape = (-(-len(arms) // across), across)
-    canvas, axes = plt.subplots(
-        *shape, figsize=(3.2 * across, 2.7 * shape[0] + 1), squeeze=False, sharex=True, sharey=True
+    """Draw one row per program: drift, extra joint speed and time, of every arm and path.
+
+    A small dot is one arm and path, a large one the median; hollow if started away from the
+    posture."""
+    rows = [row for row in rows if row.lag_ms == 0]
+    programs = _grouped(rows, "program")
+    panels = (
+        ("drift after 10 cycles, rad", lambda row: max(row.drift_10, 1e-15), "log"),
+        ("extra joint speed, %", lambda row: max(100 * row.extra_speed, -5), "symlog"),
+        ("time per step, of the pinv loop", lambda row: row.of_pinv, "log"),
     )
-    for arm, panel in zip(arms, axes.flat, strict=False):
-        for row in (row for row in chosen if row.arm == arm):
-            drift = [max(value, 1e-16) for value in (row.drift_1, row.drift_10, row.drift_100)]
-            style = {"color": colours[row.program], "linewidth": 1.4} | (
-                {"linewidth": 4.0, "zorder": 1} if row.program.startswith("repctl_pin") else {}
-            )
-            label = row.program if row.start == "on" else None
-            panel.loglog(
-                [1, 10, 100],
-                drift,
-                "o-" if row.start == "on" else "o:",
-                markersize=3,
-                label=label,
-                **style,
-            )
-        panel.set_title(arm)
-        panel.grid(alpha=0.3)
-    for panel in axes[:, 0]:
-        panel.set_ylabel("drift, rad")
-    for panel in axes[-1]:
-        panel.set_xlabel("cycles")
-    labels = {
-        text: line
-        for panel in axes.flat
-        for line, text in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
-    title = "dotted: started 0.5 rad from the posture"
-    canvas.legend(
-        labels.values(), labels, loc="outside lower center", ncols=4, frameon=False, title=title
-    )
-    canvas.set_layout_engine("constrained")
+    canvas = Figure(figsize=(9.6, 0.36 * len(programs) + 1.5), layout="constrained")
+    for ax, (words, value, scale) in zip(
+        canvas.subplots(1, 3, sharey=True, width_ratios=(5, 3, 3)), panels, strict=True
+    ):
+        for k, (name, of) in enumerate(programs.items()):
+            for start, offset in (("on", -0.16), ("off", 0.16)):
+                found = [value(row) for row in of if row.start == start]
+                found = [one for one in found if np.isfinite(one)]
+                if found:
+                    _row(ax, k + offset, found, _colour(name), hollow=start == "off")
+        ax.set_xscale(scale, **({"linthresh": 10} if scale == "symlog" else {}))
+        ax.set_xlabel(words, fontsize=9)
+        ax.tick_params(labelsize=8, length=0)
+        ax.grid(axis="x", color="#dddddd", lw=0.6)
+        ax.spines[["top", "right", "left"]].set_visible(False)
+    names = canvas.axes[0]
+    names.set_yticks(range(len(programs)), programs, fontsize=9)
+    names.invert_yaxis()
+    for label, name in zip(names.get_yticklabels(), programs, strict=True):
+        label.set_color(readable(_colour(name)))
+        label.set_weight("bold" if name.startswith("repctl_pin") else "normal")
+    canvas.axes[1].set_xticks([0, 10, 100], ["0", "10", "100"])
+    canvas.axes[2].set_xticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
+    canvas.suptitle(
+        "small dot: one arm and path; large dot: median; hollow: started 0.5 rad off the posture",
+        fontsize=9, x=0.01, ha="left",
+    )  # fmt: skip
     canvas.savefig(path, dpi=110)
-    plt.close(canvas)
+
+
+def _row(ax: Axes, y: float, values: Sequence[float], colour: str, *, hollow: bool) -> None:
+    """Draw the values of one program in one row, and their median."""
+    ax.plot(values, [y] * len(values), "o", ms=2.5, color=colour, alpha=0.45, mew=0)
+    face = "white" if hollow else colour
+    ax.plot(np.median(values), y, "o", ms=7, mfc=face, mec=colour, mew=1.6)
+
+
+def _colour(name: str) -> str:
+    """The colours of the product: of J⁺, J⁺ + posture, and the repeatable inverse; others grey."""
+    if name.startswith("repctl_pin"):
+        return BLUE
+    return {"pinv loop": VERMILLION, "J⁺ + posture": GREEN}.get(name, "#767676")
 
 
 def _grouped(rows: Iterable[Row], key: str) -> dict[str, list[Row]]:

@@ -1,0 +1,110 @@
+"""Add live pages to the site: animations that play where a page has a mark ``<!-- live: NAME -->``.
+
+They are made when the site is built. With ``REPCTL_LIVE=no`` in the environment they are left out,
+and a mark becomes nothing. ``python docs/hooks/live.py FOLDER`` writes them into a folder."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+import re
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import repctl_pin as rp
+from repctl_pin.show.cell_page import cell_page
+from repctl_pin.show.study_files import study_page
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+ARM = str(EXAMPLES / "my_arm.urdf")
+_MARK = re.compile(r"<!-- live: (\w+) -->")
+
+
+def studied(robot: str, **options: Any) -> str:
+    """Make the page of a study."""
+    return study_page(rp.study(robot, **options))
+
+
+def damped() -> str:
+    """Make the page of a user's controller beside J⁺ and the nearest repeatable one."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+
+    def mine(q: np.ndarray, xdot: np.ndarray) -> np.ndarray:
+        J = task.jacobian(q)
+        return J.T @ np.linalg.solve(J @ J.T + 1e-4 * np.eye(2), xdot)
+
+    return studied("planar3r", controls={"damped": mine})
+
+
+def cell() -> str:
+    """Make the page of one function for a box of positions."""
+    task = rp.Robot.load(ARM).task("tool0", "pose")
+    q0 = np.array(task.reference)
+    desired = rp.Pseudoinverse(task)
+    found = rp.nearest_inverse_function(
+        desired, rp.Cell(task, task.placement(q0), 0.05), degree=2,
+        options=rp.FitOptions(samples=128, held_out=128),
+    )  # fmt: skip
+    q = found.function(task.placement(q0))
+    path = rp.circle(task, q, 0.04)
+    motions = {"J⁺": desired, "one function": found.inverse}
+    followed = {name: rp.follow(it, path, q, cycles=5) for name, it in motions.items()}
+    return cell_page(found, None, followed)
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "panda": partial(studied, "panda"),
+    "my_arm": partial(studied, ARM),
+    "collision": partial(studied, "panda", path="circle:0.1:0", plane="xy"),
+    "seam": partial(studied, ARM, path=str(EXAMPLES / "loop.csv"), cycles=5),
+    "damped": damped,
+    "cell": cell,
+    "planar3r": partial(studied, "planar3r"),
+}
+"""The pages, by name."""
+
+
+def wanted() -> bool:
+    """Check whether this build is to have live pages."""
+    return os.environ.get("REPCTL_LIVE", "yes") != "no"
+
+
+def on_files(files: Any, *, config: Any) -> Any:
+    """Add the pages to the files of the site."""
+    from mkdocs.structure.files import File
+
+    if wanted():
+        for name, made in PAGES.items():
+            files.append(File.generated(config, f"live/{name}.html", content=made()))
+    return files
+
+
+def on_page_markdown(text: str, /, *, page: Any, **_: object) -> str:
+    """Replace the marks of a page by frames."""
+
+    def frame(mark: re.Match[str]) -> str:
+        if mark[1] not in PAGES:
+            raise KeyError(f"{page.file.src_uri}: no live page {mark[1]!r}")
+        if not wanted():
+            return ""
+        url = posixpath.relpath(
+            f"live/{mark[1]}.html", posixpath.dirname(page.file.dest_uri) or "."
+        )
+        begin = "" if page.is_homepage else "#t=3"  # only that of the home page plays by itself
+        title = f"Animation: {mark[1].replace('_', ' ')}"
+        return (
+            f'<iframe class="live" src="{url}{begin}" title="{title}" loading="lazy"></iframe>\n'
+            f'<p class="open"><a href="{url}">Open this animation alone</a></p>'
+        )
+
+    return _MARK.sub(frame, text)
+
+
+if __name__ == "__main__":
+    for name, made in PAGES.items():
+        (Path(sys.argv[1]) / f"{name}.html").write_text(made(), encoding="utf-8")
