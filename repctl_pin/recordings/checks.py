@@ -107,12 +107,12 @@ def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool)
     back = np.swapaxes(R_own, 1, 2)
     tool = np.einsum("Kab,Kb->Ka", back, p - p_own)
     if _turns(task) and _constant(tool, back @ R):
-        by = row(tool.mean(axis=0))
+        by = row(np.round(tool.mean(axis=0), 3) + 0.0)
         return f": the poses are of a frame at {by} m in {task.frame}", "name that frame"
     turn = R @ back
     base = p - np.einsum("Kab,Kb->Ka", turn, p_own)
     if _turns(task) and _constant(base, turn):
-        by = row(base.mean(axis=0))
+        by = row(np.round(base.mean(axis=0), 3) + 0.0)
         return f": the poses are in another base frame, shifted by {by} m", "name that base"
     return "", "check the frame, the units and the order of the joints"
 

@@ -66,7 +66,10 @@ def design_for(
                 return found
             best = max(best, (held, found), key=lambda pair: pair[0])
     if best[1] is None:
-        raise failure
+        raise InputError(
+            f"no function covers a cell around the frames: {failure.args[0]}",
+            remedy="split the recording, or use the function of a smaller cell",
+        )
     return best[1]
 
 

@@ -105,6 +105,8 @@ class Recording:
         task = require_task(task)
         if joints is None and poses is None:
             raise InputError("a recording needs joints= or poses=")
+        if any(given is not None and not np.size(given) for given in (joints, poses)):
+            raise InputError("a recording needs at least one frame")
         Q = None if joints is None else as_configurations(joints, task.n, "a recording")
         if Q is not None:
             require_radians(task, Q)
@@ -116,8 +118,6 @@ class Recording:
             p, R = _poses(task, poses)
             require_metres(task, p)
         size = len(p)
-        if not size:
-            raise InputError("a recording needs at least one frame")
         if Q is not None and len(Q) != size:
             raise InputError(f"there are {len(Q)} rows of joints, but {size} poses")
         if Q is not None and poses is not None:

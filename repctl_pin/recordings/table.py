@@ -118,6 +118,8 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
             quotechar='"',
             ndmin=2 if one else 1,
         )
+    except InputError:
+        raise
     except UnicodeDecodeError:
         raise InputError(f"cannot read {file}: the file is not UTF-8 text") from None
     except (ValueError, csv.Error) as error:
