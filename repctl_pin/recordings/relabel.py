@@ -41,7 +41,7 @@ class Gap:
         Time of the first and of the last frame, s; numbers of the frames if there are no times.
     frames : int
     why : str
-        ``outside the cell`` or ``no configuration within the limits``.
+        ``outside the cell`` or ``beyond the limits``.
     """
 
     session: str
@@ -365,7 +365,7 @@ def _gaps(
     breaks = np.flatnonzero((np.diff(kind) != 0) | (np.diff(session) != 0)) + 1
     starts = np.concatenate([[0], breaks])
     ends = np.concatenate([breaks, [len(kind)]])
-    why = ("", "outside the cell", "no configuration within the limits")
+    why = ("", "outside the cell", "beyond the limits")
     return tuple(
         Gap(
             recording.names[session[a]], float(t[order[a]]), float(t[order[b - 1]]), int(b - a),
