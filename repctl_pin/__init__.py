@@ -62,6 +62,9 @@ if TYPE_CHECKING:
     from .problem import Problem as Problem
     from .proof import Proof as Proof
     from .proof import prove as prove
+    from .recordings import Recording as Recording
+    from .recordings import Relabeled as Relabeled
+    from .recordings.relabel import relabel as relabel
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -117,6 +120,7 @@ _DOOR = {
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",
     "problem": "Problem",
+    "recordings": "Recording Relabeled relabel",
     "studies": "Study study",
 }
 """Public names, by the module that defines them."""

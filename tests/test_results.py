@@ -83,6 +83,10 @@ def results() -> dict[str, Any]:
         "timed": rp.timed(motion, acceleration=10.0),
         "cell": cell,
         "function": rp.nearest_inverse_function(control, cell, degree=1, options=few),
+        "recording": (
+            recording := rp.Recording(task, joints=q0 + np.linspace(0, 0.1, 90)[:, None])
+        ),
+        "relabeled": rp.relabel(recording, options=few),
         "best": rp.best_leaf(design.inverse, path, q0, steps=8),
         "repeatable": rp.is_repeatable(control, box, samples=8),
         "surfaces": rp.stable_surface(control, box, samples=8),
@@ -101,6 +105,8 @@ NAMES = [
     "timed",
     "cell",
     "function",
+    "recording",
+    "relabeled",
     "best",
     "repeatable",
     "surfaces",

@@ -30,6 +30,7 @@ def made_by_functions(name: str) -> bool:
         "Design",
         "Motion",
         "Proof",
+        "Relabeled",
         "Study",
         "TaskPath",
         "TimedMotion",

@@ -99,6 +99,14 @@ def cells(task: rp.Task) -> None:
     print(saved.summary())
 
 
+def recordings(task: rp.Task) -> rp.Relabeled:
+    recording = rp.Recording(task, joints=[[0.3, 0.8, 0.8]], times=[0.0], sessions=["one"])
+    recording = rp.Recording.read("demos.csv", task)
+    relabeled: rp.Relabeled = rp.relabel(recording, leaf=[0.1], options=rp.FitOptions(seed=1))
+    print(relabeled.save("new.csv"), relabeled.summary(), relabeled.residual_before, len(recording))
+    return rp.relabel(rp.Recording(task, poses=np.eye(4)[None]), design=rp.load_cell("cell.json"))
+
+
 def questions(task: rp.Task) -> bool:
     control, box = rp.Pseudoinverse(task), rp.Box([0.3, 0.8, 0.8], 0.3)
     print(rp.bracket_defect(control, [0.3, 0.8, 0.8]), rp.stable_surface(control, box).summary())

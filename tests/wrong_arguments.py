@@ -45,7 +45,7 @@ RESULTS = {
 }
 """Classes that functions make, not people: their methods are tried, their constructors are not."""
 
-MADE = {"CellDesign", "InverseFunction", "Status"}
+MADE = {"CellDesign", "InverseFunction", "Relabeled", "Status"}
 """Classes that are made by functions only: their methods are tried, their constructors are not."""
 
 
@@ -117,6 +117,10 @@ def right_calls(folder: Path) -> list[Call]:
     found = rp.nearest_inverse_function(
         control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
     )
+    near = q0 + np.linspace(0.01, 0.03, 30)[:, None]
+    recording = rp.Recording(task, joints=near, times=np.arange(30))
+    relabeled = rp.relabel(recording, design=found)
+    frames_file = relabeled.save(folder / "frames.csv")
     saved_cell = rp.save(found, folder / "cell.json")
     arm_file = folder / "arm.urdf"
     arm_file.write_text(ARM_URDF, encoding="utf-8")
@@ -172,6 +176,14 @@ def right_calls(folder: Path) -> list[Call]:
             "what": design, "margin": 0.1, "limit_margin": -1.0, "seconds": 0.2, "progress": False,
         },
         "read_waypoints": {"file": waypoint_file},
+        "Recording": {
+            "task": task, "joints": near, "poses": None, "times": np.arange(30),
+            "sessions": [1] * 30,
+        },
+        "relabel": {
+            "recording": recording, "design": found, "leaf": [0.0],
+            "options": rp.FitOptions(samples=16, held_out=64), "progress": False,
+        },
         "save": {"design": design, "path": folder / "again.json"},
         "solve_ik": {
             "task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20,
@@ -374,11 +386,13 @@ def right_calls(folder: Path) -> list[Call]:
         },
         (rp.LeafImpedance, "observer"): {"dt": 0.001},
         (rp.TaskPath, "placement"): {"s": 0.3},
+        (rp.Recording, "read"): {"file": frames_file, "task": task},
+        (rp.Relabeled, "save"): {"file": folder / "again.npz"},
     }
     fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)
     things = [
         cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle,
-        viewer,
+        viewer, recording, relabeled,
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task),

@@ -24,6 +24,7 @@ from . import (
     export,
     follow,
     inspect,
+    relabel,
     robots,
     ros2,
     study,
@@ -44,6 +45,7 @@ _COMMANDS = (
     check,
     animate,
     export,
+    relabel,
     ros2,
     robots,
     inspect,
@@ -60,6 +62,7 @@ _EXAMPLES = """examples:
   repctl follow design.json --csv motion.csv    one cycle, ready for a robot
   repctl animate panda --live                   both arms in the browser
   repctl export design.json --to folder         the same in C
+  repctl relabel demos.csv panda                one configuration per pose
   repctl ros2 control.json --ros-args …         the same as a ROS 2 node
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds

@@ -26,7 +26,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ..arguments import Array
 from ..design.design_result import Design
 from ..errors import InputError
-from ..inverse_function.cell_design import CellDesign
+from ..inverse_function import CellDesign, InverseFunction
+from .position_ik import answer
 from .servo import Servo, State
 
 _ANY = ParameterDescriptor(dynamic_typing=True)
@@ -44,7 +45,8 @@ class ArmNode(Node):
 
     Subscribes to ``target_pose``, ``target_twist`` and ``joint_states``; publishes
     ``joint_trajectory`` or, with the parameter ``output:=positions``, ``commands``, and
-    ``/diagnostics``. Services: ``~/hold``, ``~/resume``. The parameter ``leaf`` can be set at any
+    ``/diagnostics``. Services: ``~/hold``, ``~/resume`` and, for a cell where moveit_msgs is
+    installed, ``compute_ik``. The parameter ``leaf`` can be set at any
     time; the others are read once.
 
     Parameters
@@ -73,6 +75,8 @@ class ArmNode(Node):
         if self._output not in _OUTPUTS:
             raise InputError(f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}")
         self._connect()
+        if isinstance(design, CellDesign):
+            self._offer_ik(design.function)
         self._set_leaf(self._declared("leaf"))
         self.add_on_set_parameters_callback(self._on_set)
 
@@ -93,6 +97,20 @@ class ArmNode(Node):
         self.create_timer(self.servo.dt, self._on_tick)
         self.create_timer(_STATUS_PERIOD, self.publish_status)
         self._said = ""
+
+    def _offer_ik(self, F: InverseFunction) -> None:
+        """Answer MoveIt's GetPositionIK from F, where moveit_msgs is installed."""
+        try:
+            from moveit_msgs.srv import GetPositionIK
+        except ImportError:
+            return
+
+        def on_request(request: Any, response: Any) -> Any:
+            leaf, base = self.servo.current_leaf, self.servo.base
+            asked = request.ik_request
+            return answer(F, asked, response, names=self._names, base=base, leaf=leaf)
+
+        self.create_service(GetPositionIK, "compute_ik", on_request)
 
     # ---- parameters ----------------------------------------------------------------------------
 

@@ -1,0 +1,183 @@
+"""Plausibility of recorded frames: units, order of the joints, frame of the poses, times."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from ..arguments import Array, row
+from ..errors import InputError
+from ..inverse_function.kinematics import placed
+from ..inverse_function.rotations import log3
+from ..robot.length import arm_length
+from ..robot.task import Task
+
+_SOME = 256
+"""Frames at which joints and poses are compared."""
+
+_APART_M, _APART_RAD = 0.05, 0.2
+"""Median difference between forward kinematics and recorded poses that is refused."""
+
+_ALIKE_M, _ALIKE_RAD = 0.01, 0.05
+"""Median difference at which another reading of the numbers explains them."""
+
+_BEYOND = 0.1
+"""Distance beyond a joint limit that no calibration explains, rad or m."""
+
+
+def require_metres(task: Task, p: Array) -> None:
+    """Refuse positions (K, 3) far beyond the arm's reach, in which millimetres are suspected."""
+    q = np.array(task.reference)
+    slides = (task.upper - task.lower)[~task.revolute]
+    reach = arm_length(task, q) + float(slides[np.isfinite(slides)].sum())
+    away = float(np.median(np.linalg.norm(p - task.joint_origins(q)[0], axis=1)))
+    if reach <= 0 or away < 20 * reach:
+        return
+    fact = (
+        f"the positions are {away:.3g} m from the base in the median; the arm reaches {reach:.2g} m"
+    )
+    if away / 1000 < 1.5 * reach:
+        raise InputError(f"{fact}: they look like millimetres", remedy="divide them by 1000")
+    raise InputError(fact, remedy="give positions in m, in the frame of the base")
+
+
+def require_radians(task: Task, Q: Array) -> None:
+    """Refuse joints (K, n) beyond their limits that fit them as degrees."""
+    beyond = -task.limit_margin(Q)
+    if float((beyond.max(axis=1) > _BEYOND).mean()) < 0.5 or not task.revolute.any():
+        return
+    converted = np.where(task.revolute, np.radians(Q), Q)
+    size = float(np.abs(Q[:, task.revolute]).max())
+    if size > 2 * np.pi and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9:
+        raise InputError(
+            f"the joints go to {size:.3g} and fit their limits as degrees only",
+            remedy="convert them to rad",
+        )
+
+
+def require_limits(task: Task, Q: Array) -> None:
+    """Refuse joints (K, n) of which most are beyond a limit, as in another order of the joints."""
+    beyond = (-task.limit_margin(Q) > _BEYOND).mean(axis=0)
+    joint = int(np.argmax(beyond))
+    if beyond[joint] > 0.5:
+        raise InputError(
+            f"{task.joint_names[joint]} is outside its limits in {beyond[joint]:.0%} of the frames",
+            remedy=f"give the joints in the order {', '.join(task.joint_names)}",
+        )
+
+
+def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
+    """Refuse poses that forward kinematics of the joints misses, and say which reading of the
+    numbers would explain it.
+
+    Parameters
+    ----------
+    task
+        The task.
+    Q, p, R : (K, n), (K, 3) and (K, 3, 3) arrays
+        Joints and poses of the same frames.
+    quaternions
+        Whether R comes from quaternions, whose order may be wrong.
+    """
+    some = np.linspace(0, len(Q) - 1, min(_SOME, len(Q))).astype(int)
+    Q, p, R = Q[some], p[some], R[some]
+    by = _distance(task, Q, p, R)
+    if by[0] <= _APART_M and by[1] <= _APART_RAD:
+        return
+    why, remedy = _explanation(task, Q, p, R, quaternions=quaternions)
+    angle = f" and {by[1]:.2g} rad" if _turns(task) else ""
+    raise InputError(
+        f"forward kinematics of the joints misses the poses by {by[0]:.2g} m{angle} in the "
+        f"median{why}",
+        remedy=remedy,
+    )
+
+
+def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> tuple[str, str]:
+    few = slice(None, None, max(1, len(Q) // 16))
+    for order in _orders(task.n):
+        if _alike(_distance(task, Q[few][:, order], p[few], R[few])):
+            names = ", ".join(task.joint_names)
+            return ": the joints are in another order", f"give them in the order {names}"
+    turned = _first_is_w(R)
+    if quaternions and _alike(_distance(task, Q, p, turned)):
+        return ": the quaternions begin with qw", "give qx, qy, qz, qw"
+    p_own, R_own, _ = placed(task, Q)
+    back = np.swapaxes(R_own, 1, 2)
+    tool = np.einsum("Kab,Kb->Ka", back, p - p_own)
+    if _turns(task) and _constant(tool, back @ R):
+        by = row(np.round(tool.mean(axis=0), 3) + 0.0)
+        return f": the poses are of a frame at {by} m in {task.frame}", "name that frame"
+    turn = R @ back
+    base = p - np.einsum("Kab,Kb->Ka", turn, p_own)
+    if _turns(task) and _constant(base, turn):
+        by = row(np.round(base.mean(axis=0), 3) + 0.0)
+        return f": the poses are in another base frame, shifted by {by} m", "name that base"
+    return "", "check the frame, the units and the order of the joints"
+
+
+def _orders(n: int) -> list[list[int]]:
+    """List orders of n joints: reversed, rotated, and with two exchanged."""
+    plain = list(range(n))
+    orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]
+    for i, j in combinations(range(n), 2):
+        swapped = plain.copy()
+        swapped[i], swapped[j] = j, i
+        orders.append(swapped)
+    return orders
+
+
+def _first_is_w(R: Array) -> Array:
+    """Read the quaternions of rotations (K, 3, 3) as if their first number were qw."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]).as_matrix()
+
+
+def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
+    """Measure the median difference between forward kinematics and poses, m and rad."""
+    p_own, R_own, _ = placed(task, Q)
+    rows = task.rows[: min(3, task.m)]
+    distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
+    if not _turns(task):
+        return distance, 0.0
+    if task.kind == "axis":
+        cosine = np.einsum("Ka,Ka->K", R_own[:, :, 2], R[:, :, 2]).clip(-1, 1)
+        return distance, float(np.median(np.arccos(cosine)))
+    turn = log3(R @ np.swapaxes(R_own, 1, 2))
+    return distance, float(np.median(np.linalg.norm(turn, axis=1)))
+
+
+def _turns(task: Task) -> bool:
+    return task.kind in ("pose", "axis")
+
+
+def _alike(by: tuple[float, float]) -> bool:
+    return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
+
+
+def _constant(p: Array, R: Array) -> bool:
+    """Whether rigid transforms are the same at all frames."""
+    turn = log3(R @ R[0].T)
+    return bool(
+        len(p) > 2
+        and np.ptp(p, axis=0).max() < _ALIKE_M
+        and np.linalg.norm(turn, axis=1).max() < _ALIKE_RAD
+    )
+
+
+def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
+    """Refuse times (K,) that do not increase within each session; ``at`` is the frame."""
+    order = np.argsort(sessions, kind="stable")
+    late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)
+    if not late.any():
+        return
+    k = int(np.argmax(late))
+    before, after = times[order[k]], times[order[k + 1]]
+    remedy = "sort the frames by time" + ("" if split else ", or number the sessions")
+    raise InputError(
+        f"the time {after:.6g} s follows {before:.6g} s, but must increase within a session",
+        remedy=remedy,
+        at=int(order[k + 1]),
+    )

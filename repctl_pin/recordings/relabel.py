@@ -1,0 +1,409 @@
+"""Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import progress as reporting
+from ..arguments import Array, file_name, flag_or_function, read_only, require_type, vector
+from ..errors import InputError
+from ..fit_options import FitOptions, fit_options
+from ..inverse_function import CellDesign, InverseFunction
+from .ambiguity import Ambiguity, ambiguity
+from .choose_cell import design_for
+from .recording import JOINTS, POSITION, QUATERNION, Recording, blocks, matrices, thinned
+from .table import Column, write_table
+
+_HELD_OUT = 1024
+_FRAMES = 2**13
+"""Frames at which a leaf is tried."""
+
+_MARGIN = 0.05
+"""Joint-limit margin, rad or m, that a leaf keeps where leaf 0 does."""
+
+_LISTED = 3
+"""Time ranges that a summary lists."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Frames of one session, without a break, that have no new joints.
+
+    Attributes
+    ----------
+    session : str
+    start, end : float
+        Time of the first and of the last frame, s; numbers of the frames if there are no times.
+    frames : int
+    why : str
+        ``outside the cell`` or ``beyond the limits``.
+    """
+
+    session: str
+    start: float
+    end: float
+    frames: int
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Relabeled:
+    """A recording with one configuration per pose: result of :func:`relabel`.
+
+    Attributes
+    ----------
+    recording : Recording
+        The frames as recorded.
+    design : CellDesign
+        The cell and its function; ``design.function(pose, leaf=leaf)`` labels other poses alike.
+    leaf : (r,) array
+        c of the new joints, rad or m.
+    recorded_leaves : (K, r) array or None
+        c of the recorded joints, rad or m; NaN outside the cell.
+    joints : (K, n) array
+        New joints, rad or m; NaN where there are none.
+    found : (K,) array of bool
+        Whether a frame has new joints, rad or m.
+    gaps : tuple of Gap
+        Time ranges of the others.
+    ambiguity : Ambiguity
+        Misfit of a smooth fit of joints over poses, at the frames with new joints: of the recorded
+        joints, if there are any, and of the new ones.
+    margins_before, margins_after : (K,) array or None
+        Joint-limit margin of the recorded and of the new joints, rad or m.
+
+    Examples
+    --------
+    >>> Q = q0 + 0.05 * np.sin(np.arange(300.0))[:, None] * [1, 1, -1]  # rad
+    >>> relabeled = rp.relabel(rp.Recording(task, joints=Q))
+    >>> bool(relabeled.residual_after < relabeled.residual_before)
+    True
+    """
+
+    recording: Recording
+    design: CellDesign
+    leaf: Array
+    recorded_leaves: Array | None
+    joints: Array
+    found: NDArray[np.bool_]
+    gaps: tuple[Gap, ...]
+    ambiguity: Ambiguity
+    margins_before: Array | None
+    margins_after: Array
+
+    @property
+    def residual_before(self) -> float:
+        """Ambiguity of the recorded joints, rad or m; NaN without any."""
+        residuals = self.ambiguity.residuals
+        return residuals[0] if len(residuals) > 1 else float("nan")
+
+    @property
+    def residual_after(self) -> float:
+        """Ambiguity of the new joints, rad or m."""
+        return self.ambiguity.residuals[-1]
+
+    @property
+    def moved(self) -> Array:
+        """New joints less recorded ones, (K, n), rad or m; NaN where there are none."""
+        if self.recording.joints is None:
+            return np.full_like(self.joints, np.nan)
+        return self.joints - self.recording.joints
+
+    def figures(self) -> dict[str, str]:
+        """Write the figures: name → text."""
+        unit, count = self.recording.task.unit, len(self.recording)
+        sessions = len(self.recording.names)
+        frames = f"{count:,} in {sessions} session{'s' * (sessions > 1)}: "
+        frames += f"{int(self.found.sum()):,} relabelled"
+        before, after = self.residual_before, self.residual_after
+        arrow = "" if np.isnan(before) else f"{before:.3g} → "
+        margin = f"{np.nanmin(self.margins_after):.3g} {unit}"
+        if self.margins_before is not None:
+            margin = f"{np.nanmin(self.margins_before[self.found]):.3g} → {margin}"
+        return {
+            "frames": frames,
+            "ambiguity": f"{arrow}{after:.3g} {unit}\n{self.ambiguity.method}",
+            "limit margin": margin if np.isfinite(self.margins_after[self.found][0]) else "none",
+            **({} if self.recording.joints is None else {"moved": self._moved()}),
+            "cell": self.design.cell.size(),
+            "middle": self.design.cell.where(np.zeros(self.design.cell.k)),
+            "leaf": self._leaf(),
+            **({"not relabelled": self._missing()} if self.gaps else {}),
+        }
+
+    def summary(self) -> str:
+        """Write the figures, one per line."""
+        task, lines = self.recording.task, []
+        for name, text in self.figures().items():
+            first, *more = text.split("\n")
+            lines.append(f"  {name:14}  {first}")
+            lines += [f"  {'':14}  {line}" for line in more]
+        return "\n".join([f"{task.robot.name} {task.frame}, {task.kind} task", *lines])
+
+    def save(self, file: str | Path) -> Path:
+        """Write the recording with the new joints, as .csv, .npz or .parquet.
+
+        Other columns of a file that was read are kept, without velocities and accelerations of the
+        joints. Frames without new joints are NaN.
+
+        Raises
+        ------
+        InputError
+            If the file has another suffix, or cannot be written.
+        """
+        return write_table(file_name(file), _columns(self))
+
+    def _moved(self) -> str:
+        task, away = self.recording.task, np.abs(self.moved[self.found])
+        joint = int(np.argmax(away.max(axis=0)))
+        mean = float(np.sqrt((away**2).sum(axis=1).mean()))
+        return (
+            f"{mean:.3g} {task.unit} (rms), at most {away[:, joint].max():.3g} "
+            f"({task.joint_names[joint]})"
+        )
+
+    def _leaf(self) -> str:
+        text = ", ".join(f"{c:.3g}" for c in self.leaf + 0.0)
+        if self.recorded_leaves is None:
+            return f"c = {text}"
+        low, middle, high = np.nanquantile(self.recorded_leaves, [0.05, 0.5, 0.95], axis=0)
+        near = (
+            "" if np.allclose(middle, self.leaf, atol=5e-4) else f", {_row(middle)} in the median"
+        )
+        return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
+
+    def _missing(self) -> str:
+        """Write the longest gaps in the order of time, and how many others there are."""
+        longest = sorted(self.gaps, key=lambda gap: -gap.frames)[:_LISTED]
+        lines = [self._gap(gap) for gap in self.gaps if gap in longest]
+        rest = sum(gap.frames for gap in self.gaps if gap not in longest)
+        if rest:
+            lines.append(f"and {rest:,} frames in {len(self.gaps) - len(longest)} other ranges")
+        return "\n".join(lines)
+
+    def _gap(self, gap: Gap) -> str:
+        timed = self.recording.times is not None
+        span = f"{gap.start:.6g}–{gap.end:.6g} s" if timed else f"{gap.start:.0f}–{gap.end:.0f}"
+        many = len(self.recording.names) > 1
+        where = f"session {gap.session}: " if many else "" if timed else "frames "
+        return f"{where}{span} ({gap.frames:,} frames), {gap.why}"
+
+    def __repr__(self) -> str:
+        return (
+            f"<Relabeled: {int(self.found.sum())} of {len(self.recording)} frames, ambiguity "
+            f"{self.residual_before:.3g} → {self.residual_after:.3g} {self.recording.task.unit}>"
+        )
+
+
+def relabel(
+    recording: Recording,
+    *,
+    design: CellDesign | None = None,
+    leaf: ArrayLike | None = None,
+    options: FitOptions | None = None,
+    progress: bool | Callable[[str, float], None] = False,
+) -> Relabeled:
+    """Give every recorded pose of a cell one configuration: ``q = F(x; c)``.
+
+    Recorded joints depend on where each session started and on the motion before, so that equal
+    poses have different joints. The new ones depend on the pose alone. The cell is the box, or the
+    sector around the base, that holds the frames, and c is the median of the recorded joints'.
+
+    Parameters
+    ----------
+    recording
+        The frames, such as ``rp.Recording.read("demos.csv", task)``.
+    design
+        Function of a cell to use, instead of one over the cell that holds the frames.
+    leaf : (r,) array, optional
+        c, rad or m. By default the median of the recorded joints' c; if the limits or a frame would
+        be lost there, the nearest c towards 0 where they are not.
+    options
+        ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
+    progress
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+    Returns
+    -------
+    Relabeled
+        Joints and report; see ``summary()`` and ``save()``.
+
+    Raises
+    ------
+    InputError
+        If no function covers a cell around the frames, the design is for another task, or no frame
+        lies in its cell.
+
+    Examples
+    --------
+    >>> Q = q0 + 0.05 * np.sin(np.arange(300.0))[:, None] * [1, 1, -1]  # rad
+    >>> relabeled = rp.relabel(rp.Recording(task, joints=Q))
+    >>> again = relabeled.design.function(task.placement(Q[7]), leaf=relabeled.leaf)
+    >>> bool(np.abs(again - relabeled.joints[7]).max() < 1e-9)
+    True
+    """
+    what = "a recording, such as rp.Recording(task, joints=Q)"
+    require_type(recording, Recording, "recording", what)
+    options = fit_options(options)
+    options.require_only(("samples", "held_out", "seed"), "relabel")
+    progress = flag_or_function(
+        progress, "progress", "a function of what is being done and the share that is done", 2
+    )
+    given = None if leaf is None else vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
+    with reporting.reporter(progress) as report:
+        if design is None:
+            options = FitOptions(
+                samples=options.samples,
+                held_out=options.held_out or _HELD_OUT,
+                seed=options.seed,
+            )
+            design = design_for(recording, options, report)
+        else:
+            _require_same_task(recording, design)
+        report("the leaf", 0.7)
+        F = InverseFunction(design.function.chart)
+        recorded = _leaves(F, recording)
+        c = _nearest_leaf(F, recording, recorded) if given is None else given
+        report("the frames", 0.8)
+        Q = _labels(F, recording, c)
+        found = np.isfinite(Q[:, 0])
+        if not found.any():
+            raise InputError(
+                f"no frame has a configuration in the cell, {design.cell.size()} around "
+                f"{design.cell.where(np.zeros(design.cell.k))}",
+                remedy="use another cell or leaf",
+            )
+        report("the ambiguity", 0.9)
+        return _result(recording, design, c, recorded, Q)
+
+
+def _require_same_task(recording: Recording, design: CellDesign) -> None:
+    require_type(design, CellDesign, "design", "the function of a cell, such as rp.load_cell(file)")
+    if design.task.as_dict() != recording.task.as_dict():
+        raise InputError(f"the recording is for {recording.task!r}, the cell for {design.task!r}")
+
+
+def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
+    """Find the leaf of each recorded configuration (K, r)."""
+    if recording.joints is None:
+        return None
+    Q = recording.joints
+    return np.concatenate([F.pose_and_leaf(Q[part])[1] for part in blocks(len(Q))])
+
+
+def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
+    """Evaluate F at all frames; NaN where it has no value."""
+    p, R = recording.positions, recording.rotations
+    parts = [F.batch(matrices(p[part], R[part]), leaf=c, missing="nan") for part in blocks(len(p))]
+    return np.concatenate(parts)
+
+
+def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
+    """Find the leaf nearest to the median of the recorded ones that loses no frame and no margin.
+
+    Leaves between the median and 0 are tried; 0 is the one that the function was designed for.
+    """
+    zero = np.zeros(F.task.r)
+    if recorded is None or np.isnan(recorded).all():
+        return zero
+    c, few = np.nanmedian(recorded, axis=0), thinned(recording, _FRAMES)
+    found, margin = _kept(F, few, zero)
+    for share in np.linspace(1.0, 0.0, 11)[:-1]:
+        count, least = _kept(F, few, share * c)
+        if count >= found and least >= min(margin, _MARGIN):
+            return np.asarray(share * c)
+    return zero
+
+
+def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
+    """Count the frames that a leaf labels, and find their smallest limit margin."""
+    Q = _labels(F, recording, c)
+    Q = Q[np.isfinite(Q[:, 0])]
+    return len(Q), float(F.task.limit_margin(Q).min(initial=np.inf))
+
+
+def _result(
+    recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
+) -> Relabeled:
+    """Compute the figures."""
+    task, before, found = recording.task, recording.joints, np.isfinite(Q[:, 0])
+    cell, parts = design.cell, blocks(len(recording))
+    places = [
+        cell.coordinates(recording.positions[part], recording.rotations[part]) for part in parts
+    ]
+    inside = np.concatenate([cell._contains(U, off) for U, off in places])
+    U = np.concatenate([U for U, _ in places])[found]
+    labels = [Q[found]] if before is None else [before[found], Q[found]]
+    return Relabeled(
+        recording,
+        design,
+        c,
+        recorded,
+        Q,
+        found,
+        _gaps(recording, found, inside),
+        ambiguity(U, recording.session[found], labels),
+        None if before is None else task.limit_margin(before).min(axis=1),
+        np.where(found, task.limit_margin(Q).min(axis=1), np.nan),
+    )
+
+
+def _gaps(
+    recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
+) -> tuple[Gap, ...]:
+    """List the frames without new joints as ranges: one session, one reason, without a break."""
+    kind = np.where(found, 0, np.where(inside, 2, 1))
+    order = np.argsort(recording.session, kind="stable")
+    kind, session = kind[order], recording.session[order]
+    t = np.arange(len(kind), dtype=float) if recording.times is None else recording.times
+    breaks = np.flatnonzero((np.diff(kind) != 0) | (np.diff(session) != 0)) + 1
+    starts = np.concatenate([[0], breaks])
+    ends = np.concatenate([breaks, [len(kind)]])
+    why = ("", "outside the cell", "beyond the limits")
+    return tuple(
+        Gap(
+            recording.names[session[a]], float(t[order[a]]), float(t[order[b - 1]]), int(b - a),
+            why[kind[a]],
+        )
+        for a, b in zip(starts, ends, strict=True)
+        if kind[a]
+    )  # fmt: skip
+
+
+def _columns(relabeled: Relabeled) -> dict[str, Column]:
+    """Make the columns of a file with the new joints."""
+    recording, Q = relabeled.recording, relabeled.joints
+    joints = dict(zip(recording.task.joint_names, Q.T, strict=True))
+    if recording.source is None:
+        return _own_columns(recording) | joints
+    stale = {f"{name}{end}" for name in joints for end in ("_velocity", "_acceleration")}
+    kept = {name: v for name, v in recording.source.columns.items() if name not in stale}
+    array = next((name for name in JOINTS if name in kept), None)
+    if array is None or set(joints) <= set(kept):
+        return kept | joints
+    return kept | {array: np.concatenate([Q, kept[array][:, Q.shape[1] :]], axis=1)}
+
+
+def _own_columns(recording: Recording) -> dict[str, Column]:
+    """Make the columns of time, session and pose."""
+    from scipy.spatial.transform import Rotation
+
+    columns: dict[str, Column] = {}
+    if recording.times is not None:
+        columns["time"] = recording.times
+    if len(recording.names) > 1:
+        columns["session"] = np.array(recording.names, dtype=object)[recording.session]
+    columns |= dict(zip(POSITION, recording.positions.T, strict=True))
+    quaternions = Rotation.from_matrix(recording.rotations).as_quat()
+    return columns | dict(zip(QUATERNION, quaternions.T, strict=True))
+
+
+def _row(values: Array) -> str:
+    text = ", ".join(f"{v:.3g}" for v in values + 0.0)
+    return f"({text})" if len(values) > 1 else text

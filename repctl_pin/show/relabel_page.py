@@ -1,0 +1,91 @@
+"""Page of a relabelled recording: joints before and after, and figures of merit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..recordings import Relabeled
+from .page.html import render
+from .plots.motions import png
+from .plots.relabeled import labels_figure, shares_figure
+from .report import DPI, framed, versions
+from .text.verdict import Tile, Verdict
+
+
+def relabel_sentence(relabeled: Relabeled) -> str:
+    """Write the ambiguity before and after in one sentence."""
+    unit, before, after = (
+        relabeled.recording.task.unit,
+        relabeled.residual_before,
+        relabeled.residual_after,
+    )
+    if np.isnan(before):
+        return f"Ambiguity of the joints: {after:.2g} {unit} (relabelled)."
+    return f"Ambiguity of the joints: {before:.2g} {unit} (recorded) → {after:.2g} (relabelled)."
+
+
+def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
+    """Write the page of a relabelled recording as one self-contained HTML page.
+
+    Parameters
+    ----------
+    relabeled
+        The recording with new joints.
+    command
+        Command line that made the page.
+    """
+    task = relabeled.recording.task
+    return render(
+        "relabel.html",
+        style="report.css",
+        title=f"{task.robot.name}: one configuration per recorded pose",
+        caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}",
+        verdict=Verdict(relabel_sentence(relabeled), _tiles(relabeled)),
+        figures=[
+            ("Joints", _picture(labels_figure(relabeled), _LABELS)),
+            ("Shares of the frames", _picture(shares_figure(relabeled), _SHARES)),
+        ],
+        terms_of=relabeled.figures(),
+        glossary=_GLOSSARY,
+        command=command,
+        details={"joints": ", ".join(task.joint_names)} | versions(),
+    )
+
+
+_LABELS = (
+    "Each joint over the frames, session after session: recorded, and relabelled. Dashed lines are "
+    "joint limits. Where sessions began with different elbows, the recorded joints differ at equal "
+    "poses; the leaf c, which measures the elbow, becomes one number."
+)
+_SHARES = (
+    "Left: share of the frames at which a smooth fit of the joints over the pose, made without "
+    "them, misses the joints by less. Right: share of the frames with a smaller joint-limit margin."
+)
+_GLOSSARY = {
+    "ambiguity": "root mean square of ‖q − q̂(x)‖ on held-out frames. q̂ is a polynomial of degree 3 "
+    "in the cell's coordinates of the pose, fitted with a ridge penalty to the other sessions, or "
+    "to the other blocks of time of a single session. What remains for consistent joints is the "
+    "error of that fit, not of the joints.",
+    "limit margin": "smallest distance of a joint from its limit, at any of the frames",
+    "leaf": "the set of configurations, one for each pose, with the same c: the elbow's position "
+    "along the self-motion",
+}
+
+
+def _tiles(relabeled: Relabeled) -> tuple[Tile, ...]:
+    found = relabeled.found
+    lost = int((~found).sum())
+    margin = float(relabeled.margins_after[found].min())
+    unit = relabeled.recording.task.unit
+    tiles = [
+        Tile("frames", f"{int(found.sum()):,} relabelled"),
+        Tile("not relabelled", f"{lost:,}", bad=lost > 0),
+    ]
+    if relabeled.margins_before is not None and np.isfinite(margin):
+        before = float(relabeled.margins_before[found].min())
+        tiles.append(Tile("limit margin", f"{before:.2g} → {margin:.2g} {unit}", bad=margin < 0))
+    return tuple(tiles)
+
+
+def _picture(figure: object, text: str) -> dict[str, object]:
+    return framed(png(figure, DPI), text)  # type: ignore[arg-type]
