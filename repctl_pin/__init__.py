@@ -62,6 +62,8 @@ if TYPE_CHECKING:
     from .problem import Problem as Problem
     from .proof import Proof as Proof
     from .proof import prove as prove
+    from .recordings.audit import Audit as Audit
+    from .recordings.audit import audit as audit
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -118,6 +120,7 @@ _DOOR = {
     "show.page.viewer": "Viewer",
     "problem": "Problem",
     "studies": "Study study",
+    "recordings.audit": "Audit audit",
 }
 """Public names, by the module that defines them."""
 

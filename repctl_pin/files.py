@@ -164,6 +164,20 @@ def read_whole(path: str | Path, largest: int) -> str:
         If the path is not a regular file, is too large, cannot be read, or is not UTF-8.
     """
     try:
+        return read_bytes(path, largest).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"cannot read {path}: the file is not UTF-8 text") from None
+
+
+def read_bytes(path: str | Path, largest: int) -> bytes:
+    """Read a regular file of at most ``largest`` bytes.
+
+    Raises
+    ------
+    InputError
+        If the path is not a regular file, is too large, or cannot be read.
+    """
+    try:
         mode = os.stat(path).st_mode
         data = b""
         if stat.S_ISREG(mode):
@@ -181,10 +195,7 @@ def read_whole(path: str | Path, largest: int) -> str:
         raise InputError(f"cannot read {path}: it is {what}; give a file")
     if len(data) > largest:
         raise InputError(f"cannot read {path}: the file is larger than {largest / 1e6:g} MB")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError(f"cannot read {path}: the file is not UTF-8 text") from None
+    return data
 
 
 def _target(path: str | Path) -> Path:

@@ -17,6 +17,7 @@ from .._version import __version__
 from ..errors import RepctlError
 from . import (
     animate,
+    audit,
     cell,
     check,
     completion,
@@ -44,6 +45,7 @@ _COMMANDS = (
     check,
     animate,
     export,
+    audit,
     ros2,
     robots,
     inspect,
@@ -60,6 +62,7 @@ _EXAMPLES = """examples:
   repctl follow design.json --csv motion.csv    one cycle, ready for a robot
   repctl animate panda --live                   both arms in the browser
   repctl export design.json --to folder         the same in C
+  repctl audit joints.csv --robot my_arm.urdf   does a log creep?
   repctl ros2 control.json --ros-args …         the same as a ROS 2 node
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds

@@ -1,0 +1,1 @@
+"""Recorded motions of an arm: tables of joints and poses from files."""
