@@ -57,7 +57,7 @@ class Log:
         """The true rates, of the joints and of the origin that the audit names: by the same places
         of all cycles of the noise-free motion, at the times at which the log has them."""
         near = self._when(found.visits.t - 1e9) / self.period
-        share = np.median(near % 1)
+        share = np.angle(np.mean(np.exp(2j * np.pi * near))) / (2 * np.pi)
         when = (np.round(near - share) + share) * self.period
         q = self.at(when)
         origins = [self.motion.task.joint_origins(row)[found.part] for row in q]
