@@ -65,6 +65,8 @@ if TYPE_CHECKING:
     from .recordings import Recording as Recording
     from .recordings import Relabeled as Relabeled
     from .recordings.relabel import relabel as relabel
+    from .recordings import Audit as Audit
+    from .recordings.audit import audit as audit
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox
@@ -120,7 +122,7 @@ _DOOR = {
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",
     "problem": "Problem",
-    "recordings": "Recording Relabeled relabel",
+    "recordings": "Audit Recording Relabeled audit relabel",
     "studies": "Study study",
 }
 """Public names, by the module that defines them."""

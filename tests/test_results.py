@@ -91,6 +91,7 @@ def results() -> dict[str, Any]:
         "repeatable": rp.is_repeatable(control, box, samples=8),
         "surfaces": rp.stable_surface(control, box, samples=8),
         "step": design.inverse.damped_step(q0, path.placement(0.0), 0.01),
+        "audit": rp.audit((motion.t, motion.q), task),
         "study": rp.study(task.robot, kind="xy", start=q0, path=path, cycles=1, steps=24, degree=1),
     }
 
@@ -111,6 +112,7 @@ NAMES = [
     "repeatable",
     "surfaces",
     "step",
+    "audit",
     "study",
 ]
 

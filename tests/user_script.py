@@ -149,6 +149,8 @@ def pictures(task: rp.Task, motion: rp.Motion) -> rp.Study:
     viewer.show([0.3, 0.8, 0.8])
     study: rp.Study = rp.study("panda", frame=None, cycles=10, progress=print)
     print(study.summary(), rp.study(rp.Problem("panda", kind="pose", start=[0.0] * 7)))
+    found: rp.Audit = rp.audit((motion.t, motion.q), task, degrees=False)
+    print(bool(found), found.returns, found.rate, found.summary(), rp.audit("log.csv", "panda"))
     return study
 
 

@@ -33,6 +33,7 @@ PATIENCE = 20.0
 
 RESULTS = {
     "Animation",
+    "Audit",
     "BestLeaf",
     "Design",
     "Motion",
@@ -200,6 +201,9 @@ def right_calls(folder: Path) -> list[Call]:
             "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1,
             "controls": {"mine": control},
             "period": 5.0, "seed": 0, "progress": None,
+        },
+        "audit": {
+            "log": (motion.t, motion.q), "robot": task, "degrees": False, "tolerance": 0.01,
         },
         "waypoints": {
             "points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square",
@@ -398,6 +402,7 @@ def right_calls(folder: Path) -> list[Call]:
         rp.CustomInverse(task, control), rp.ExtendedJacobian(task, q0), rp.LimitWeight(task),
         potentials, waves, joined,
         custom, box, tube, workspace, design, motion, study, path, rp.Run(timed), started,
+        rp.audit((motion.t, motion.q), task),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
     ]  # fmt: skip
     public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}

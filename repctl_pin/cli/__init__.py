@@ -17,6 +17,7 @@ from .._version import __version__
 from ..errors import RepctlError
 from . import (
     animate,
+    audit,
     cell,
     check,
     completion,
@@ -31,6 +32,7 @@ from . import (
 )
 from .endings import exit_code
 from .executors import BLAS_THREADS
+from .given import is_saved
 from .options import Parser
 
 _AS_WRITTEN: dict[str, Any] = {
@@ -46,6 +48,7 @@ _COMMANDS = (
     animate,
     export,
     relabel,
+    audit,
     ros2,
     robots,
     inspect,
@@ -63,6 +66,7 @@ _EXAMPLES = """examples:
   repctl animate panda --live                   both arms in the browser
   repctl export design.json --to folder         the same in C
   repctl relabel demos.csv panda                one configuration per pose
+  repctl audit joints.csv --robot my_arm.urdf   does a log creep?
   repctl ros2 control.json --ros-args …         the same as a ROS 2 node
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds
@@ -81,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")  # a terminal that cannot show ⁺ gets a ?
-    arguments = join_negative(list(sys.argv[1:] if argv is None else argv))
+    arguments = join_values(list(sys.argv[1:] if argv is None else argv))
     if not arguments:
         parser().print_help(sys.stderr)
         return 2
@@ -129,8 +133,9 @@ def parser() -> Parser:
     return whole
 
 
-def join_negative(arguments: list[str]) -> list[str]:
-    """Join ``--start -0.1,0.2`` into one word, which argparse would take for an option."""
+def join_values(arguments: list[str]) -> list[str]:
+    """Join ``--start -0.1,0.2`` into one word, which argparse would take for an option; and end
+    ``--best-leaf`` before a design, which it would take for the option's value."""
     joined: list[str] = []
     for argument in arguments:
         if (
@@ -140,6 +145,8 @@ def join_negative(arguments: list[str]) -> list[str]:
             and argument[1:2] in "0123456789."
         ):
             joined[-1] += f"={argument}"
+        elif joined and joined[-1] == "--best-leaf" and is_saved(argument):
+            joined[-1:] = ["--best-leaf=limits", argument]
         else:
             joined.append(argument)
     return joined

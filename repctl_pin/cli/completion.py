@@ -61,7 +61,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
                 action.complete = _words_and_files("path" if takes == "PATH" else "robot", robots)
             elif name in WORDS:
                 action.choices = WORDS[name].split()
-            elif takes == "FILE":
+            elif takes in ("FILE", "LOG"):
                 action.complete = shtab.FILE
             elif takes in ("DIR", "FOLDER"):
                 action.complete = shtab.DIRECTORY

@@ -69,7 +69,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument(
             "robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF"
         )
-        self._loading()
+        self.loading()
 
     def what(
         self,
@@ -83,9 +83,10 @@ class Parser(argparse.ArgumentParser):
         self.add_argument(
             "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
         )
-        self._loading()
+        self.loading()
 
-    def _loading(self) -> None:
+    def loading(self) -> None:
+        """Add the options that load a robot."""
         add = self.add_argument
         add(
             "--package-dir",

@@ -155,13 +155,13 @@ class CellDesign:
             else "best found there on other leaves:"
         )
         margin = (
-            f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
-            f"({most} {j.attainable_margin:.3g})\n"
             f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
-            f"({most} {j.attainable_margin_worst:.3g})"
+            f"({most} {j.attainable_margin_worst:.3g})\n"
+            f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
+            f"({most} {j.attainable_margin:.3g})"
         )
         margin += _unmet(j.limit_margin_worst, self.requested_limit_margin)
-        bodies = f"{j.body_distance:.3g} m, {' and '.join(j.nearest_bodies)}"
+        bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
         bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)

@@ -15,6 +15,7 @@ from ..arguments import (
     MOST_STEPS,
     Array,
     as_int,
+    as_numbers,
     finite,
     function,
     list_of,
@@ -121,7 +122,7 @@ class TaskPath:
     def placement(self, s: float) -> pin.SE3:
         """Evaluate the placement of the frame at s."""
         s = finite(s, "s")
-        return pin.SE3(self._turned(s), self.point(s))
+        return pin.SE3(self._turned(s), np.asarray(self.point(s), float))
 
     def twist(self, s: float) -> Array:
         """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
@@ -159,7 +160,10 @@ class TaskPath:
 
     def _turned(self, s: float) -> Array:
         R = self.rotation(s) if callable(self.rotation) else self.rotation
-        return R.as_matrix() if isinstance(R, Rotation) else R
+        R = R.as_matrix() if isinstance(R, Rotation) else R
+        if np.shape(R) != (3, 3):
+            rotation_matrix(R, f"{self.name}: rotation({s:.3g})")  # raises
+        return np.asarray(R, float)
 
 
 def closed_path(path: Any) -> TaskPath:
@@ -188,22 +192,13 @@ def _check(path: TaskPath) -> None:
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
         raise InputError(f"{path.name}: breaks must increase between 0 and 1")
-    if callable(path.rotation):
-        rotation_matrix(path.rotation(0.0), f"{path.name}: rotation(s)")
-    values = [
-        np.asarray(f(0.0), float)
-        for f in (path.point, path.slope, path.point if path.spin is None else path.spin)
-    ]
-    if any(value.shape != (3,) or not np.isfinite(value).all() for value in values):
-        raise InputError(
-            f"{path.name}: point(s), slope(s) and spin(s) must return three finite numbers"
-        )
-
     samples = []
     for j in range(16):  # inside the pieces, where everything is smooth
         i = j * (len(knots) - 1) // 16
         width = knots[i + 1] - knots[i]
         samples.append((knots[i] + width * (0.1 + 0.8 * (0.618 * j % 1)), 1e-5 * width))
+    for s in (0.0, *(s + x for s, e in samples for x in (-e, 0.0, e)), 1.0):
+        _require_values(path, s)
     twists = np.array([path.twist(s) for s, _ in samples])
     differences = np.array(
         [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
@@ -227,6 +222,19 @@ def _check(path: TaskPath) -> None:
                 f"{path.name}: at s = {samples[worst][0]:.3g} the given slope is "
                 f"{_short(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
                 f"is {_short(differences[worst, part])}; correct the slope"
+            )
+
+
+def _require_values(path: TaskPath, s: float) -> None:
+    """Raise InputError unless the functions of a path return a rotation and numbers at s."""
+    if callable(path.rotation):
+        rotation_matrix(path.rotation(s), f"{path.name}: rotation({s:.3g})")
+    for f in (path.point, path.slope, path.point if path.spin is None else path.spin):
+        value = as_numbers(f(s))
+        if value is None or value.shape != (3,) or not np.isfinite(value).all():
+            raise InputError(
+                f"{path.name}: point(s), slope(s) and spin(s) must return three finite numbers, "
+                f"also at s = {s:.3g}"
             )
 
 

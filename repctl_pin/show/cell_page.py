@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from itertools import product
 
@@ -20,6 +21,8 @@ from .text.verdict import Verdict
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
+
+_OF_THE_TOUR = "One sample path; the values above are the worst known in the whole cell."
 
 _ARC = 49
 """Points of an arc of a sector."""
@@ -88,8 +91,9 @@ def cell_page(
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
         verdict=Verdict(_sentence(design, motions), ()),
         animation=animation.replace("<body>", '<body class="inside">', 1),
+        tour=_OF_THE_TOUR,
         slices=None if slices is None else framed(slices, words),
-        figures=design.figures(),
+        figures=_figures(design, motions),
         command=command,
         details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
     )
@@ -111,20 +115,40 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
     )
 
 
-def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
-    """Write the extra joint speed, the coverage, and the worst known limit margin and body distance
-    of a function in one sentence.
-
-    The worst known value is the minimum over the held-out poses, the search, and the
-    sample path."""
+def _worst(design: CellDesign, motions: Mapping[str, Motion]) -> tuple[float, float, float]:
+    """Find the worst known limit margin, body distance and extra joint speed of a function: over
+    the held-out poses, the search and the sample path."""
     path = list(motions.values())[-1:]  # the function's
     margins = [float(motion.limit_margin.min()) for motion in path]
-    margin = min([design.limit_margin, design.limit_margin_worst, *margins])
     distances = [float(motion.coarse.body_distance.min()) for motion in path]
-    distance = min([design.body_distance, *distances])
+    direction = design.evaluation.extra_speed_direction  # NaN in older files
+    return (
+        min([design.limit_margin, design.limit_margin_worst, *margins]),
+        min([design.body_distance, *distances]),
+        float(np.nanmax([design.evaluation.extra_speed_worst, direction])),
+    )
+
+
+def _figures(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
+    """List the figures of merit, and first the worst known values of the sentence."""
+    margin, distance, speed = _worst(design, motions)
+    unit, worst = design.task.unit, []
+    if np.isfinite(margin):
+        worst.append(f"limit margin {margin:.2g} {unit}")
+    if np.isfinite(distance):
+        worst.append(f"body distance {metres(distance) if distance >= 0 else 'below 0'}")
+    worst.append(f"joint speed {100 * speed:+.2g} %")
+    return {"worst known": ", ".join(worst)} | design.figures()
+
+
+def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
+    """Write the extra joint speed, the coverage, and the worst known limit margin and body distance
+    of a function in one sentence."""
+    margin, distance, speed = _worst(design, motions)
     every = "every pose" if design.evaluation.everywhere else "each covered pose"
+    mean = f"{100 * design.extra_speed:.2g} % more joint speed on average"
     parts = [
-        f"{100 * design.extra_speed:.2g} % more joint speed",
+        f"{mean}, at most {100 * speed:.2g} %",
         f"{design.evaluation.covered} covered",
         "no joint limits"
         if not np.isfinite(margin)
@@ -135,10 +159,5 @@ def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
         parts.append(
             "bodies collide" if distance < 0 else f"bodies {metres(distance)} apart or more"
         )
-    unbroken = (
-        ", ".join(parts)
-        .replace(" %", "\u00a0%")
-        .replace(" rad", "\u00a0rad")
-        .replace(" cm", "\u00a0cm")
-    )
+    unbroken = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b)", "\\1\u00a0\\2", ", ".join(parts))
     return f"One configuration for {every}: {unbroken}."

@@ -116,7 +116,7 @@ def test_best_leaf_and_start(saved, capsys) -> None:
     options = ["follow", "design.json", "--plane", "yz", "--steps", "100", "--json"]
     assert main(options) == 0
     given = json.loads(capsys.readouterr().out)
-    assert main([*options, "--best-leaf"]) == 0
+    assert main(["follow", "--best-leaf", *options[1:]]) == 0  # a design is no value of it
     best = json.loads(capsys.readouterr().out)
     assert best["limit_margin"] > given["limit_margin"] and best["drift"][-1] < 1e-7
     assert main([*options, "--start", "0.1,-0.7,0,-2.3,0,1.6,0.8"]) == 0

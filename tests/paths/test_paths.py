@@ -268,6 +268,14 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: rp.TaskPath("mine", _round, _rate, np.ones((3, 3))),
         "rotation must be a rotation matrix",
     ),
+    "a rotation that ends": (
+        lambda: rp.TaskPath("mine", _round, _rate, lambda s: np.eye(3) if s < 0.5 else None),
+        r"mine: rotation\(0.\d+\) must be a rotation matrix",
+    ),
+    "a point that ends": (
+        lambda: rp.TaskPath("mine", lambda s: _round(s) if s < 0.5 else None, _rate, np.eye(3)),
+        r"three finite numbers, also at s = 0.\d+",
+    ),
     "mirror": (lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])), "det R = 1"),
     "not three": (
         lambda: rp.TaskPath("mine", lambda s: np.zeros(2), _rate, np.eye(3)),

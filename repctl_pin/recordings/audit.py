@@ -1,0 +1,432 @@
+"""Audit of a recorded joint motion: how far the arm creeps between visits of one hand pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from ..arguments import Array, flag, positive, read_only
+from ..errors import InputError
+from ..motion.motion import CLOSED
+from ..problem.task_choice import choose_task
+from ..robot.length import elbow, joint_scale
+from ..robot.robot import Robot
+from ..robot.task import Task
+from .joint_log import JointLog, joint_log, read_joint_log
+from .visits import Visits, find_visits
+
+FEWEST = 3
+"""Number of visits of a pose from which a log counts as repeating."""
+
+CONFIDENCE = 0.95
+
+_MOST_ROWS = 200_000
+_MOST_VISITS = 400
+_DEGREE = np.pi / 180
+_SLIGHT = 0.01
+_SOME = 0.3
+_TOO_FAST = 5.0
+_MANY = 10.0
+_CLOCKS = ((3600.0, "hour"), (60.0, "minute"), (1.0, "second"))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Trend:
+    """Straight lines through values over time, by the medians of all slopes between two of them.
+
+    Attributes
+    ----------
+    rate : (k,) array
+        Slope of each column, per s.
+    error : (k,) array
+        Half-width of its confidence interval, per s.
+    scatter : (k,) array
+        Standard deviation about the line, robust.
+    """
+
+    rate: Array
+    error: Array
+    scatter: Array
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Audit:
+    """Result of :func:`audit`; True if the hand returns and the joints return with it.
+
+    Attributes
+    ----------
+    task : Task
+        Task of the hand.
+    log : JointLog
+        The log, in rad and m.
+    visits : Visits
+        Visits of the hand pose that was visited most often.
+    joints : Trend or None
+        Creep of every joint, rad/s or m/s; None if the hand does not return.
+    origins : (N, n, 3) array
+        Origins of the joints at each visit, m.
+    part : int
+        Joint whose origin creeps fastest.
+    rate : float
+        Speed of that origin between visits, m/s; 0 if the hand does not return.
+    error : float
+        Half-width of its 95 % confidence interval, m/s.
+    creeps : bool
+        True if the creep of some joint is larger than its confidence interval, with the number of
+        joints allowed for.
+    notes : tuple of str
+        Remarks on the log.
+
+    Examples
+    --------
+    >>> t, q = np.arange(201) * 0.05, motion.q  # a log of the arm
+    >>> found = rp.audit((t, q), motion.task)
+    >>> bool(found), found.returns
+    (True, 2)
+    """
+
+    task: Task
+    log: JointLog
+    visits: Visits
+    joints: Trend | None
+    origins: Array
+    part: int = 0
+    rate: float = 0.0
+    error: float = 0.0
+    creeps: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.repeats and not self.creeps
+
+    @property
+    def repeats(self) -> bool:
+        """True if the hand was at one pose at least three times."""
+        return self.joints is not None
+
+    @property
+    def returns(self) -> int:
+        """Number of times that the hand came back to the pose."""
+        return len(self.visits.t) - 1
+
+    @property
+    def elbow(self) -> int:
+        """Joint that is the elbow of the arm at the pose."""
+        return elbow(self.task, self.visits.q[0])
+
+    @property
+    def along(self) -> Array:
+        """Displacement of that origin since the first visit, along its way to the last: (N,), m."""
+        place = self.origins[:, self.part] - self.origins[0, self.part]
+        way = place[-1]
+        size = float(np.linalg.norm(way))
+        return place @ way / size if size > 0 else np.zeros(len(place))
+
+    @property
+    def scatter(self) -> float:
+        """Distance of that origin from its trend, m, root mean square."""
+        if self.joints is None:
+            return 0.0
+        return float(np.linalg.norm(trend(self.visits.t, self.origins[:, self.part]).scatter))
+
+    @property
+    def scatters(self) -> bool:
+        """True if the joints differ from visit to visit, by far more than the noise of the log, and
+        without a steady creep."""
+        if self.joints is None or self.creeps:
+            return False
+        return bool((self.joints.scatter > _MANY * self.floor).any())
+
+    @property
+    def floor(self) -> Array:
+        """Smallest difference of each joint that counts: its noise, and the closing of a cycle."""
+        return np.maximum(self.visits.noise, CLOSED * joint_scale(self.task, self.visits.q[0]))
+
+    @property
+    def clock(self) -> tuple[float, str]:
+        """Unit of time in which rates are written, s and its name: not far longer than the log."""
+        span = float(self.log.t[-1] - self.log.t[0])
+        return next(one for one in _CLOCKS if span >= one[0] / 2 or one[0] == 1)
+
+    @property
+    def leaves_range(self) -> tuple[float, str] | None:
+        """Time after the log, s, at which a joint leaves its range at this rate, and the joint;
+        None if the arm does not creep, or for longer than 100 times the log."""
+        if self.joints is None or not self.creeps:
+            return None
+        last = self.log.q[self.log.t >= self.visits.t[-2]]
+        (lower, upper, _), rate = self.task.joint_limits, self.joints.rate
+        margin = np.where(rate > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left = np.where(np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf)
+        joint = int(np.argmin(left))
+        if not 0 <= left[joint] < 100 * (self.log.t[-1] - self.log.t[0]):
+            return None
+        return float(left[joint]), self.task.robot_joints[joint]
+
+    def summary(self) -> str:
+        """Say in one line whether the arm returns, and how fast it creeps if not."""
+        name, times = self.log.name, f"{self.returns} returns to one hand pose"
+        if not self.repeats:
+            return f"{name}: the hand does not return to a pose; nothing can be said about creep"
+        seconds, unit = self.clock
+        error = f"{100 * self.error * seconds:.2g} cm per {unit}"
+        if not self.creeps:
+            return f"{name}: no creep above {error} in {times}"
+        rate = f"{100 * self.rate * seconds:.3g} ± {error}"
+        joint = self.task.robot_joints[self.part]
+        return f"{name}: the origin of {joint} creeps {rate} in {times}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Describe the result in plain Python types, in s, m and rad."""
+        found: dict[str, Any] = {
+            **self.task.as_dict(),
+            "log": self.log.name,
+            "rows": len(self.log.t),
+            "seconds": float(self.log.t[-1] - self.log.t[0]),
+            "repeats": self.repeats,
+            "creeps": self.creeps,
+            "returns": max(self.returns, 0),
+            "tolerance": self.visits.tolerance,
+            "noise": self.visits.noise,
+            "notes": self.notes,
+        }
+        if self.joints is None:
+            return found
+        return found | {
+            "times": self.visits.t,
+            "configurations": self.visits.q,
+            "joint_rate": self.joints.rate,
+            "joint_rate_error": self.joints.error,
+            "part": self.task.robot_joints[self.part],
+            "rate": self.rate,
+            "rate_error": self.error,
+            "scatter": self.scatter,
+            "leaves_range": self.leaves_range,
+        }
+
+    def __repr__(self) -> str:
+        return f"<Audit of {self.task.robot.name} {self.task.frame}: {self.summary()}>"
+
+
+def audit(
+    log: Any,
+    robot: str | Path | Robot | Task,
+    *,
+    frame: str | None = None,
+    kind: str | None = None,
+    degrees: bool = False,
+    tolerance: float | None = None,
+) -> Audit:
+    """Measure how far an arm creeps between returns to one hand pose, from a log of its joints.
+
+    The hand poses of the log, f(q) of (1), are searched for the one that is visited most often. A
+    joint's creep is the median of the slopes between all pairs of visits (Theil and Sen): an
+    outlier, a gap or a pause does not change it. Its confidence interval is that of a straight line
+    with the robust scatter of the visits, at least the noise of the log.
+
+    Parameters
+    ----------
+    log
+        File with a column ``time``, s, and one for each joint: ``.csv``, ``.npz`` or ``.parquet``;
+        or a pair of times (T,), s, and joint positions (T, n), rad or m.
+    robot
+        Catalogue name, path to a URDF, a loaded robot or a task.
+    frame, kind : str, optional
+        Frame of the hand and kind of task; by default the end of the arm, and the first redundant
+        kind.
+    degrees
+        Whether revolute joints are in degrees.
+    tolerance : float, optional
+        Distance within which the hand counts as back, m; by default from the noise of the log.
+
+    Returns
+    -------
+    Audit
+        Visits, rates and their confidence.
+
+    Raises
+    ------
+    InputError
+        If the log cannot be read, or its values are not those of the joints: they look like
+        degrees, or violate limits as if the joints were in another order.
+
+    References
+    ----------
+    P. K. Sen, Estimates of the regression coefficient based on Kendall's tau, J. Am. Stat. Assoc.
+    63 (1968).
+
+    Examples
+    --------
+    >>> motion = rp.follow(control, path, q0, cycles=4, steps=100)  # J⁺
+    >>> found = rp.audit((motion.t, motion.q), task)
+    >>> found.creeps, found.returns, bool(found.rate > 1e-4)  # m/s
+    (True, 4, True)
+    """
+    degrees = flag(degrees, "degrees")
+    if tolerance is not None:
+        tolerance = positive(tolerance, "tolerance", "m")
+    task = _task(robot, frame, kind)
+    given = _read(log, task)
+    units = np.where(task.revolute & degrees, _DEGREE, 1.0)
+    given = replace(given, q=units * given.q)
+    notes = (*_units(task, given), *_left_out(given))
+    endless = np.isinf(task.joint_limits[1])
+    given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
+    every = -(-len(given.t) // _MOST_ROWS)
+    visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
+    if len(visits.t) < FEWEST:
+        return Audit(task, given, visits, None, np.empty((0, task.n, 3)), notes=notes)
+    # full turns of a joint without limits do not count
+    same = np.where(endless, np.unwrap(visits.q, axis=0), visits.q)
+    return _measured(task, given, replace(visits, q=same), notes)
+
+
+def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
+    """Choose the task of the hand; a task is taken as it is."""
+    if isinstance(robot, Task):
+        if frame is not None or kind is not None:
+            name = "frame" if frame is not None else "kind"
+            raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
+        if robot.coordinates is not None:
+            raise InputError(
+                ": a log holds the robot's own joints, not the coordinates of this task",
+                argument="robot",
+                remedy="pass the robot",
+            )
+        return robot
+    return choose_task(robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind)
+
+
+def _read(log: Any, task: Task) -> JointLog:
+    """Read a file, or take times and positions."""
+    if isinstance(log, tuple) and len(log) == 2:
+        return joint_log(*log, task.n)
+    return read_joint_log(log, task.robot_joints)
+
+
+def _left_out(log: JointLog) -> list[str]:
+    if not log.dropped:
+        return []
+    return [f"{log.dropped} rows without new numbers were left out"]
+
+
+def _units(task: Task, log: JointLog) -> list[str]:
+    """Refuse values that are degrees, or those of other joints; note values beyond the limits."""
+    (lower, upper, _), q = task.joint_limits, log.q
+    beyond = _beyond(q, lower, upper)
+    if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
+        return []
+    worst = int(np.argmax(beyond))
+    value = float(q[np.argmax(np.abs(q[:, worst])), worst])
+    found = (
+        f"{log.name}: {task.robot_joints[worst]} reaches {value:.4g}, but its limits are "
+        f"{lower[worst]:.3g} and {upper[worst]:.3g}"
+    )
+    if beyond[worst] <= _SLIGHT:
+        found = f"{log.name}: the joints are far faster than their speed limits"
+    turned = q * np.where(task.revolute, _DEGREE, 1.0)
+    within = (_beyond(turned, lower, upper) <= _SOME).all()
+    if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
+        raise InputError(f"{found}: the values look like degrees", remedy="pass degrees=True")
+    if beyond[worst] <= _SLIGHT:
+        return [f"{found}; check the times"]
+    if beyond[worst] < _SOME:
+        return [f"{found} (rad or m)"]
+    orders = {"reversed": np.arange(task.n)[::-1], "alphabetical": _sorted_columns(task)}
+    for name, order in orders.items():
+        if not log.by_name and (_beyond(q[:, order], lower, upper) <= _SOME).all():
+            raise InputError(
+                f"{found}: the joints seem to be in {name} order",
+                remedy="name the columns by the joints",
+            )
+    raise InputError(
+        f"{found}: the values are not those of this arm",
+        remedy="check the order of the joints, and their units",
+    )
+
+
+def _speed_ratio(task: Task, t: Array, q: Array) -> float:
+    """Measure the ratio of speed to limit that one step in a hundred exceeds, of any joint."""
+    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
+    return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
+
+
+def _beyond(q: Array, lower: Array, upper: Array) -> Array:
+    """Measure how far each joint leaves its limits: (n,), rad or m."""
+    return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
+
+
+def _sorted_columns(task: Task) -> Any:
+    """Find the columns of the joints if the log has them sorted by name, as ROS does."""
+    return np.argsort(np.argsort(task.robot_joints))
+
+
+def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
+    """Fit the creep of the joints and of their origins."""
+    floor = np.maximum(visits.noise, CLOSED * joint_scale(task, visits.q[0]))
+    joints = trend(visits.t, visits.q, floor, 1 - (1 - CONFIDENCE) / task.n)
+    origins = np.array([task.joint_origins(q) for q in visits.q])
+    through = trend(visits.t, origins.reshape(len(origins), -1))
+    rates = np.linalg.norm(through.rate.reshape(-1, 3), axis=1)
+    part = int(np.argmax(rates))
+    return Audit(
+        task,
+        log,
+        visits,
+        joints,
+        origins,
+        part,
+        float(rates[part]),
+        _error_of(task, visits, origins, part, floor),
+        bool((np.abs(joints.rate) > joints.error).any()),
+        notes,
+    )
+
+
+def _error_of(task: Task, visits: Visits, origins: Array, part: int, floor: Array) -> float:
+    """Bound the speed of an origin: the scatter along its way, at least the noise of the joints."""
+    joint = np.zeros((task.n, 3))
+    q, step = visits.q[0], 1e-6
+    for i in range(task.n):
+        moved = task.joint_origins(q + step * np.eye(task.n)[i])[part]
+        joint[i] = (moved - task.joint_origins(q)[part]) / step
+    noise = np.sqrt(np.sum((joint * floor[:, None]) ** 2, axis=0))
+    return float(np.linalg.norm(trend(visits.t, origins[:, part], noise).error))
+
+
+def trend(
+    t: Array, values: Array, floor: Array | float = 0.0, confidence: float = CONFIDENCE
+) -> Trend:
+    """Fit a line to each column of values (N, k) by the median of the slopes of all pairs.
+
+    Parameters
+    ----------
+    t : (N,) array
+        Times, s.
+    values : (N, k) array
+        Values at these times.
+    floor : (k,) array or float
+        Smallest standard deviation of each column.
+    confidence
+        Probability of the confidence intervals.
+    """
+    rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), _MOST_VISITS)).astype(int))
+    i, k = np.triu_indices(len(rows), 1)
+    some, times = values[rows], t[rows]
+    rate = np.median((some[k] - some[i]) / (times[k] - times[i])[:, None], axis=0)
+    line = values - t[:, None] * rate
+    off = line - np.median(line, axis=0)
+    if len(t) < 8:
+        scatter = np.sqrt(np.sum(off**2, axis=0) / (len(t) - 2))
+    else:
+        scatter = np.median(np.abs(off), axis=0) / 0.6745
+    quantile = student.ppf((1 + confidence) / 2, len(t) - 2)
+    spread = np.sqrt(np.sum((t - t.mean()) ** 2))
+    return Trend(rate, quantile * np.maximum(scatter, floor) / spread, scatter)

@@ -1,0 +1,118 @@
+"""The files of an audit: a page of the recorded motion, and a figure of the creep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..arguments import Array
+from ..files import prepare_folder, write_whole
+from ..motion.joint_motion import JointMotion
+from ..recordings.audit import Audit
+from .page.playback import Playback, TracedChain, playback_page
+from .palette import BLUE, GREEN, INK, PURPLE, VERMILLION
+from .plots.motions import plain, png, quiet, titled
+from .text.audit_answer import audit_sentence, part_of
+
+_STEPS = 48
+"""Samples of each cycle on the page."""
+
+_CYCLES = 48
+"""Maximum number of cycles on the page."""
+
+_COLOURS = (BLUE, GREEN, PURPLE, INK)
+"""Colours of the joints in the figure, those that creep most."""
+
+
+def write_audit(audit: Audit, folder: Path) -> list[Path]:
+    """Write ``audit.html`` and ``audit.png`` atomically; nothing if the log does not repeat.
+
+    Parameters
+    ----------
+    audit
+        The audit.
+    folder
+        Output folder.
+
+    Returns
+    -------
+    The files, in this order.
+    """
+    if not audit.repeats:
+        return []
+    contents: dict[str, str | bytes] = {
+        "audit.html": audit_page(audit),
+        "audit.png": png(audit_figure(audit)),
+    }
+    prepare_folder(folder)
+    return [write_whole(folder / name, content) for name, content in contents.items()]
+
+
+def audit_page(audit: Audit) -> str:
+    """Make the page of the recorded motion: the first visit is the ghost, the last one the end.
+
+    Each cycle is the log from one visit to the next; of many returns, some that are evenly spread.
+    """
+    task, visits = audit.task, audit.visits
+    ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
+    rows = [_between(audit, end) for end in ends]
+    q = np.vstack([rows[0][:1], *(cycle[1:] for cycle in rows)])
+    mean = float(np.median(np.diff(visits.t)))
+    t = np.linspace(0, mean * len(ends), len(q))
+    drift = np.linalg.norm(visits.q[ends] - visits.q[0], axis=1)
+    motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), _STEPS)
+    label = "the recorded motion"
+    track = Playback(label, VERMILLION, task.to_robot(q), motion.cycles, drift, task.unit, t)
+    said = "".join(span.text for span in audit_sentence(audit)).replace("\u00a0", " ")
+    count = f", {len(ends)} of its {audit.returns} returns" if len(ends) < audit.returns else ""
+    return playback_page(
+        [TracedChain(task, audit.elbow)],
+        [track],
+        name=f"{Path(audit.log.name).name}{count}",
+        stopped=(said,),
+    )
+
+
+def _between(audit: Audit, end: int) -> Array:
+    """Take the log from one visit to the next, at equal times: (steps + 1, n)."""
+    visits, log = audit.visits, audit.log
+    t = np.linspace(visits.t[end - 1], visits.t[end], _STEPS + 1)
+    q = np.stack([np.interp(t, log.t, column) for column in log.q.T], axis=1)
+    q[0], q[-1] = visits.q[end - 1], visits.q[end]
+    return q
+
+
+def audit_figure(audit: Audit) -> Figure:
+    """Make the figure ``audit.png``: the creep of the arm, and of its joints, over time."""
+    task, visits, joints = audit.task, audit.visits, audit.joints
+    assert joints is not None
+    seconds, unit = audit.clock
+    order = np.argsort(-np.abs(joints.rate))[: len(_COLOURS)]
+    title = f"{task.robot.name}, {Path(audit.log.name).name}: {audit.returns} returns to one pose"
+    figure = titled(7.6, 5.6, title)
+    first, second = figure.subplots(2, 1, sharex=True)
+    time = (visits.t - audit.log.t[0]) / seconds
+    _line(first, time, 100 * audit.along, 100 * audit.rate * seconds, VERMILLION)
+    first.set_ylabel(f"{plain(part_of(audit))} (cm)")
+    for i, colour in zip(order, _COLOURS, strict=False):
+        values, rate = visits.q[:, i] - visits.q[0, i], float(joints.rate[i])
+        _line(second, time, values, rate * seconds, colour, plain(task.joint_names[i]))
+    second.set_ylabel(f"joints, since the first visit ({task.unit})")
+    second.set_xlabel(f"time ({unit}s)")
+    second.legend(frameon=False, fontsize=8, ncols=2)
+    for ax in (first, second):
+        quiet(ax)
+    return figure
+
+
+def _line(
+    ax: Axes, time: Array, values: Array, slope: float, colour: str, label: str | None = None
+) -> None:
+    """Draw the visits, and the line of their median slope."""
+    level = float(np.median(values - slope * time))
+    ends = time[[0, -1]]
+    ax.plot(time, values, "o", ms=3.5, color=colour, label=label)
+    ax.plot(ends, level + slope * ends, color=colour, lw=1)

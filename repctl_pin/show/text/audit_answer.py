@@ -1,0 +1,154 @@
+"""Answer of an audit: a sentence and a short table, for a terminal of 24 rows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...recordings.audit import Audit
+from .lines import Span, fitted, wrapped
+from .numbers import metres, number
+from .table import table
+
+_JOINTS = 8
+"""Maximum number of joints in the table, the fastest first."""
+
+_SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
+
+
+def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
+    """Write the answer of an audit: a sentence, a short table, and what to open.
+
+    Parameters
+    ----------
+    audit
+        The audit.
+    files
+        Lines on the files that were written, printed at the end.
+    """
+    said = [*audit_sentence(audit), Span(f" {_returns(audit)}")]
+    out = [*wrapped(said), Span(f"\n\n{fitted(_about(audit))}\n")]
+    after = [f"note: {note}" for note in audit.notes]
+    if audit.repeats:
+        out.append(Span(f"\n{_table(audit)}\n\n"))
+        after = [*_leads(audit), *after]
+    return [*out, Span(fitted("\n".join([*after, *files])))]
+
+
+def audit_sentence(audit: Audit) -> list[Span]:
+    """Say whether the arm creeps, and how fast."""
+    if not audit.repeats:
+        return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of creep.")]
+    seconds, unit = audit.clock
+    error = f"{metres(audit.error * seconds)} per {unit}"
+    if audit.creeps:
+        name, rate, interval = _fastest(audit)
+        return [
+            Span(f"Your arm creeps: {name} "),
+            Span(rate.replace(" ", "\u00a0"), "bad"),
+            Span(f" {interval}."),
+        ]
+    if audit.scatters:
+        off = metres(audit.scatter).replace(" ", "\u00a0")
+        return [
+            Span(f"Your arm does not creep steadily, but the {part_of(audit)} comes back "),
+            Span(off, "bad"),
+            Span(" off its trend."),
+        ]
+    no = Span("no creep".replace(" ", "\u00a0"), "good")
+    return [Span("Your arm repeats: "), no, Span(f" above the noise, {error}.")]
+
+
+def _distance(audit: Audit) -> str:
+    """Say how near the hand came to a pose again."""
+    if audit.returns > 0:
+        return " often enough: the hand is back at a pose once"
+    if not np.isfinite(audit.visits.nearest):
+        return ": the hand never leaves a pose and comes back"
+    nearest, allowed = metres(audit.visits.nearest), metres(audit.visits.tolerance)
+    said = f": the hand comes back no nearer than {nearest} ({allowed} would count)"
+    return re.sub(r"(\d) (\w+)", "\\1\u00a0\\2", said)
+
+
+def _returns(audit: Audit) -> str:
+    if not audit.repeats:
+        return ""
+    return f"The hand is back at the same pose {audit.returns} times."
+
+
+def _fastest(audit: Audit) -> tuple[str, str, str]:
+    """Name the origin that creeps, or the joint that turns where no origin does; with its rate and
+    confidence."""
+    assert audit.joints is not None
+    seconds, unit = audit.clock
+    if audit.rate > audit.error:
+        low, high = (metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1))
+        rate = f"{metres(audit.rate * seconds)} per {unit}"
+        return f"the {part_of(audit)}", rate, f"(95 %: {low} to {high})"
+    joint = int(np.argmax(np.abs(audit.joints.rate) / audit.joints.error))
+    rate, error = (
+        number(float(value))
+        for value in (abs(audit.joints.rate[joint]) * seconds, audit.joints.error[joint] * seconds)
+    )
+    name = audit.task.joint_names[joint]
+    return name, f"{rate} {_unit(audit, joint)} per {unit}", f"(± {error})"
+
+
+def part_of(audit: Audit) -> str:
+    """Name the joint whose origin creeps fastest."""
+    if audit.part == audit.elbow:
+        return "elbow joint"
+    return f"origin of {audit.task.joint_names[audit.part]}"
+
+
+def _about(audit: Audit) -> str:
+    """Name the arm, its task and the log."""
+    task, t = audit.task, audit.log.t
+    rows = f"{len(t):,} rows in {time_span(float(t[-1] - t[0]))}"
+    return f"{task.robot.name} {task.frame}, {task.kind}, r = {task.r}: {audit.log.name}, {rows}"
+
+
+def time_span(seconds: float) -> str:
+    """Format a time: 2.5 h, 12 min, 48 s."""
+    scale, unit = next(one for one in _SPANS if seconds >= one[0])
+    return f"{seconds / (scale or 1):.2g} {unit}"
+
+
+def _unit(audit: Audit, joint: int) -> str:
+    return "rad" if audit.task.revolute[joint] else "m"
+
+
+def _table(audit: Audit) -> str:
+    """Format the creep of the origin, and of the joints, the fastest first."""
+    joints, visits = audit.joints, audit.visits
+    assert joints is not None
+    seconds, unit = audit.clock
+    each = float(visits.t[-1] - visits.t[0]) / audit.returns
+    place = audit.origins[:, audit.part]
+    moved = float(np.linalg.norm(place[-1] - place[0]))
+    values = (moved, audit.rate * each, audit.rate * seconds, audit.error * seconds)
+    rows = [[part_of(audit), *map(metres, values)]]
+    order = np.argsort(-np.abs(joints.rate))[:_JOINTS]
+    for i in order:
+        moved = float(visits.q[-1, i] - visits.q[0, i])
+        rate, error = float(joints.rate[i]), float(joints.error[i])
+        values = (moved, rate * each, rate * seconds, error * seconds)
+        name = f"{audit.task.joint_names[i]}, {_unit(audit, int(i))}"
+        rows.append([name, *(number(value) for value in values)])
+    header = ["", "first to last", "per return", f"per {unit}", "± 95 %"]
+    return table(header, rows)
+
+
+def _leads(audit: Audit) -> list[str]:
+    """Say where the creep leads, and what counts as the same pose."""
+    said = []
+    if audit.leaves_range is not None:
+        when, joint = audit.leaves_range
+        said.append(f"! at this rate {joint} leaves its range in another {time_span(when)}")
+    noise = number(float(audit.visits.noise.max()))
+    said.append(
+        f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"
+    )
+    return said
