@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .. import progress as reporting
 from ..arguments import Array, as_int, flag_or_function, positive, require_choice, require_type
+from ..blas import one_blas_thread
 from ..errors import InputError
 from ..fit_options import FitOptions, fit_options
 from ..strategies.strategy import AN_INVERSE, Batched, Inverse
@@ -21,7 +22,7 @@ from .cell_evaluation import evaluate_cell
 from .chart import Chart
 from .cost import Cost, Descent, descend, predicted_gain
 from .failures import FailureReason, broken_limit, round_the_base, unreached
-from .kinematics import bases
+from .kinematics import null_bases
 from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
 from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
@@ -102,6 +103,7 @@ class NoFunctionError(InputError):
         self.failures, self.fits, self.partly = failures, fits, partly
 
 
+@one_blas_thread()
 def nearest_inverse_function(
     desired: Inverse,
     cell: Cell,
@@ -428,7 +430,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> 
         U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
-        N = bases(points.J[good], points.n_ref[good])[1]
+        N = null_bases(points.J[good], points.n_ref[good])[0]
         found = fitted(cell, U[good], points.Q[good], N, d)
         away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
         if away < _CLOSE:
