@@ -119,6 +119,7 @@ def test_it_is_nan_where_python_refuses(poses: rp.InverseFunction, many: Any) ->
         inverse_function(poses.chart)
 
 
+@pytest.mark.slow
 def test_a_sector_all_the_way_round_and_its_derivative() -> None:
     """The derivative is Python's; across the symmetry joint 1 alone turns, and q is NaN beyond."""
     F = function_of("sector, pose")
