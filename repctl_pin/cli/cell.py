@@ -104,7 +104,7 @@ def _add_sector(parser: Parser) -> None:
     add(
         "--sector",
         action="store_true",
-        help="cell in cylindrical coordinates around the base's z axis, in place of a box",
+        help="cell in cylindrical coordinates around an axis, in place of a box",
     )
     add("--radius", metavar="W", help="half-width of the radius, m (with --sector)")
     add("--height", default="0", metavar="W", help="half-width of the height, m (default 0)")
@@ -120,6 +120,12 @@ def _add_sector(parser: Parser) -> None:
         default="0",
         metavar="A",
         help="half-width of the rotation about the tool, rad, or all (default 0)",
+    )
+    add(
+        "--axis",
+        metavar="X,Y,Z,A,B,C",
+        help="axis of the sector: a point, m from the base, and a direction (default: the base's "
+        "z axis)",
     )
 
 
@@ -213,7 +219,13 @@ def _cell(options: Options) -> tuple[rp.Cell, Any]:
     return cell, rp.solve_ik(task, start, middle) if moved else start
 
 
-_OF_A_SECTOR = {"--radius": None, "--height": "0", "--angle": "all", "--spin": "0"}
+_OF_A_SECTOR = {
+    "--radius": None,
+    "--height": "0",
+    "--angle": "all",
+    "--spin": "0",
+    "--axis": None,
+}
 """Options of a sector, and their defaults."""
 
 
@@ -256,6 +268,7 @@ def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
     def turn(text: str, option: str) -> Any:
         return text if text == "all" else _numbers(text, option, 1)
 
+    axis = None if options.axis is None else _numbers(options.axis, "--axis", 6)
     return rp.Sector(
         task,
         middle,
@@ -264,6 +277,7 @@ def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
         angle=turn(options.angle, "--angle"),
         half_angle=_numbers(options.half_angle, "--half-angle"),
         spin=turn(options.spin, "--spin"),
+        axis=None if axis is None else [axis[:3], axis[3:]],
     )
 
 
@@ -305,10 +319,13 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _turns(design: rp.CellDesign) -> dict[str, Any]:
-    """Collect how far a sector goes round, with null for a joint without limits."""
-    turns = [asdict(turn) for turn in design.evaluation.turns]
-    for turn in turns:
-        turn["joint_range"] = turn["joint_range"] if turn["joint_range"] < 1e300 else None
+    """Collect how far a sector goes round, with null for what there is not, as a joint's limits."""
+    from math import isfinite
+
+    turns = [
+        {name: None if isinstance(x, float) and not isfinite(x) else x for name, x in found.items()}
+        for found in map(asdict, design.evaluation.turns)
+    ]
     return {"turns": turns} if turns else {}
 
 

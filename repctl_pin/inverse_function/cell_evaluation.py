@@ -15,7 +15,7 @@ from ..strategies.strategy import Batched
 from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
-from .kinematics import bases, solved
+from .kinematics import null_bases, solved
 from .margins import (
     CandidateFunction,
     distances_of,
@@ -39,8 +39,8 @@ _BODY_STARTS, _SPEED_STARTS = 6, 16
 _SPREAD = 0.3
 """Minimum distance in u between the starts of such a search."""
 
-_DIFFERENCE = 1e-4
-"""Step of u in the central differences of joint speeds."""
+_DIFFERENCE = 1e-6
+"""Step of u in the differences of joint speeds."""
 
 _REGULAR = 1e-10
 """Square of σ_min / σ_max of J above which joint speeds are searched."""
@@ -162,7 +162,7 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
     """Evaluate joint speeds of the function s = 0 at points of it."""
     K = len(at.U)
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
-    _, N, s = bases(at.J, at.n_ref)
+    N, s = null_bases(at.J, at.n_ref)
     leaf = leaf_margin(N, at.n_ref)
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (leaf > 1e-6)
     four = np.full((4, K), np.nan)
@@ -224,13 +224,11 @@ class SpeedRatio:
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Differentiate the square with respect to u: (K, k); 0 where that is impossible."""
         K, k = at.U.shape
-        step, Q = _DIFFERENCE * np.eye(k), np.repeat(at.Q, k, axis=0)
-        ends = [
-            self.least(candidate.at((at.U[:, None] + w * step).reshape(K * k, k), Q))
-            for w in (1.0, -1.0)
-        ]
+        step = np.where(at.U > 0, -_DIFFERENCE, _DIFFERENCE)  # into the cell
+        U = at.U[:, None] + step[:, :, None] * np.eye(k)
+        ends = self.least(candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0)))
         with np.errstate(invalid="ignore"):
-            slope = (ends[0] - ends[1]).reshape(K, k) / (2 * _DIFFERENCE)
+            slope = (ends.reshape(K, k) - self.least(at)[:, None]) / step
         return np.where(np.isfinite(slope), slope, 0.0)
 
 

@@ -4,6 +4,7 @@ null space."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +50,17 @@ class Chart:
 
     def slopes(self, U: Array) -> tuple[Array, Array]:
         """Differentiate q_ref and n_ref with respect to u: (K, n, k) and (K, n, r, k)."""
-        slopes = self.monomials.slopes(self.monomials.values(U))  # (K, N, k)
-        both = np.tensordot(slopes.swapaxes(1, 2), self.coefficients, axes=1)
-        both = np.moveaxis(both, 1, -1)  # (K, n, 1 + r, k)
+        monomials, coefficients = self._differentiated
+        values = monomials.values(U)
+        both = (values @ coefficients.reshape(len(coefficients), -1)).reshape(
+            len(U), *coefficients.shape[1:]
+        )
         return both[:, :, 0], both[:, :, 1:]
+
+    @cached_property
+    def _differentiated(self) -> tuple[Monomials, Array]:
+        """Coefficients (N', n, 1 + r, k) of the derivatives, in monomials of a degree lower."""
+        return self.monomials.differentiated(self.coefficients)
 
     def solve(
         self, U: Array, s: Array, Q: Array | None = None, *, iterations: int = _ITERATIONS

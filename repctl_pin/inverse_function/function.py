@@ -29,7 +29,7 @@ from .cell import Cell
 from .cell_potentials import CellPotentials
 from .chart import Chart
 from .fast_function import OutsideError, evaluation
-from .kinematics import bases, placed
+from .kinematics import null_bases, placed
 from .targets import as_poses
 
 _MOST_THREADS = 256
@@ -223,7 +223,7 @@ class InverseFunction:
         while (step > 1e-9).any() and (done < np.pi).any():
             ahead = done + step
             points = self.chart.solve(U, ahead[:, None] * ways, Q)
-            leaf = leaf_margin(bases(points.J, points.n_ref)[1], points.n_ref)
+            leaf = leaf_margin(null_bases(points.J, points.n_ref)[0], points.n_ref)
             margin = task.limit_margin(points.Q + shift).min(axis=1)
             good = points.found & (margin >= 0) & (leaf > _LEAST)
             good &= (np.abs(points.Q - Q).max(axis=1) < 1.0) & (done < np.pi)

@@ -11,6 +11,12 @@ from ..redundancy import align
 from ..robot.task import Task
 from .chart_solve import compiled_chain
 
+_REGULAR = 1e-6
+"""Square of σ_min / σ_max of J above which J Jᵀ determines the null space to 1e-10."""
+
+_LONG = 0.5
+"""Length of a projection onto the null space that suffices to normalise it."""
+
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate f and J at every row of Q (K, n): positions (K, 3), rotations (K, 3, 3) and J (K, m,
@@ -68,3 +74,24 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
     U, s, Vt = np.linalg.svd(J, full_matrices=True)
     G = np.swapaxes(Vt[:, :m], 1, 2) @ (np.swapaxes(U, 1, 2) / np.maximum(s, 1e-9)[:, :, None])
     return G, align(np.swapaxes(Vt[:, m:], 1, 2), near), s
+
+
+def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
+    """Evaluate N and the singular values of :func:`bases`.
+
+    With r = 1, N is ``near`` projected onto the null space, by the eigenvectors of J Jᵀ: half the
+    time of a singular value decomposition, which serves near singularities and where the projection
+    is short.
+    """
+    if near.shape[2] > 1:
+        return bases(J, near)[1:]
+    squares, U = np.linalg.eigh(J @ np.swapaxes(J, 1, 2))
+    s = np.sqrt(np.maximum(squares[:, ::-1], 0.0))
+    part = np.swapaxes(U, 1, 2) @ (J @ near) / np.maximum(squares, 1e-18)[:, :, None]
+    N = near - np.swapaxes(J, 1, 2) @ (U @ part)
+    length = np.linalg.norm(N, axis=1, keepdims=True)
+    poor = (squares[:, 0] < _REGULAR * squares[:, -1]) | (length[:, 0, 0] < _LONG)
+    N /= np.maximum(length, _LONG)
+    if poor.any():
+        _, N[poor], s[poor] = bases(J[poor], near[poor])
+    return N, s

@@ -56,6 +56,17 @@ class Monomials:
         """Differentiate the monomials, given their values T (K, N): (K, N, k)."""
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
+    def differentiated(self, C: Array) -> tuple[Monomials, Array]:
+        """Differentiate the polynomials of coefficients C (N, …): monomials of a degree lower, and
+        the coefficients (N', …, k) of the derivatives."""
+        lower = Monomials(self.k, max(self.degree - 1, 0))
+        D = np.zeros((lower.size, *C.shape[1:], self.k))
+        for j in range(self.k):
+            some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
+            weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
+            D[self.lower[j, some], ..., j] = weight * C[some]
+        return lower, D
+
     def fit(self, U: Array, values: Array) -> Array:
         """Fit coefficients C (N, …) to values (K, …) at U (K, k) by least squares."""
         C, *_ = np.linalg.lstsq(self.values(U), values.reshape(len(U), -1), rcond=1e-12)

@@ -12,7 +12,7 @@ from ..redundancy import nullspace
 from ..strategies.strategy import Batched
 from .cell import Cell
 from .chart import Chart
-from .kinematics import bases, placed
+from .kinematics import null_bases, placed
 from .monomials import Monomials
 
 _STEP = 0.5
@@ -67,7 +67,7 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     on = np.arange(K)
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
         p, R, J = placed(task, Q[on])
-        _, N[on], s = bases(J, N[on])
+        N[on], s = null_bases(J, N[on])
         least[on] = np.minimum(least[on], cell.limit_margin(Q[on]).min(axis=1))
         good = s[:, -1] > SINGULAR * s[:, 0]
         on, p, R, J = on[good], p[good], R[good], J[good]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,19 +12,26 @@ from numpy.typing import ArrayLike
 
 from ..arguments import (
     Array,
-    as_numbers,
     freeze,
     positive,
     read_only,
-    require_choice,
-    shown,
     vector,
 )
 from ..errors import InputError
 from ..robot.chain_formulas import Placement
 from ..robot.task import Task
-from .cell import Cell, sizes
+from .cell import Cell
 from .rotations import exp3, left_jacobian, tilts
+from .sector_arguments import (
+    Angle,
+    as_axis,
+    as_half_width,
+    as_height,
+    as_tilts,
+    as_turn,
+    no_joint,
+    no_spin,
+)
 from .symmetry import Symmetry, axis_symmetry, tool_symmetry
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
@@ -32,10 +39,6 @@ RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
 
 _NEAR = 1e-6
 """Distance from the axis, m, at which the angle is no longer defined."""
-
-_VERTICAL = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-
-Angle = float | Literal["all"]
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -109,23 +112,23 @@ class Sector(Cell):
         axis: ArrayLike | None = None,
     ) -> None:
         unit = Cell(task, placement, 1.0)  # checks the task and the placement
-        line = _axis(task, axis)
-        radius, height = _half(radius, "radius", "m"), _height(task, height)
-        turns = _turns(task, half_angle)
+        line = as_axis(task, axis)
+        radius, height = as_half_width(radius, "radius", "m"), as_height(task, height)
+        turns = as_tilts(task, half_angle)
         named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
-        round_about, about_tool = (_turn(width, name) for name, width in named.values())
+        round_about, about_tool = (as_turn(width, name) for name, width in named.values())
         symmetries = [axis_symmetry(task, line)]
         if task.kind == "pose" and not turns[2:].any():
             symmetries.append(tool_symmetry(task))
         elif about_tool:
-            raise _no_spin(task)
+            raise no_spin(task)
         found = [one for one in symmetries if one is not None]
         free = tuple(i for i, (_, width) in named.items() if isinstance(width, str))
         for i in free:
             if i not in [one.coordinate for one in found]:
                 name = named[i][0]
                 remedy = "give it in rad, or the axis= of a joint"
-                raise InputError(_no_joint(task, name), argument=name, remedy=remedy)
+                raise InputError(no_joint(task, name), argument=name, remedy=remedy)
         every = [radius, round_about, height][: min(3, task.m)]
         if task.m > 3:
             every += [*turns[:2], max(about_tool, *turns[2:], 0.0)][: task.m - 3]
@@ -391,89 +394,3 @@ class Sector(Cell):
     def __repr__(self) -> str:
         middle = self.where(np.zeros(self.k))
         return f"<Sector {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
-
-
-def _axis(task: Task, axis: ArrayLike | None) -> Array:
-    """Check an axis: a point, m, and its unit direction (2, 3)."""
-    line = as_numbers(_VERTICAL if axis is None else axis)
-    if line is None or line.shape != (2, 3) or not np.isfinite(line).all() or not line[1].any():
-        raise InputError(
-            f"must be a point, m, and a direction, (2, 3) numbers; got {shown(axis)}",
-            argument="axis",
-        )
-    line = np.stack([line[0], line[1] / np.linalg.norm(line[1])])
-    if task.m == 2:
-        across = next(i for i in range(3) if i not in task.rows)
-        if abs(line[1][across]) < 1 - 1e-12:
-            raise InputError(
-                f"of a sector of an {task.kind} task must be along {'xyz'[across]}, "
-                "across its plane",
-                argument="axis",
-            )
-    return line
-
-
-def _half(value: Any, name: str, unit: str) -> float:
-    return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
-
-
-def _height(task: Task, height: float) -> float:
-    height = _half(height, "height", "m")
-    if task.m == 2 and height:
-        raise InputError(
-            f": a {task.kind} task does not command it", argument="height", remedy="omit it"
-        )
-    return height
-
-
-def _turn(angle: Angle, name: str) -> float:
-    """Check a half-width of a turn, rad; half a turn for ``"all"``."""
-    if isinstance(angle, str):
-        require_choice(angle, ("all",), name)
-        return np.pi
-    half = _half(angle, name, "rad")
-    if half > np.pi:
-        raise InputError(
-            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'", argument=name
-        )
-    return half
-
-
-def _turns(task: Task, half_angle: ArrayLike) -> Array:
-    """Check the half-widths of the tilts, and of a third turn if there is one."""
-    array = as_numbers(half_angle)
-    if task.m <= 3:
-        if array is None or array.any():
-            raise InputError(
-                f": a {task.kind} task leaves the rotation free",
-                argument="half_angle",
-                remedy="omit it",
-            )
-        return np.zeros(2)
-    third = array is not None and array.shape == (3,) and task.m > 5
-    each = "one per axis of the tool: x, y" + (", and z as an ordinary turn" if third else "")
-    turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
-    if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
-        raise InputError(
-            "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
-        )
-    return turns
-
-
-def _no_spin(task: Task) -> InputError:
-    """Make the error of a spin that the task or a third half_angle excludes."""
-    if task.kind == "pose":
-        return InputError("spin and a third half_angle are mutually exclusive")
-    return InputError(
-        f": a {task.kind} task leaves the rotation about the tool free",
-        argument="spin",
-        remedy="omit it",
-    )
-
-
-def _no_joint(task: Task, name: str) -> str:
-    what = {
-        "angle": "turns the whole arm about the axis",
-        "spin": "turns the tool about its z axis through the frame's origin",
-    }
-    return f"'all' requires a joint that {what[name]}, and {task.robot.name} has none"

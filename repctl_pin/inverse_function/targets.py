@@ -12,7 +12,7 @@ from ..arguments import Array
 from ..errors import InputError
 from ..robot.chain_formulas import Placement, as_placements, require_rotation
 from ..robot.task import Task
-from .cell import stacked
+from .cell_arguments import stacked
 
 _UNIT = 1e-4
 """How far the length of a quaternion may be from 1; it is normalised."""

@@ -16,7 +16,7 @@ from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
 from .sector import ANGLE, HEIGHT, Sector
 
-_POSES, _STARTS = 1024, 24
+_POSES, _STARTS = 4096, 24
 """Poses at which the spread of a joint is measured, and from which its ends are searched for."""
 
 _CONFIGURATIONS, _STEP = 6, 0.7
@@ -39,8 +39,13 @@ class Turn:
     reach : float
         Range of the coordinate at which all covered poses are inside the joint's limits, rad: the
         joint's range less the spread, at most a full turn; 0 or less if there is none.
-    most : float
-        Range at which 99 % of them are, rad.
+    nearly, most : float
+        Ranges, around the same middle, at which 99.9 % and 99 % of them are, rad.
+    price : float
+        Extra joint speed of the function, less that of the one that goes as far as the joint does;
+        0 where no range is given that ends it.
+    unasked : float
+        Reach of that other function, rad.
     """
 
     coordinate: str
@@ -49,28 +54,46 @@ class Turn:
     spread: float
     reach: float
     most: float
+    nearly: float = float("nan")
+    price: float = 0.0
+    unasked: float = float("nan")
 
     def __str__(self) -> str:
         text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
         if self.reach >= 2 * np.pi:
             return text
-        if self.most > self.reach + 0.01:
-            text += f", {np.degrees(self.most):.4g}° at 99 % of them"
-        return (
-            f"{text}\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
+        shares = [("99.9 %", self.nearly), ("99 %", self.most)]
+        more = [
+            f"{np.degrees(range_):.4g}° at {share}"
+            for share, range_ in shares
+            if range_ > self.reach + 0.01
+        ]
+        text += "".join(f", {part}" for part in more) + " of them" * bool(more)
+        text += (
+            f"\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
             f"differs by {np.degrees(self.spread):.0f}° over the cell"
+        )
+        if not np.isfinite(self.unasked):
+            return text
+        return (
+            f"{text}\nthe range asked for costs {100 * max(self.price, 0.0):.2f} % joint speed; "
+            f"'all' gives {np.degrees(self.unasked):.4g}°"
         )
 
 
-def _ends(chart: Chart, joint: int) -> tuple[float, float, float]:
+_SHARES = (0.999, 0.99)
+"""Shares of the covered poses for which a range is given, too."""
+
+
+def _ends(chart: Chart, joint: int) -> tuple[float, float, Array]:
     """Search for the smallest and the largest value of a joint over the covered poses of a cell;
-    and measure the range of 99 % of the values."""
+    and measure the range around their middle of shares of the values."""
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
     good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
     if not good.any():
-        return np.nan, np.nan, np.nan
+        return np.nan, np.nan, np.full(len(_SHARES), np.nan)
     U, q = U[good], points.Q[good, joint]
     ends = []
     for way in (1.0, -1.0):
@@ -83,8 +106,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float]:
         good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
         inside = found.Q[good, joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
-    middle = np.quantile(q, [0.005, 0.995])
-    return ends[0], ends[1], float(np.ptp(middle))
+    return ends[0], ends[1], 2 * np.quantile(np.abs(q - sum(ends) / 2), _SHARES)
 
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
@@ -101,13 +123,14 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
     for one in sector.removed:
-        low, high, most = _ends(chart, one.joint)
+        low, high, shares = _ends(chart, one.joint)
         lower, upper = _limits(sector.task, one.joint)
         reach = min(upper - lower - (high - low), 2 * np.pi)
         name = sector.whole.coordinate_names[one.coordinate]
         joint = sector.task.joint_names[one.joint]
-        most = min(upper - lower - most, 2 * np.pi)
-        turns.append(Turn(name, joint, upper - lower, high - low, reach, most))
+        nearly, most = np.minimum(upper - lower - shares, 2 * np.pi).tolist()
+        found = (upper - lower, high - low, reach, most, nearly)
+        turns.append(Turn(name, joint, *map(float, found)))
         if one.coordinate in sector.free and reach > 0:
             away = (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
             middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2

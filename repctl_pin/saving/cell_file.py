@@ -40,6 +40,9 @@ _BOUNDLESS = (
     "attainable_margin_worst",
     "body_distance",
 )
+_UNSAID = {"joint_range": np.inf, "nearly": np.nan, "unasked": np.nan}
+"""Figures of a turn that are null in a file, and what null means."""
+
 _HOW = (
     "samples",
     "held_out",
@@ -71,6 +74,9 @@ class TurnFile(Plain):
     spread: float
     reach: float
     most: float
+    nearly: float | None = None
+    price: float = 0.0
+    unasked: float | None = None
 
 
 class SectorFile(Plain):
@@ -144,7 +150,9 @@ def cell_file(design: CellDesign) -> CellFile:
     failures = [described(FailureFile, stop) for stop in design.failures]
     turns = tuple(
         described(
-            TurnFile, turn, joint_range=turn.joint_range if np.isfinite(turn.joint_range) else None
+            TurnFile,
+            turn,
+            **{name: x if np.isfinite(x := getattr(turn, name)) else None for name in _UNSAID},
         )
         for turn in design.evaluation.turns
     )
@@ -167,8 +175,9 @@ def cell_file(design: CellDesign) -> CellFile:
     )
 
 
-def _range(turn: TurnFile) -> float:
-    return np.inf if turn.joint_range is None else turn.joint_range
+def _turn(turn: TurnFile) -> Turn:
+    values = msgspec.structs.asdict(turn)
+    return Turn(**values | {name: x for name, x in _UNSAID.items() if values[name] is None})
 
 
 def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
@@ -228,10 +237,7 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         figures["extra_speed_direction"] = np.nan
     if any(len(stop.u) != cell.whole.k for stop in content.figures.failures):
         raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
-    figures["turns"] = tuple(
-        Turn(**msgspec.structs.asdict(turn) | {"joint_range": _range(turn)})
-        for turn in content.figures.turns
-    )
+    figures["turns"] = tuple(map(_turn, content.figures.turns))
     figures["failures"] = tuple(
         FailureReason(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.failures
     )

@@ -232,6 +232,9 @@ def test_what_cannot_be(
         (["--sector", "--radius", "0.1", "--angle", "4"], "more than a full turn"),
         (["--sector", "--radius", "0.9"], "reaches the axis"),
         (["--sector", "--radius", "0.1", "--height", "a"], "--height"),
+        (["--half-width", "0.1", "--axis", "0,0,0,0,0,1"], "--axis requires --sector"),
+        (["--sector", "--radius", "0.1", "--axis", "0,0,1"], "must be 6 numbers"),
+        (["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"], "a joint that turns the"),
     ],
 )
 def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, capsys) -> None:
@@ -245,7 +248,8 @@ def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> No
     (tmp_path / "planar.urdf").write_text(planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8")
     options = ["--start", "0.2,0.8,0.8", "--degree", "2", "--held-out", "64", "--out", "out"]
     sector = ["--sector", "--radius", "0.1", "--json"]
-    assert main(["cell", "planar.urdf", "--task", "xy", *sector, *options]) == 0
+    axis = ["--axis", "0,0,0.3,0,0,2"]  # the base's own axis: another point, another length
+    assert main(["cell", "planar.urdf", "--task", "xy", *sector, *axis, *options]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["turns"][0]["reach"] == pytest.approx(2 * np.pi)
     assert said["sector"] == pytest.approx({"radius": 0.1, "angle": np.pi})

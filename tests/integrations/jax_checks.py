@@ -10,12 +10,19 @@ import jax.numpy as jnp
 import numpy as np
 import pinocchio as pin
 import pytest
-from cell_functions import function_of
+from cell_functions import function_of as box_function
+from sectors import WIDTHS
+from sectors import found as sector_design
 
 import repctl_pin as rp
 from repctl_pin.integrations.jax import inverse_function, pose_and_leaf
 
 COUNT = 16
+
+
+def function_of(name: str) -> rp.InverseFunction:
+    kind, _, what = name.partition("sector, ")
+    return sector_design(what).function if not kind else box_function(name)
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -54,9 +61,15 @@ def turned(x: np.ndarray, twist: np.ndarray) -> np.ndarray:
     "name",
     [
         "poses",
+        "sector, pose",
         pytest.param("tool axes", marks=pytest.mark.slow),
         pytest.param("positions", marks=pytest.mark.slow),
         pytest.param("poses of one orientation", marks=pytest.mark.slow),
+        *(
+            pytest.param(f"sector, {name}", marks=pytest.mark.slow)
+            for name in WIDTHS
+            if name != "pose"
+        ),
     ],
 )
 def test_the_numbers_are_pythons_and_the_way_back_is_its_inverse(name: str) -> None:
@@ -104,6 +117,26 @@ def test_it_is_nan_where_python_refuses(poses: rp.InverseFunction, many: Any) ->
         inverse_function(poses)(np.eye(3))
     with pytest.raises(rp.InputError, match="a cell's function"):
         inverse_function(poses.chart)
+
+
+@pytest.mark.slow
+def test_a_sector_all_the_way_round_and_its_derivative() -> None:
+    """The derivative is Python's; across the symmetry joint 1 alone turns, and q is NaN beyond."""
+    F = function_of("sector, pose")
+    f, x, cell = inverse_function(F), targets(F, 1)[0], F.cell
+    by_x = jax.jit(jax.jacfwd(f))(x)
+    for i, column in enumerate(F.jacobian(x).T):
+        ends = [turned(x, sign * 1e-6 * np.eye(6)[i]) for sign in (1, -1)]
+        dx = (ends[0] - ends[1]) / 2e-6
+        assert np.abs(np.einsum("nab,ab->n", by_x, dx) - column).max() < 1e-5
+    low, high = F.task.lower[0] - f(x)[0], F.task.upper[0] - f(x)[0]
+    for angle in np.linspace(max(low, -2.5), min(high, 2.5), 5)[1:-1]:
+        turn = np.eye(4)
+        turn[:3, :3] = pin.exp3(np.array([0, 0, angle]))
+        assert np.allclose(f(turn @ x), f(x) + angle * np.eye(7)[0], atol=1e-12)
+    out = x.copy()
+    out[2, 3] += 2.1 * cell.widths[2]
+    assert np.isnan(f(out)).all()
 
 
 @pytest.mark.slow

@@ -19,7 +19,13 @@ from cell_functions import cell_of, chart_of, middle, panda
 from design_file import checksum
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import FailureReason, margins, nearest_function, rotations
+from repctl_pin.inverse_function import (
+    FailureReason,
+    cell_fit,
+    margins,
+    nearest_function,
+    rotations,
+)
 from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cell_potentials import CellPotentials
 from repctl_pin.inverse_function.chart import Chart
@@ -523,7 +529,7 @@ def test_a_degree_whose_start_has_no_joints_begins_at_the_reference() -> None:
     cost = Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64))
     start = 50 * np.ones((4, 1))
     assert not np.isfinite(descend(cost, start).value.cost)
-    fitted = nearest_function._fit(cost, start).value.cost
+    fitted = cell_fit._fit(cost, start).value.cost
     assert fitted < cost.value(np.zeros((4, 1))).cost < np.inf
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -207,7 +208,7 @@ def test_how_far_round_and_what_ends_it() -> None:
     spread = np.ptp(F.batch(U)[:, 0])
     assert turn.joint == "panda_joint1" and 0.95 * spread <= turn.spread
     assert np.isclose(turn.reach, turn.joint_range - turn.spread)
-    assert turn.reach - 1e-9 <= turn.most <= turn.joint_range
+    assert turn.reach - 1e-9 <= turn.nearly <= turn.most <= turn.joint_range
     assert np.isclose(cell.widths[1], turn.reach / 2)
     for end in (-1.0, 1.0):  # both ends of the angle are inside the limits, further is not
         U[:, 1] = end
@@ -219,6 +220,24 @@ def test_how_far_round_and_what_ends_it() -> None:
     assert map_ is not None and np.allclose(map_, turn.joint_range)  # one orientation: no spread
     assert f"{np.degrees(turn.reach):.4g}° at every covered pose" in design.summary()
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
+
+
+def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
+    """Beside the function that goes as far as the joint does, which here is all round."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    q = [0.2, 0.8, 0.8]
+    sector = rp.Sector(task, task.placement(q), radius=0.1, angle=3.0)
+    options = rp.FitOptions(samples=32, held_out=64)
+    how: dict[str, Any] = {"posture": q, "degree": 1, "options": options}
+    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), sector, **how)
+    (turn,) = design.evaluation.turns
+    assert turn.unasked == pytest.approx(2 * np.pi) and abs(turn.price) < 1e-6
+    assert sector.widths[1] == design.cell.widths[1] == 3.0
+    text = str(replace(turn, reach=5.0, nearly=5.2, most=5.5, price=0.004, unasked=4.0))
+    assert "5.2" not in text and "297.9° at 99.9 %, 315.1° at 99 % of them" in text
+    assert "the range asked for costs 0.40 % joint speed; 'all' gives 229.2°" in text
+    rp.save(design, tmp_path / "cell.json")
+    assert rp.load(tmp_path / "cell.json", task).evaluation.turns == (turn,)
 
 
 def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:

@@ -1,0 +1,299 @@
+"""Fit of a function over a cell: degree by degree, then with its margins, from the best posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import comb
+from typing import Literal, cast
+
+import numpy as np
+
+from .. import progress as reporting
+from ..arguments import Array
+from ..strategies.strategy import Inverse
+from .cell import Cell
+from .cell_design import CellDesign
+from .cell_evaluation import evaluate_cell
+from .chart import Chart
+from .cost import Cost, Descent, descend, predicted_gain
+from .failures import FailureReason, broken_limit, unreached
+from .kinematics import null_bases
+from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
+from .monomials import Monomials
+from .penalty import ActiveConstraint, PenaltyMethod, padded
+from .posture_search import Candidate
+from .reference import Rays, fitted, rays
+from .sector import ANGLE, Sector
+from .turning import Turn, centred
+
+MOST_UNKNOWNS, _MOST_TERMS = 260, 220
+"""Largest numbers of unknowns of the fit, and of monomials of the last chart."""
+
+_WORTHWHILE = 0.05
+"""Predicted decrease of the cost for which the degree is raised."""
+
+_NOTHING = 2e-4
+"""Share of ‖G_d‖² below which the cost is not lowered further: 0.01 % of joint speed."""
+
+_HOPELESS = 0.98
+"""Share of the rays that reach their ends below which the cell cannot be covered."""
+
+_DEAR = 0.02
+"""Extra joint speed above which other configurations of the middle are tried."""
+
+_FAR_ROUND = 0.9
+"""Share of the joints' ranges, of a sector as far as the joints go, below which they are, too."""
+
+_NEARLY = 0.9
+"""Coverage below which no other configuration of the middle is tried."""
+
+_SPARE = 0.5
+"""Range of a joint beyond a given angle, rad, from which on the angle costs nothing."""
+
+_PRICED = 1024
+"""Held-out poses of the design without the given angle."""
+
+_CLOSE = 3e-5
+"""Distance, rad, of the last chart from the function; Newton's method then takes two steps."""
+
+Found = CellDesign | tuple[FailureReason, ...]
+"""A design, or the reasons for failure."""
+
+
+@dataclass(frozen=True)
+class CellFit:
+    """A design over a cell: its arguments, and the search for the best one."""
+
+    desired: Inverse
+    degree: int | Literal["auto"]
+    limit_margin: float
+    body_distance: float
+    sigma_min: float
+    samples: int | None
+    held_out: int
+    seed: int
+    keep: bool
+    report: reporting.Report = reporting.silent
+
+    def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, Found]:
+        """Design from the first posture; if its margins are too small or its cost is high, from the
+        best of all too, by quick designs.
+
+        Where bodies collide, and by their rays do so from every posture, no other is tried."""
+        first = postures[0]
+        found = self.design(cell, first.q)
+        separate = [c for c in postures[1:] if c.body_distance >= 0 and c.share >= first.share]
+        if _rank(found, self.limit_margin)[0] < _NEARLY or self.good(found):
+            return first.q, found
+        if self.good(found, bodies=False):
+            postures = [first, *separate]  # collisions alone are to be mended
+        if len(postures) == 1:
+            return first.q, found
+        ranks, quiet = [], replace(self, report=reporting.silent)
+        for i, c in enumerate(postures):
+            self.report(f"posture {i + 1} of {len(postures)}", 0.1)
+            ranks.append(_rank(quiet.design(cell, c.q, quick=True), self.limit_margin))
+        best = max(range(len(postures)), key=lambda i: ranks[i])
+        designs = [(first.q, found)]
+        if best:
+            designs.append((postures[best].q, self.design(cell, postures[best].q)))
+        return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
+
+    def good(self, found: Found, *, bodies: bool = True) -> bool:
+        """Whether a design covers the cell without collisions, near limits, or high joint speed."""
+        coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
+        kept = (coverage, everywhere, separate or not bodies, margin)
+        least = (1.0, True, True, 0.4 * self.limit_margin)
+        if not kept >= least:
+            return False
+        design = cast(CellDesign, found)
+        return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
+
+    def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
+        """Design over one cell; the reasons for failure if it cannot be reached."""
+        self.report("the reference", 0.1)
+        edge = cell.corners()
+        count = self.samples or (
+            128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
+        )
+        U = cell.sample(count, self.seed + 1)
+        ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
+        good = ends.reached == 1
+        if good[:count].mean() < 0.5:
+            return _why(cell, ends, len(U))
+        hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
+        chart = fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
+        U, edge = U[good[:count]], edge[good[count:]]
+        at_rest = chart.solve(
+            np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))
+        ).found
+        U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
+        if len(U) < count / 4:
+            return _why(cell, ends, count)
+        rounds = 0 if hopeless else 4 if quick else 7
+        descent, terms, degrees = self._descended(cell, chart, U, edge, quick or hopeless, rounds)
+        if not np.isfinite(descent.value.cost):
+            return _why(cell, ends, count)
+        self.report("the last chart", 0.7)
+        chart, turns = centred(_recharted(cell, chart, descent, terms))
+        if any(turn.reach <= 0 for turn in turns):
+            return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
+        self.report("the evaluation", 0.8)
+        quick = quick or hopeless
+        held_out = min(512, self.held_out) if quick else self.held_out
+        evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
+        evaluation = replace(evaluation, turns=turns)
+        return CellDesign.of(
+            self.desired,
+            chart,
+            evaluation,
+            degrees=degrees,
+            samples=len(U),
+            held_out=held_out,
+            seed=self.seed,
+            requested_limit_margin=self.limit_margin,
+            requested_body_distance=self.body_distance,
+            requested_sigma_min=self.sigma_min,
+            steps=descent.steps,
+        )
+
+    def priced(self, found: CellDesign, q: Array) -> CellDesign:
+        """Add the price of a given angle: a design that goes as far as the joint does, beside it.
+
+        There is none where the joint is far from its limits at both ends of the angle."""
+        sector = found.function.chart.cell
+        names = found.cell.coordinate_names
+        turns = {turn.coordinate: turn for turn in found.evaluation.turns}
+        if not isinstance(sector, Sector) or ANGLE in sector.free or names[ANGLE] not in turns:
+            return found
+        turn = turns[names[ANGLE]]
+        if not turn.reach < 2 * sector.widths[ANGLE] + _SPARE:
+            return found
+        free = sector.without(sector.removed, (*sector.free, ANGLE))
+        self.report("the price of the angle", 0.9)
+        work = replace(self, held_out=min(_PRICED, self.held_out), report=reporting.silent)
+        other = work.design(free, q)
+        if not isinstance(other, CellDesign) or other.coverage == 0:
+            return found
+        unasked = next(t.reach for t in other.evaluation.turns if t.coordinate == names[ANGLE])
+        price = found.extra_speed - other.extra_speed
+        turns[names[ANGLE]] = replace(turn, price=price, unasked=unasked)
+        return replace(found, evaluation=replace(found.evaluation, turns=tuple(turns.values())))
+
+    def _highest(self, cell: Cell) -> int:
+        """Highest degree that is tried."""
+        if self.degree != "auto":
+            return int(self.degree)
+        d = 1
+        while d < 6 and _terms(cell, d + 1) * cell.task.r <= MOST_UNKNOWNS:
+            d += 1
+        return d
+
+    def _descended(
+        self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
+    ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
+        """Minimise the cost degree by degree, then with the margin penalties."""
+        highest = min(2, self._highest(cell)) if quick else self._highest(cell)
+        best: list[Descent] = []
+        tried: list[tuple[int, float]] = []
+        for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
+            self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
+            terms = Monomials(cell.k, d)
+            nodes = _nodes(U, terms)
+            below = best[-1].a if best else np.zeros((0, cell.task.r))
+            best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
+            tried.append((d, best[-1].value.nearness))
+            if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
+                break
+            if d < highest and self.degree == "auto" and not quick:
+                most = Monomials(cell.k, highest)
+                richest = Cost(self.desired, chart, most, _nodes(U, most))
+                if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
+                    break
+        watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
+        constraints = [
+            ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
+            for m in self.margins(cell)
+        ]
+        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
+        return penalties.kept(best[-1], terms, self.report), terms, tuple(tried)
+
+    def margins(self, cell: Cell) -> list[Margin]:
+        """Make the requested margins."""
+        found = [limits_of(cell, self.limit_margin)]
+        found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
+        return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
+
+
+def _nodes(U: Array, terms: Monomials) -> Array:
+    """Select the first poses of U: at least 256, and about three per monomial."""
+    return U[: max(256, _power_of_two(3 * terms.size))]
+
+
+def _fit(cost: Cost, a: Array) -> Descent:
+    """Minimise the cost from coefficients a (N, r), or from the reference if a node has no solution
+    there."""
+    found = descend(cost, a)
+    return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
+
+
+def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
+    """Fit a chart whose s = 0 is the function: q_ref its configurations, n_ref its null space."""
+    degree = max(terms.degree, chart.monomials.degree, 3)
+    while degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
+        degree += 1
+    for d in range(max(terms.degree, 3), degree + 1):
+        U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
+        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
+        points = CandidateFunction(chart, terms, descent.a).at(U)
+        good = points.found
+        N = null_bases(points.J[good], points.n_ref[good])[0]
+        found = fitted(cell, U[good], points.Q[good], N, d)
+        away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
+        if away < _CLOSE:
+            break
+    return found
+
+
+def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
+    """List the reasons for failure of rays that did not reach their ends."""
+    bad = ends.reached < 1
+    near = ends.Q[np.argsort(-ends.reached)[:8]]
+    failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
+    beyond = cell.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
+    limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
+    return tuple(failures) if limit is None else (*failures, limit)
+
+
+def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
+    """Report that no angle is inside the limits at every pose."""
+    what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
+    return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
+
+
+def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
+    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, how far
+    round, speed."""
+    if not isinstance(found, CellDesign) or found.coverage == 0:
+        return 0.0, False, False, -np.inf, -np.inf, -np.inf
+    margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere
+    return found.coverage, everywhere, found.body_distance >= 0, margin, _share(found), -found.cost
+
+
+def _share(found: CellDesign) -> float:
+    """How far a function goes along the coordinates that go as far as the joints do, as a share of
+    the joints' ranges, to 5 %; 1 in a box."""
+    cell = found.cell
+    free = cell.free if isinstance(cell, Sector) else ()
+    names = [cell.coordinate_names[i] for i in free]
+    turns = [turn for turn in found.evaluation.turns if turn.coordinate in names]
+    shares = [turn.reach / min(turn.joint_range, 2 * np.pi) for turn in turns]
+    return float(np.round(20 * min(shares, default=1.0)) / 20)
+
+
+def _terms(cell: Cell, degree: int) -> int:
+    return comb(cell.k + degree, degree)
+
+
+def _power_of_two(count: int) -> int:
+    return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))

@@ -1,0 +1,106 @@
+"""Arguments of a sector: its axis and half-widths, checked."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, as_numbers, require_choice, shown
+from ..errors import InputError
+from ..robot.task import Task
+from .cell_arguments import sizes
+
+_VERTICAL = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+Angle = float | Literal["all"]
+
+
+def as_axis(task: Task, axis: ArrayLike | None) -> Array:
+    """Check an axis: a point, m, and its unit direction (2, 3)."""
+    line = as_numbers(_VERTICAL if axis is None else axis)
+    if line is None or line.shape != (2, 3) or not np.isfinite(line).all() or not line[1].any():
+        raise InputError(
+            f"must be a point, m, and a direction, (2, 3) numbers; got {shown(axis)}",
+            argument="axis",
+        )
+    line = np.stack([line[0], line[1] / np.linalg.norm(line[1])])
+    if task.m == 2:
+        across = next(i for i in range(3) if i not in task.rows)
+        if abs(line[1][across]) < 1 - 1e-12:
+            raise InputError(
+                f"of a sector of an {task.kind} task must be along {'xyz'[across]}, "
+                "across its plane",
+                argument="axis",
+            )
+    return line
+
+
+def as_half_width(value: Any, name: str, unit: str) -> float:
+    """Check a half-width."""
+    return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
+
+
+def as_height(task: Task, height: float) -> float:
+    """Check the half-width of the height, which a planar task does not command."""
+    height = as_half_width(height, "height", "m")
+    if task.m == 2 and height:
+        raise InputError(
+            f": a {task.kind} task does not command it", argument="height", remedy="omit it"
+        )
+    return height
+
+
+def as_turn(angle: Angle, name: str) -> float:
+    """Check a half-width of a turn, rad; half a turn for ``"all"``."""
+    if isinstance(angle, str):
+        require_choice(angle, ("all",), name)
+        return np.pi
+    half = as_half_width(angle, name, "rad")
+    if half > np.pi:
+        raise InputError(
+            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'", argument=name
+        )
+    return half
+
+
+def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
+    """Check the half-widths of the tilts, and of a third turn if there is one."""
+    array = as_numbers(half_angle)
+    if task.m <= 3:
+        if array is None or array.any():
+            raise InputError(
+                f": a {task.kind} task leaves the rotation free",
+                argument="half_angle",
+                remedy="omit it",
+            )
+        return np.zeros(2)
+    third = array is not None and array.shape == (3,) and task.m > 5
+    each = "one per axis of the tool: x, y" + (", and z as an ordinary turn" if third else "")
+    turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
+    if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
+        raise InputError(
+            "reaches half a turn; keep its length below 2.98 rad", argument="half_angle"
+        )
+    return turns
+
+
+def no_spin(task: Task) -> InputError:
+    """Make the error of a spin that the task or a third half_angle excludes."""
+    if task.kind == "pose":
+        return InputError("spin and a third half_angle are mutually exclusive")
+    return InputError(
+        f": a {task.kind} task leaves the rotation about the tool free",
+        argument="spin",
+        remedy="omit it",
+    )
+
+
+def no_joint(task: Task, name: str) -> str:
+    """Write that an arm has no joint along a coordinate that shall go as far as the joints do."""
+    what = {
+        "angle": "turns the whole arm about the axis",
+        "spin": "turns the tool about its z axis through the frame's origin",
+    }
+    return f"'all' requires a joint that {what[name]}, and {task.robot.name} has none"
