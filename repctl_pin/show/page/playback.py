@@ -27,6 +27,7 @@ from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
 from .scene import Arm, Frames, Violation, animation_page, choose_frames, farthest_link
+from .surfaces import read_surfaces
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -168,7 +169,8 @@ def playback_page(
     ((cycles, samples),) = sizes
     visuals, frames = Visuals.of(chains[0].task.robot), choose_frames(samples, cycles)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
-    bodies = corners(visuals.shapes)
+    surfaces = read_surfaces(visuals.shapes)
+    bodies = corners(visuals.shapes, surfaces)
     arms = [
         _arm(chains, track, done, (visuals, bodies), frames)
         for track, done in zip(tracks, played, strict=True)
@@ -190,6 +192,7 @@ def playback_page(
         frames=frames,
         headline=headline_of(outcomes, cycles, stopped),
         part=(link, part_name(task, start, link)),
+        surfaces=surfaces,
     )
 
 
