@@ -250,7 +250,7 @@ def _arm(
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
     """Take the motion of a chain's joints; without times, one second per row."""
-    if track.motion is not None and track.motion.task is chain.task:
+    if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
     q, t = (
         chain.task.from_robot(track.Q),
@@ -259,6 +259,12 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
     return JointMotion(
         chain.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles
     )
+
+
+def _is_of(chain: Task, task: Task) -> bool:
+    """Test whether a task moves the same frame of the same robot, by the same joints."""
+    same = ("robot", "frame", "kind", "joint_names")
+    return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
 def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:

@@ -276,7 +276,7 @@ def _by_pairs(
     points: tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]],
     mixed: NDArray[np.bool_],
 ) -> None:
-    """Average the normals at the ``mixed`` points, each corner with its partners within the angle."""
+    """Average the normals at the ``mixed`` points, each corner with partners within the angle."""
     order, starts, counts = points
     start, count = starts[mixed], counts[mixed]
     each = np.repeat(count, count)  # partners of each corner
