@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
-        gc.set_threshold(50_000)  # imports make many objects, and none of them is garbage
+        gc.set_threshold(500_000)  # imports make many objects, and none of them is garbage
         os.environ["MPLBACKEND"] = "agg"  # no window is opened, whatever the user's settings
         # warnings of libraries are for programmers
         warnings.simplefilter("ignore", Warning if not sys.warnoptions else DeprecationWarning)

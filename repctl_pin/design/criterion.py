@@ -17,6 +17,7 @@ from ..errors import InputError, SingularityError
 from ..potentials.basis import PotentialBasis
 from ..redundancy.inverses import inverse_condition_number, row_factor
 from ..robot.task import Task
+from ..strategies import Pseudoinverse
 from ..strategies.strategy import Inverse
 
 
@@ -109,8 +110,8 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     """
     task = desired.task
     J = task.jacobians(Q)
-    N = oriented_nullspace(J, task, Q)
-    G = desired.batch(Q, J)
+    N, J_plus = null_space_and_inverse(J, task, Q)
+    G = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
     residual = np.abs(J @ G - np.eye(task.m)).max(axis=(1, 2))
     if not residual.max() < 1e-6:
         k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
@@ -133,24 +134,35 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     return N, G, D
 
 
+def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array]:
+    """Evaluate N of :func:`oriented_nullspace`, and J⁺ (K, n, m), by one factorisation of J."""
+    N, basis, R = _oriented(J, task, Q)
+    return N, basis[..., : J.shape[-2]] @ np.swapaxes(np.linalg.inv(R), -1, -2)
+
+
 def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     """Span the null space of J by an orthonormal basis with ``det [J; Nᵀ] > 0``: (K, n, r).
 
     ``det [J; Vᵀ]`` is smooth in q whatever the bases, and with this orientation it has the sign of
     ``det(Nᵀ V)``: where that changes, V has an algorithmic singularity, and nowhere else.
     """
+    return _oriented(J, task, Q)[0]
+
+
+def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
+    """Factor ``Jᵀ = Q R``: N, Q (K, n, n) and R (K, m, m)."""
     m = J.shape[-2]
     try:
         basis, R = row_factor(J, mode="complete")
     except SingularityError:
         k = int(np.argmin(inverse_condition_number(J)))
         raise SingularityError(f"the Jacobian loses rank near {named(task, Q[k])}") from None
-    N = basis[..., m:]
     side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(
         np.linalg.det(basis)
     )
+    N = basis[..., m:]
     N[..., 0] *= side[..., None]
-    return N
+    return N, basis, R
 
 
 @dataclass(frozen=True)

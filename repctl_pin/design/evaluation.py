@@ -14,10 +14,11 @@ from ..progress import Report
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..robot.task import Task
+from ..strategies import Pseudoinverse
 from ..strategies.extended import ExtendedJacobian
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
-from .criterion import named, oriented_nullspace
+from .criterion import named, null_space_and_inverse, oriented_nullspace
 from .singularity_search import LeafMargin, SingularRegionError, search
 
 REPLICATES = 32
@@ -96,14 +97,14 @@ def evaluate_design(
         Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
         weights = region.weights(Q)
         J = task.jacobians(Q)
-        N = oriented_nullspace(J, task, Q)
+        N, J_plus = null_space_and_inverse(J, task, Q)
         V = inverse.potentials.gradients(Q)
         sigma = (
             leaf_margin(N, V) * np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
         )
         if not (sigma > 0).all():
             raise singular(Q[int(np.argmin(sigma))])
-        G_d = desired.batch(Q, J)
+        G_d = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
         costs.append(float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))))
         norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
         inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ...arguments import Array, read_only
-from ...errors import InputError
 from ...motion.displacement import displacements
 from ...robot.visuals import Shape
-from .surfaces import read_surface
+from .surfaces import Surface, Surfaces, read_surfaces
 
 _RIM = 24
 """Corners of the polygon that stands for a circle."""
@@ -59,28 +58,31 @@ def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> Bo
     return BodyDrift(tuple(kept), off)
 
 
-def corners(shapes: Sequence[Shape]) -> list[Array]:
+def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
     """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m.
 
-    A shape that cannot be read has one, its origin.
+    A shape that cannot be read has one, its origin. The surfaces of their mesh files are read if
+    not given.
     """
+    if surfaces is None:
+        surfaces = read_surfaces(shapes)
     known: dict[tuple[object, ...], Array] = {}
     for shape in shapes:
         name = (shape.kind, shape.path, shape.size)
         if name not in known:
-            known[name] = _hull(shape)
+            known[name] = _hull(shape, surfaces)
     return [known[shape.kind, shape.path, shape.size] * np.array(shape.scale) for shape in shapes]
 
 
-def _hull(shape: Shape) -> Array:
+def _hull(shape: Shape, surfaces: Surfaces) -> Array:
     """Collect the corners of a shape's convex hull, without its scale."""
     if shape.kind != "mesh":
         return _primitive(shape)
     assert shape.path is not None
-    try:
-        points = np.unique(read_surface(shape.path).points, axis=0)
-    except InputError:
+    surface = surfaces[shape.path]
+    if not isinstance(surface, Surface):
         return np.zeros((1, 3))
+    points = np.unique(surface.points, axis=0)
     try:
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError):  # flat

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...robot.visuals import Shape
-from .surfaces import MOST_FACES, Surface, read_surface
+from .surfaces import Surface, Surfaces, read_surfaces
 
 Key = tuple[Any, ...]
 """What shapes share: the mesh file, or kind and size; not the scale, colour or place."""
@@ -31,9 +31,6 @@ HIDDEN = ("/Grid", "/Axes", *(f"/Lights/{light}" for light in _LIGHTS), "/librar
 
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
            "Uint32Array": (0x16, "<u4"), "Float32Array": (0x17, "<f4")}  # fmt: skip
-MOST_IN_ALL = 2_000_000
-"""Maximum number of triangles of mesh files on a page."""
-
 _GLOSS = {"specular": 0x1C1C1C, "shininess": 28}
 _REPEAT = [1000, 1000]  # three.js' RepeatWrapping
 _BOTH_SIDES = 2  # three.js' DoubleSide
@@ -44,10 +41,12 @@ _UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.
 _IDENTITY = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 
-def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[str]]:
+def record(
+    shapes: Iterable[Shape], surfaces: Surfaces | None = None
+) -> tuple[list[bytes], dict[Key, int], list[str]]:
     """Record the commands that fill a viewer's library with every distinct body of some shapes.
 
-    The same shapes give the same bytes.
+    The same shapes give the same bytes. The surfaces of their mesh files are read if not given.
 
     Returns
     -------
@@ -65,16 +64,16 @@ def record(shapes: Iterable[Shape]) -> tuple[list[bytes], dict[Key, int], list[s
     distinct: dict[Key, Shape] = {}
     for shape in shapes:
         distinct.setdefault(key(shape), shape)
+    if surfaces is None:
+        surfaces = read_surfaces(distinct.values())
     problems: list[str] = []
     library: dict[Key, int] = {}
-    budget = MOST_IN_ALL
     for body, shape in distinct.items():
         try:
-            scene, triangles = _object(shape, min(budget, MOST_FACES))
+            scene = _object(shape, surfaces)
         except InputError as error:
             problems.append(str(error))
             continue
-        budget -= triangles
         library[body] = len(library)
         path = f"/library/{library[body]}"
         commands.append({"type": "set_object", "object": scene, "path": path})
@@ -86,30 +85,25 @@ def key(shape: Shape) -> Key:
     return ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
 
 
-def _object(shape: Shape, most: int) -> tuple[Element, int]:
-    """Make the three.js object of a shape, and count its mesh file's triangles, ``most`` at most.
-
-    A cylinder's axis is z, as in a URDF.
-    """
+def _object(shape: Shape, surfaces: Surfaces) -> Element:
+    """Make the three.js object of a shape. A cylinder's axis is z, as in a URDF."""
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
         assert shape.path is not None
-        if most <= 0:
-            raise InputError(
-                f"mesh {shape.path} is left out: the page holds {MOST_IN_ALL} triangles already"
-            )
-        surface = read_surface(shape.path, most)
-        return _painted(surface), len(surface.faces)
+        surface = surfaces[shape.path]
+        if isinstance(surface, InputError):
+            raise surface
+        return _painted(surface)
     if shape.kind == "box":
         width, height, depth = size
         box = {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
-        return _plain(box), 0
+        return _plain(box)
     if shape.kind == "sphere":
-        return _plain(_round(size[0], 0.0)), 0
+        return _plain(_round(size[0], 0.0))
     if shape.kind == "capsule":
-        return _plain(_round(size[0], size[1])), 0
+        return _plain(_round(size[0], size[1]))
     if shape.kind == "cylinder":
-        return _plain(_cylinder(size[0], size[1]), _UPRIGHT), 0
+        return _plain(_cylinder(size[0], size[1]), _UPRIGHT)
     raise InputError(
         f"shape {shape.name!r} has kind {shape.kind!r}; use mesh, box, cylinder, sphere or capsule"
     )

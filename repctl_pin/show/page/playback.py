@@ -27,6 +27,7 @@ from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
 from .scene import Arm, Frames, Violation, animation_page, choose_frames, farthest_link
+from .surfaces import read_surfaces
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -168,7 +169,8 @@ def playback_page(
     ((cycles, samples),) = sizes
     visuals, frames = Visuals.of(chains[0].task.robot), choose_frames(samples, cycles)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
-    bodies = corners(visuals.shapes)
+    surfaces = read_surfaces(visuals.shapes)
+    bodies = corners(visuals.shapes, surfaces)
     arms = [
         _arm(chains, track, done, (visuals, bodies), frames)
         for track, done in zip(tracks, played, strict=True)
@@ -190,6 +192,7 @@ def playback_page(
         frames=frames,
         headline=headline_of(outcomes, cycles, stopped),
         part=(link, part_name(task, start, link)),
+        surfaces=surfaces,
     )
 
 
@@ -247,7 +250,7 @@ def _arm(
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
     """Take the motion of a chain's joints; without times, one second per row."""
-    if track.motion is not None and track.motion.task is chain.task:
+    if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
     q, t = (
         chain.task.from_robot(track.Q),
@@ -256,6 +259,12 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
     return JointMotion(
         chain.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles
     )
+
+
+def _is_of(chain: Task, task: Task) -> bool:
+    """Test whether a task moves the same frame of the same robot, by the same joints."""
+    same = ("robot", "frame", "kind", "joint_names")
+    return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
 def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:

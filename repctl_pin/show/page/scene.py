@@ -19,6 +19,7 @@ from ..text.headline import NO_HEADLINE, Headline, title_of
 from .body_points import BodyDrift, body_drift, corners
 from .html import page
 from .meshes import Key, key, lifted, record
+from .surfaces import Surfaces, read_surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +129,7 @@ def animation_page(
     headline: Headline = NO_HEADLINE,
     part: tuple[str, str] | None = None,
     live: bool = False,
+    surfaces: Surfaces | None = None,
 ) -> str:
     """Write one self-contained HTML page with one pane per arm, which loops through their cycles.
 
@@ -153,20 +155,26 @@ def animation_page(
     live
         The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is
         where they may be.
+    surfaces
+        Surfaces of the arms' mesh files; read if not given.
 
     Returns
     -------
     The page's HTML.
     """
-    commands, library, problems = record(shape for arm in arms for shape in arm.shapes)
+    shapes = [shape for arm in arms for shape in arm.shapes]
+    if surfaces is None:
+        surfaces = read_surfaces(shapes)
+    commands, library, problems = record(shapes, surfaces)
     parts: list[Array] = []
-    bodies = corners(arms[0].shapes)
-    arms = [
-        arm
-        if arm.drift is not None
-        else replace(arm, drift=body_drift(bodies, arm.placements, frames.per_cycle))
-        for arm in arms
-    ]
+    if any(arm.drift is None for arm in arms):
+        bodies = corners(arms[0].shapes, surfaces)
+        arms = [
+            arm
+            if arm.drift is not None
+            else replace(arm, drift=body_drift(bodies, arm.placements, frames.per_cycle))
+            for arm in arms
+        ]
     link, name = part or farthest_link(arms)
     described = [_describe(arm, frames, library, link, parts) for arm in arms]
     scene = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from ...arguments import read_only
 from ...errors import InputError
+from ...robot.visuals import Shape
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""
@@ -24,8 +26,14 @@ MOST_BYTES = 50_000_000
 MOST_FACES = 500_000
 """Maximum number of triangles of a file."""
 
+MOST_IN_ALL = 2_000_000
+"""Maximum number of triangles of mesh files on a page."""
+
 CREASE = np.cos(np.deg2rad(38))
 """Cosine of the crease angle: faces that meet at less than it are shaded smoothly."""
+
+_HALF = np.cos(np.deg2rad(18.99))
+"""Cosine of less than half of it: all faces within that of one direction are within the angle."""
 
 _MANY = 48
 """Number of corners at one point above which its faces are shaded flat, as at a fan's tip."""
@@ -55,6 +63,10 @@ class Surface:
     faces: NDArray[np.int64]
     uv: NDArray[np.float64] | None
     groups: tuple[tuple[int, int, bytes | None], ...]
+
+
+Surfaces = dict[Path, Surface | InputError]
+"""Surfaces of mesh files; an error where a file cannot be drawn."""
 
 
 def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
@@ -91,6 +103,25 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     if not any(len(piece["points"]) for piece in pieces):
         raise InputError(f"mesh {path} holds no triangles")
     return _join(pieces, scale)
+
+
+def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
+    """Read the mesh file of every shape, each once: its surface, or why there is none."""
+    found: Surfaces = {}
+    budget = MOST_IN_ALL
+    for path in dict.fromkeys(shape.path for shape in shapes if shape.kind == "mesh"):
+        assert path is not None
+        try:
+            if budget <= 0:
+                raise InputError(
+                    f"mesh {path} is left out: the page holds {MOST_IN_ALL} triangles already"
+                )
+            found[path] = surface = read_surface(path, min(budget, MOST_FACES))
+        except InputError as error:
+            found[path] = error
+            continue
+        budget -= len(surface.faces)
+    return found
 
 
 def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
@@ -167,7 +198,7 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     flat = np.cross(
         triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     )  # (F, 3), twice the area
-    real = (flat != 0).any(axis=1)
+    real = (flat[:, 0] != 0) | (flat[:, 1] != 0) | (flat[:, 2] != 0)
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
     colors, uv, image = _look(mesh, corners)
@@ -219,28 +250,66 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     flat : (F, 3) array
         The faces' normals, as long as the faces are large.
     """
-    grid = 1e-6 * (np.ptp(corners, axis=0).max(initial=0.0) or 1.0)
+    grid = 1e-6 * (_extent(corners) or 1.0)
     order, starts = grouped(np.round(corners / grid).astype(np.int64))
     counts = np.diff(starts, append=len(order))
-    of_face = np.repeat(flat, 3, axis=0)  # (3F, 3)
-    length = np.linalg.norm(of_face, axis=1, keepdims=True)
-    unit_normal = np.divide(of_face, length, out=np.zeros_like(of_face), where=length > 0)
-    start, number = np.empty_like(order), np.empty_like(order)  # of the corners at each one's point
-    start[order], number[order] = np.repeat(starts, counts), np.repeat(counts, counts)
-    each = np.where(number <= _MANY, number, 0)  # partners of each corner
+    place = np.repeat(np.arange(len(starts)), counts)  # of each corner in ``order``
+    face = order // 3
+    unit_normal = _unit(flat, np.zeros_like(flat))
+    total = _sums(place, flat[face], len(starts))  # of all faces at a point
+    direction = _unit(total, total)
+    apart = _dot(unit_normal[face], direction[place]) < _HALF
+    mixed = np.bincount(place, apart, len(starts)) > 0  # some may meet at more than the angle
+    few = counts <= _MANY
+    normals = np.empty_like(corners)
+    normals[order] = np.where(few[:, None], direction, 0.0)[place]
+    many = ~few[place]
+    normals[order[many]] = unit_normal[face[many]]
+    _by_pairs(normals, unit_normal, flat, (order, starts, counts), mixed & few)
+    return normals
+
+
+def _by_pairs(
+    normals: NDArray[np.float64],
+    unit_normal: NDArray[np.float64],
+    flat: NDArray[np.float64],
+    points: tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]],
+    mixed: NDArray[np.bool_],
+) -> None:
+    """Average the normals at the ``mixed`` points, each corner with partners within the angle."""
+    order, starts, counts = points
+    start, count = starts[mixed], counts[mixed]
+    each = np.repeat(count, count)  # partners of each corner
+    ahead = np.arange(len(each)) - np.repeat(np.cumsum(count) - count, count)
+    corner = order[np.repeat(start, count) + ahead]
     mine = np.repeat(np.arange(len(each)), each)
-    first = np.repeat(start - (np.cumsum(each) - each), each)
-    partner = order[first + np.arange(len(mine))]
-    cosine = np.einsum("ij,ij->i", unit_normal[mine], unit_normal[partner])
-    near = cosine > CREASE
-    mine, partner = mine[near], partner[near]
-    total = np.stack([np.bincount(mine, of_face[partner, k], len(each)) for k in range(3)], 1)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(
-        length > 0,
-        np.divide(total, length, out=np.zeros_like(total), where=length > 0),
-        unit_normal,
-    )
+    first = np.repeat(np.repeat(start, count) - (np.cumsum(each) - each), each)
+    partner = order[first + np.arange(len(mine))] // 3
+    own = unit_normal[corner // 3]
+    near = np.einsum("ij,ij->i", own[mine], unit_normal[partner]) > CREASE
+    total = _sums(mine[near], flat[partner[near]], len(each))
+    normals[corner] = _unit(total, own)
+
+
+def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Sum the vectors (K, 3) that belong to each of ``count`` places: (count, 3)."""
+    return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
+
+
+def _extent(points: NDArray[np.float64]) -> float:
+    """Measure the longest edge of the box around points (K, 3)."""
+    return max(float(np.ptp(column)) for column in points.T)
+
+
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Multiply vectors (K, 3), row by row: (K,). Faster than a sum over so short an axis."""
+    return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
+
+
+def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Divide vectors (K, 3) by their lengths; take ``zero`` where a length is 0."""
+    length = np.sqrt(_dot(vectors, vectors))[:, None]
+    return np.divide(vectors, length, out=zero.copy(), where=length > 0)
 
 
 def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
@@ -270,7 +339,9 @@ def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp
 def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Compare each row with the one before it; the first counts as different."""
     differs = np.ones(len(rows), bool)
-    differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    differs[1:] = False
+    for column in rows.T:  # faster than any() over so short an axis
+        differs[1:] |= column[1:] != column[:-1]
     return differs
 
 
@@ -291,7 +362,7 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
         [np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"] for p in pieces]
     )
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
-    lattice = np.ptp(points, axis=0).max(initial=0.0) / 2**17 or 1.0
+    lattice = _extent(points) / 2**17 or 1.0
     rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255)]
     rows += [np.round(uv * 2**14)] if textured else []
     # each distinct row once, in the order in which the faces first name them: such indices compress
