@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,12 +66,7 @@ def corners(shapes: Sequence[Shape]) -> list[Array]:
 
     A shape that cannot be read has one, its origin.
     """
-    known: dict[tuple[object, ...], Array] = {}
-    for shape in shapes:
-        name = (shape.kind, shape.path, shape.size)
-        if name not in known:
-            known[name] = _hull(shape)
-    return [known[shape.kind, shape.path, shape.size] * np.array(shape.scale) for shape in shapes]
+    return [_hull(shape) * np.array(shape.scale) for shape in shapes]
 
 
 def _hull(shape: Shape) -> Array:
@@ -78,7 +75,16 @@ def _hull(shape: Shape) -> Array:
         return _primitive(shape)
     assert shape.path is not None
     try:
-        points = np.unique(read_surface(shape.path).points, axis=0)
+        return _mesh_hull(shape.path, shape.path.stat().st_mtime_ns)
+    except OSError:
+        return np.zeros((1, 3))
+
+
+@lru_cache(maxsize=256)
+def _mesh_hull(path: Path, changed: int) -> Array:
+    """Collect the corners of a mesh's convex hull; a file that has changed is read again."""
+    try:
+        points = np.unique(read_surface(path).points, axis=0)
     except InputError:
         return np.zeros((1, 3))
     try:
