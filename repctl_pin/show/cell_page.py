@@ -16,8 +16,9 @@ from .page.html import render
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import BLUE, VERMILLION
 from .report import framed, versions
+from .text.headline import Headline
+from .text.lines import Span
 from .text.numbers import metres
-from .text.verdict import Verdict
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
@@ -89,7 +90,7 @@ def cell_page(
         style="report.css",
         title=f"{task.robot.name}: one function for a cell",
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
-        verdict=Verdict(_sentence(design, motions), ()),
+        headline=Headline((Span(_sentence(design, motions)),), ()),
         animation=animation.replace("<body>", '<body class="inside">', 1),
         tour=_OF_THE_TOUR,
         slices=None if slices is None else framed(slices, words),

@@ -17,6 +17,7 @@ from .._version import __version__
 from ..studies import Study
 from ..studies.study_maps import StudyMaps
 from .page.html import render
+from .page.outcomes import study_headline
 from .page.snapshot import still_figure
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
@@ -26,7 +27,6 @@ from .study_files import study_page
 from .text import captions
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
-from .text.verdict import study_verdict
 
 DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
 """Packages whose versions a report lists."""
@@ -70,7 +70,7 @@ def report_page(
         style="report.css",
         title=title,
         caption=f"{study.task.frame}, {study.task.kind} task, {study.path.name}",
-        verdict=study_verdict(study),
+        headline=study_headline(study),
         summary=captions.summary(study),
         # the page's own heading is this page's already
         animation=(animation or study_page(study)).replace("<body>", '<body class="inside">', 1),

@@ -11,6 +11,7 @@ from ..studies import Study
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
+from .text.headline import stopped_words
 
 CSV_ROWS_PER_CYCLE = 100
 """Maximum number of rows per cycle in ``motion.csv``."""
@@ -84,7 +85,7 @@ def study_page(study: Study) -> str:
         if row.motion is not None
     ]
     chain = TracedChain(study.task, study.elbow)
-    stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
+    stopped = [stopped_words(row.label, row.stopped) for row in rows if row.motion is None]
     return playback_page(
         [chain],
         tracks,

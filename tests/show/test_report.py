@@ -17,8 +17,9 @@ from PIL import Image
 
 import repctl_pin as rp
 from repctl_pin.cli import main
+from repctl_pin.show.page.outcomes import study_headline
 from repctl_pin.show.report import report_page, versions
-from repctl_pin.show.text import GLOSSARY, amount, number, study_verdict, summary
+from repctl_pin.show.text import GLOSSARY, amount, number, summary
 from repctl_pin.studies.study_maps import study_maps
 
 COMMAND = "repctl study planar3r --cycles 2 --out 'my <folder>' --report"
@@ -105,9 +106,10 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     )
     assert amount(closed, -1) in summary(study)[2]
     assert f"<code>{COMMAND}</code>" in text
-    assert study_verdict(study).sentence in text
-    for tile in study_verdict(study).tiles:
-        assert f"<dt>{tile.name}</dt><dd>{tile.value}</dd>" in text
+    headline = study_headline(study)
+    plain_text = re.sub(r"<[^>]*>", "", text)
+    assert "".join(span.text for span in headline.sentence) in plain_text
+    assert all(note.text in plain_text for note in headline.notes) and "tiles" not in text
     folded = text[text.index("<details>") :]  # what the command does not name
     assert (
         "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]

@@ -49,7 +49,7 @@ def test_a_study_fits_in_one_piece(narrow: None) -> None:
     study = rp.study("kinova", cycles=2, steps=40, degree=1)
     text = study_table(study)
     fits(text)
-    assert text.startswith(study_verdict(study).sentence[:60]) and text.count("─\n") == 1
+    assert text.startswith(study_verdict(study)[:60]) and text.count("─\n") == 1
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
     for strategy, motion in (("J⁺", plain), ("nearest repeatable", closed)):
         assert drifts(text, strategy) == pytest.approx((motion.drift[0], motion.drift[-1]), rel=0.5)

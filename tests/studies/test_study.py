@@ -181,7 +181,7 @@ def small() -> rp.Study:
 def test_what_is_shown_was_computed_by_the_study(small: rp.Study) -> None:
     assert any("fastest cycles" in step for step in STEPS)
     begin = time.process_time()
-    shown = [small.summary(), study_table(small), study_verdict(small).sentence, *summary(small)]
+    shown = [small.summary(), study_table(small), study_verdict(small), *summary(small)]
     assert time.process_time() - begin < 0.1  # timing four motions takes several times as long
     assert f"{small.row('repeatable').cycle_time:.3f}" in shown[1]
 
@@ -221,7 +221,7 @@ def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
     assert re.search(
         rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ", text, flags=re.MULTILINE
     )
-    assert " ".join(text.split()).startswith(study_verdict(small).sentence)
+    assert " ".join(text.split()).startswith(study_verdict(small))
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 

@@ -5,18 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ...arguments import Array, read_only
+from ...errors import InputError
 from ...motion.displacement import displacements
 from ...robot.visuals import Shape
 from .surfaces import Surface, Surfaces, read_surfaces
 
 _RIM = 24
 """Corners of the polygon that stands for a circle."""
+
+_KEPT = 256
+_hulls: dict[tuple[Path, int], Array] = {}
+"""Hulls of mesh files by path and time of change: the terminal and the page measure with them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,22 +70,28 @@ def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[A
     A shape that cannot be read has one, its origin. The surfaces of their mesh files are read if
     not given.
     """
-    if surfaces is None:
-        surfaces = read_surfaces(shapes)
-    known: dict[tuple[object, ...], Array] = {}
-    for shape in shapes:
-        name = (shape.kind, shape.path, shape.size)
-        if name not in known:
-            known[name] = _hull(shape, surfaces)
-    return [known[shape.kind, shape.path, shape.size] * np.array(shape.scale) for shape in shapes]
+    return [_hull(shape, surfaces) * np.array(shape.scale) for shape in shapes]
 
 
-def _hull(shape: Shape, surfaces: Surfaces) -> Array:
+def _hull(shape: Shape, surfaces: Surfaces | None) -> Array:
     """Collect the corners of a shape's convex hull, without its scale."""
     if shape.kind != "mesh":
         return _primitive(shape)
     assert shape.path is not None
-    surface = surfaces[shape.path]
+    try:
+        key = (shape.path, shape.path.stat().st_mtime_ns)
+    except OSError:
+        return np.zeros((1, 3))
+    if key not in _hulls:
+        if len(_hulls) >= _KEPT:
+            _hulls.clear()
+        read = read_surfaces([shape]) if surfaces is None else surfaces
+        _hulls[key] = _mesh_hull(read[shape.path])
+    return _hulls[key]
+
+
+def _mesh_hull(surface: Surface | InputError) -> Array:
+    """Collect the corners of a mesh's convex hull; the origin for a mesh that cannot be read."""
     if not isinstance(surface, Surface):
         return np.zeros((1, 3))
     points = np.unique(surface.points, axis=0)

@@ -14,7 +14,6 @@ from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion import Motion
 from ...motion.csv_file import read_motions
-from ...motion.displacement import leaves_range
 from ...motion.joint_motion import JointMotion, cycle_of
 from ...robot.model import frame_id
 from ...robot.robot import Robot
@@ -26,6 +25,7 @@ from ..text.headline import Outcome, headline_of
 from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
+from .outcomes import outcome_of
 from .scene import Arm, Frames, Violation, animation_page, choose_frames, farthest_link
 from .surfaces import read_surfaces
 
@@ -208,16 +208,9 @@ def _outcome(
     """Collect what the headline says of one motion."""
     task, link = chains[0].task, farthest_link([arm])[0]
     assert arm.drift is not None
-    found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
+    farthest = link, float(arm.drift.off[-1].max(initial=0.0))
     summary = _summary(chains, played, track)
-    return Outcome(
-        summary,
-        part_name(task, task.from_robot(track.Q[0]), link),
-        link,
-        float(arm.drift.off[-1].max(initial=0.0)),
-        min(found, default=None),
-        () if summary.body_distance is None else played[0].coarse.nearest_bodies[1].links,
-    )
+    return outcome_of(summary, task, task.from_robot(track.Q[0]), farthest, played)
 
 
 def _arm(

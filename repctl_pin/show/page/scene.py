@@ -96,7 +96,8 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    If there are many cycles, the first is shown, and every k-th one back from the last.
+    If there are many cycles, the first is shown, and every k-th one back from the last. Within a
+    cycle the samples are evenly spaced where their number has a divisor near ``per_cycle``.
 
     Parameters
     ----------
@@ -112,7 +113,10 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
         raise InputError(f"{samples} samples are not {cycles} cycles of equal steps and a start")
     stride = -(-(cycles - 1) // (shown - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
-    inside = np.round(np.linspace(0, steps, min(per_cycle, steps + 1))).astype(int)  # (F,)
+    most = min(per_cycle - 1, steps)
+    even = max(k for k in range(1, most + 1) if steps % k == 0)
+    count = even if 2 * even >= most else most  # times between the samples are the same
+    inside = np.round(np.linspace(0, steps, count + 1)).astype(int)  # (F,)
     index = ((numbers - 1)[:, None] * steps + inside).ravel()
     return Frames(index, tuple(numbers.tolist()), len(inside))
 

@@ -8,11 +8,11 @@ from typing import Any
 _NAMES = {
     "answer": "study_answer",
     "captions": "GLOSSARY amount drift_words joints_words summary",
-    "headline": "Headline Outcome Span headline_of title_of",
-    "lines": "coloured fitted",
+    "headline": "Headline Outcome headline_of title_of",
+    "lines": "Span coloured fitted",
     "numbers": "metres number percent radians",
     "table": "study_table",
-    "verdict": "MotionSummary Tile Verdict motion_summary study_verdict",
+    "verdict": "MotionSummary motion_summary study_verdict",
 }
 _FILE_OF = {name: file for file, names in _NAMES.items() for name in names.split()}
 

@@ -7,10 +7,12 @@ from collections.abc import Callable, Sequence
 
 from ...certificate import proved_words
 from ...studies import Row, Study
+from ..page.outcomes import row_outcome, study_headline
+from .headline import Outcome, off_of
 from .lines import Span, fitted, wrapped
 from .numbers import metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import STILL, MotionSummary, elbow_off, headline, motion_summary
+from .verdict import STILL, MotionSummary
 
 ROWS, COLUMNS = 24, 80
 """Size of the terminal that the answer fits."""
@@ -45,7 +47,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     """
     rows = [row for row in study.rows if row.key != NOT_SHOWN]
     out = [Span(f"{line}\n", "bad") for line in fitted("\n".join(_warnings(rows))).splitlines()]
-    out += [*study_headline(study), Span(f"\n\n{fitted(_about(study))}\n\n")]
+    out += [*wrapped(study_headline(study).sentence), Span(f"\n\n{fitted(_about(study))}\n\n")]
     out += _short_table(study, rows)
     after = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
     after += _proved(study)
@@ -55,30 +57,12 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     return [*out, Span(fitted("\n".join([*after, *notes, *below])))]
 
 
-def study_headline(study: Study) -> list[Span]:
-    """Write the sentence of a study: J⁺ beside the nearest repeatable inverse."""
-    rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stopped = [
-        f"{_TITLES[row.key].capitalize()} stopped: {row.stopped}."
-        for row in rows
-        if row.motion is None
-    ]
-    summaries = [summary for row in rows if (summary := _summary(study, row)) is not None]
-    return wrapped(headline(summaries, _cycles(study), stopped))
-
-
 def _cycles(study: Study) -> int:
     return next((row.motion.cycles for row in study.rows if row.motion is not None), 0)
 
 
 def _title(row: Row) -> str:
     return _TITLES.get(row.key, row.label)
-
-
-def _summary(study: Study, row: Row) -> MotionSummary | None:
-    if row.motion is None:
-        return None
-    return motion_summary(row.label, row.motion, study.elbow)
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:
@@ -114,7 +98,8 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     """List the quantities of the short table, and the value of each for every strategy."""
-    summaries = [_summary(study, row) for row in rows]
+    outcomes = [row_outcome(study, row) for row in rows]
+    summaries = [None if one is None else one.summary for one in outcomes]
     usual = summaries[0]
 
     def line(say: Callable[[Row, MotionSummary], Span]) -> list[Span]:
@@ -127,7 +112,10 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     unit = "" if some is None else f", {some.task.unit}"
     cells = [
         ("hand off its path, at most", line(_hand)),
-        ("elbow joint off at the end", line(lambda _, summary: elbow_off(summary))),
+        (
+            f"{_part(outcomes)} off at the end",
+            [Span("stopped", "bad") if one is None else off_of(one) for one in outcomes],
+        ),
         (f"joints off at the end{unit}", line(_joints)),
         ("first cycle closes", line(_first)),
         ("extra joint speed, cycle 1", line(lambda _, summary: _speed(summary, usual))),
@@ -135,6 +123,12 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     ]
     known = any(summary is not None and summary.body_distance is not None for summary in summaries)
     return [*cells, *([("closest links", line(_links))] if known else [])]
+
+
+def _part(outcomes: Sequence[Outcome | None]) -> str:
+    """Name the part that is farthest off, where it is the same one under every strategy."""
+    names = {one.part for one in outcomes if one is not None and not one.back}
+    return names.pop() if len(names) == 1 else "farthest part"
 
 
 def _hand(row: Row, summary: MotionSummary) -> Span:

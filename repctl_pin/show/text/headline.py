@@ -1,12 +1,15 @@
-"""Headline of an animation page: which part is off, by how much, and what it costs to be back."""
+"""Headline of a page and of a terminal: which part is off, by how much, and what it costs to be
+back."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...motion.motion import ON_PATH
+from .lines import Span
 from .numbers import metres, percent, radians
-from .verdict import MotionSummary
+from .verdict import STILL, MotionSummary
 
 SMALL = 0.01
 """A part that is off by less hardly drifts, m."""
@@ -17,21 +20,9 @@ NEAR = 0.02
 _TURNED = 0.1
 """A joint that is off by more is named where no part is, rad."""
 
-_BACK = 1e-5
-"""A part that is nearer to its start than this, in arm lengths, is back there."""
-
 _TITLES = {"J⁺": "Usual control (pseudoinverse)", "nearest repeatable": "Repeatable"}
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
 _HANDS = {1: "The hand is", 2: "Both hands are"}
-
-
-@dataclass(frozen=True)
-class Span:
-    """A piece of a sentence, its tone (``bad``, ``good``, ``near`` or none) and its exact value."""
-
-    text: str
-    tone: str = ""
-    exact: str = ""
 
 
 @dataclass(frozen=True)
@@ -75,7 +66,7 @@ class Outcome:
     @property
     def back(self) -> bool:
         """Whether every part is back where it began."""
-        return self.off < _BACK * self.summary.size
+        return self.off < STILL * self.summary.size
 
     @property
     def turned(self) -> bool:
@@ -86,6 +77,11 @@ class Outcome:
 def title_of(label: str) -> str:
     """Name a controller above its pane."""
     return _TITLES.get(label, label)
+
+
+def stopped_words(label: str, why: str) -> str:
+    """Say that a motion stopped, and why."""
+    return f"{title_of(label).partition(' (')[0]} stopped: {why}."
 
 
 def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()) -> Headline:
@@ -101,9 +97,11 @@ def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str]
         Sentences about motions that stopped.
     """
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    said = tuple(Span(f"{text} ", "bad") for text in stopped)
+    if not outcomes:
+        return Headline(said, ())
     worst = max(outcomes, key=lambda one: one.off)
-    words = [Span(f"{text} ") for text in stopped]
-    words += _hands(outcomes)
+    words = _hands(outcomes)
     if all(one.back and not one.turned for one in outcomes):
         words.append(Span(f"So is every part of the {_arms(outcomes)}: "))
         words += [Span("0", "good", _exact(worst)), Span(f" off after {times}.")]
@@ -116,7 +114,7 @@ def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str]
         one = "One" if len(outcomes) == 2 and any(o.back for o in outcomes) else "The"
         words.append(Span(f"{_subject(worst.part, one)} is not: "))
         words += [*_offs(outcomes, " off"), Span("." if len(outcomes) > 1 else f" after {times}.")]
-    return Headline(tuple(words), tuple(_notes(outcomes)))
+    return Headline((*said, *words), tuple(_notes(outcomes)))
 
 
 def _subject(part: str, article: str) -> str:
@@ -139,14 +137,20 @@ def _hands(outcomes: Sequence[Outcome]) -> list[Span]:
     for one in lost:
         assert one.summary.path_loss is not None
         cycle, way, angle = one.summary.path_loss
-        by = metres(way) if way > 0 else radians(angle)
+        by = metres(way) if way > ON_PATH * one.summary.size else radians(angle)
         said.append(Span(f"Under {_under(one)} the hand leaves its path in cycle {cycle}: "))
-        said += [Span(f"{by} off", "bad"), Span(". ")]
+        said += [Span(f"{by} off".replace(" ", "\u00a0"), "bad"), Span(". ")]
     return said
 
 
 def _under(one: Outcome) -> str:
     return _UNDER.get(one.summary.label, one.summary.label)
+
+
+def off_of(one: Outcome) -> Span:
+    """Write how far the part that is farthest off is; ``good`` for 0, ``bad`` from 1 cm up."""
+    tone = "good" if one.back else "bad" if one.off >= SMALL else ""
+    return Span("0" if one.back else metres(one.off), tone, _exact(one))
 
 
 def _exact(one: Outcome) -> str:
@@ -157,11 +161,10 @@ def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
     """List how far each arm is off; "off" is said once."""
     said: list[Span] = []
     for k, one in enumerate(outcomes):
-        value = "0" if one.back else metres(one.off)
+        value, tone, exact = off_of(one)
         word = "" if one.back and k else unit
-        tone = "good" if one.back else "bad" if one.off >= SMALL else ""
         said += [Span(", ")] if said else []
-        said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, _exact(one)))
+        said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, exact))
         said += [Span(f" under {_under(one)}")] if len(outcomes) > 1 else []
     return said
 
@@ -175,7 +178,7 @@ def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
     for one in outcomes:
         angle = one.summary.joint_displacement[0]
         said += [Span(", ")] if len(said) > 1 else []
-        value = "0" if angle < _BACK else radians(angle)
+        value = "0" if angle < STILL else radians(angle)
         said.append(Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good"))
         said += [Span(f" under {_under(one)}")] if len(outcomes) > 1 else []
     return [*said, Span(f" after {times}.")]

@@ -20,10 +20,11 @@ _COLOURS = {"bad": "31", "good": "32"}
 
 
 class Span(NamedTuple):
-    """A piece of text and its tone: ``bad``, ``good`` or none."""
+    """A piece of text, its tone (``bad``, ``good``, ``near`` or none) and its exact value."""
 
     text: str
     tone: str = ""
+    exact: str = ""
 
 
 def coloured(spans: Iterable[Span]) -> str:
@@ -34,10 +35,10 @@ def coloured(spans: Iterable[Span]) -> str:
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     colours = {} if plain or not on_terminal(sys.stdout) else _COLOURS
     return "".join(
-        f"\x1b[{colours[tone]}m{printable(text, lines=True)}\x1b[0m"
-        if tone in colours
-        else printable(text, lines=True)
-        for text, tone in spans
+        f"\x1b[{colours[span.tone]}m{printable(span.text, lines=True)}\x1b[0m"
+        if span.tone in colours
+        else printable(span.text, lines=True)
+        for span in spans
     )
 
 
@@ -52,9 +53,9 @@ def wrapped(spans: Sequence[Span]) -> list[Span]:
                 letters[last], begin = "\n", last + 1
             last = i
     lines, at, out = "".join(letters).replace("\u00a0", " "), 0, []
-    for part, tone in spans:
-        out.append(Span(lines[at : at + len(part)], tone))
-        at += len(part)
+    for span in spans:
+        out.append(span._replace(text=lines[at : at + len(span.text)]))
+        at += len(span.text)
     return out
 
 

@@ -61,7 +61,7 @@ def study_table(study: Study) -> str:
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
     legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
     notes = [f"note: {note}" for note in study_notes(study)]
-    before = fitted("\n".join([*loud, study_verdict(study).sentence, "", *head]))
+    before = fitted("\n".join([*loud, study_verdict(study), "", *head]))
     return "\n".join(
         [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]
     )

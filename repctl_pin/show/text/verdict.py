@@ -1,8 +1,8 @@
-"""Verdict on motions, as a sentence and as tiles, for the page, the report and the terminal."""
+"""Verdict on motions in the terms of the tables: displacement, speed, limits, bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,7 @@ from ...motion.joint_motion import JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
 from ...robot.length import arm_length
 from ...studies import Study
-from .lines import Span
 from .numbers import metres, percent, radians
-
-SMALL = 0.01
-"""An elbow that is off by less hardly drifts, m."""
 
 STILL = 1e-5
 """An elbow that is nearer to its start than this, in arm lengths, is back there."""
@@ -76,27 +72,6 @@ class MotionSummary:
         return far or (angle > 0 and elbow < STILL * self.size)
 
 
-@dataclass(frozen=True)
-class Tile:
-    """One quantity of the verdict: its name, its value, and whether it is a violation or drift."""
-
-    name: str
-    value: str
-    bad: bool = False
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A sentence, and the same content in tiles: end effector, elbow, joint speed, limits,
-    bodies."""
-
-    sentence: str
-    tiles: tuple[Tile, ...]
-
-
-NO_VERDICT = Verdict("", ())
-
-
 def motion_summary(
     label: str, motion: JointMotion, elbow: int, *, bodies: bool = True
 ) -> MotionSummary:
@@ -137,7 +112,7 @@ def motion_summary(
     )
 
 
-def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
+def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
     """Compare motions: the first is the reference, the last is the repeatable one.
 
     Parameters
@@ -148,20 +123,17 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
         Number of cycles of each.
     """
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
-    words, tiles = [], []
+    words = []
     if any(summary.path_loss for summary in summaries):
         said = _compared(summaries, [_loss(summary) for summary in summaries])
         words.append(f"End effector: {said}.")
-        tiles.append(Tile("End effector", said, bad=True))
     twists = any(summary.twists for summary in summaries)
     name = f"{'Elbow and joint' if twists else 'Elbow'} displacement after {times}"
     said = _compared(summaries, [_displacement(summary, twists) for summary in summaries])
     words.append(f"{name}: {said}.")
-    tiles.append(Tile(name, said, _displacement(summaries[-1], twists) != "0"))
     if len(summaries) > 1:
         said = _speeds(summaries[0], summaries[-1], times)
         words.append(f"Joint speed, relative to {_short(summaries[0])}: {said}.")
-        tiles.append(Tile("Joint speed", said))
     too_fast = [summary.speed_ratio > 1 + 1e-9 for summary in summaries]
     if any(too_fast):
         speeds = [
@@ -170,7 +142,6 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
         ]
         said = _compared(summaries, speeds)
         words.append(f"Speed limits: {said}.")
-        tiles.append(Tile("Speed limits", said, bad=True))
     limits = [
         f"violated in cycle {d.limit_violation[0]} by {d.limit_violation[1]}"
         if d.limit_violation
@@ -180,13 +151,11 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> Verdict:
     said = _compared(summaries, limits)
     violated = any(summary.limit_violation for summary in summaries)
     words.append(f"Joint limits: {said}." if violated else "Joint limits respected.")
-    tiles.append(Tile("Joint limits", said, violated))
     if all(summary.body_distance is not None for summary in summaries):
         collides = any(summary.collision_cycle for summary in summaries)
         said = _compared(summaries, [_bodies(summary, collides) for summary in summaries])
         words.append(f"Body distance: {said}." if collides else f"Minimum body distance: {said}.")
-        tiles.append(Tile("Minimum body distance", said, collides))
-    return Verdict(" ".join(words), tuple(tiles))
+    return " ".join(words)
 
 
 def _compared(summaries: Sequence[MotionSummary], texts: Sequence[str]) -> str:
@@ -241,108 +210,14 @@ def _bodies(summary: MotionSummary, collides: bool) -> str:
     return f"minimum {distance}" if collides else distance
 
 
-_UNDER = {
-    "J⁺": "the usual control (pseudoinverse)",
-    "nearest repeatable": "the repeatable one",
-}
-_HANDS = {1: "The hand is", 2: "Both hands are"}
-
-
-def headline(
-    summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = ()
-) -> list[Span]:
-    """Say in one sentence whether hands and elbows are back, and by how much they are off.
-
-    Parameters
-    ----------
-    summaries
-        One for each motion: the first is the reference, the last is the repeatable one.
-    cycles
-        Number of cycles of each.
-    stopped
-        Sentences about motions that stopped.
-    """
-    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
-    said = [Span(f"{text} ", "bad") for text in stopped]
-    if not summaries:
-        return said
-    said += _hands(summaries)
-    off = max(summary.elbow_displacement for summary in summaries)
-    if any(summary.twists for summary in summaries):
-        name = max(summary.joint_displacement for summary in summaries)[1]
-        said += [Span(f"{name} is not: "), *_listed(summaries, _turned), Span(".")]
-    elif all(summary.elbow_displacement < STILL * summary.size for summary in summaries):
-        elbows = "is the elbow joint" if len(summaries) == 1 else "are both elbow joints"
-        said += [Span(f"So {elbows}: "), Span("0", "good"), Span(f" off after {times}.")]
-    elif off < SMALL:
-        said += [Span("The elbow joint hardly drifts: "), *_listed(summaries, elbow_off)]
-        said += [Span(f", in {times}.")]
-    else:
-        back = len(summaries) == 2 and any(elbow_off(s).tone == "good" for s in summaries)
-        said += [Span(f"{'One' if back else 'The'} elbow joint is not: ")]
-        said += [*_listed(summaries, elbow_off, " off"), Span(".")]
-    return said
-
-
-def _hands(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Say that the hands are back, or which one leaves its path."""
-    said = []
-    for summary in summaries:
-        if summary.path_loss is not None:
-            cycle, way, angle = summary.path_loss
-            by = metres(way) if way > ON_PATH * summary.size else radians(angle)
-            said += [
-                Span(f"Under {_under(summary)} the hand leaves its path in cycle {cycle}: "),
-                Span(_joined(f"{by} off"), "bad"),
-                Span(". "),
-            ]
-    return said or [Span(f"{_HANDS.get(len(summaries), 'All hands are')} back. ")]
-
-
-def _listed(
-    summaries: Sequence[MotionSummary], say: Callable[[MotionSummary], Span], unit: str = ""
-) -> list[Span]:
-    """List a value for each motion, with its controller; the unit is said once."""
-    out: list[Span] = []
-    for k, summary in enumerate(summaries):
-        text, tone = say(summary)
-        out += [Span(", ")] * bool(k)
-        out.append(Span(_joined(text + unit * (not k or text != "0")), tone))
-        out.append(Span(f" under {_under(summary)}"))
-    return out
-
-
-def elbow_off(summary: MotionSummary) -> Span:
-    """Write how far the elbow is off at the end; the tone is ``good`` for 0 and ``bad`` from 1 cm
-    up."""
-    off = summary.elbow_displacement
-    if off < STILL * summary.size:
-        return Span("0", "good")
-    return Span(metres(off), "bad" if off >= SMALL else "")
-
-
-def _turned(summary: MotionSummary) -> Span:
-    angle = summary.joint_displacement[0]
-    return Span(radians(angle), "bad") if angle > 0 else Span("0", "good")
-
-
-def _joined(text: str) -> str:
-    """Join words that belong on one line."""
-    return text.replace(" ", "\u00a0")
-
-
-def _under(summary: MotionSummary) -> str:
-    return _UNDER.get(summary.label, summary.label)
-
-
-def study_verdict(study: Study) -> Verdict:
+def study_verdict(study: Study) -> str:
     """Compare J⁺ and the nearest repeatable inverse of a study."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
     if not moved:
-        return Verdict(" ".join(stopped), NO_VERDICT.tiles)
+        return " ".join(stopped)
     text = verdict(
         [motion_summary(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles
     )
-    return Verdict(" ".join([*stopped, text.sentence]), text.tiles)
+    return " ".join([*stopped, text])

@@ -3,12 +3,13 @@
 import { tone } from "./dom.js";
 
 export const FULL = 0.1; // m off its place, where a body's colour is full
+export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
     const T = MeshCat.THREE;
-    Object.assign(this, { data, motion, frames, perCycle, chains: data.chains, rows: [], moving: [], still: [], meshes: [] });
+    Object.assign(this, { data, motion, frames, perCycle, chains: data.chains, rows: [], moving: [], still: [], meshes: [], gain: 1 });
     this.group = new T.Group();
     this.group.name = data.label;
     for (const shape of data.shapes) {
@@ -66,6 +67,27 @@ export class ArmView {
     this.pose(this.now.frame, f);
     this.pose(this.now.first, f, this.ghosts);
     this.measure();
+    if (this.gain > 1) {
+      this.enlarge(this.moving, this.shades);
+      this.shades.forEach((shade, k) => { shade.visible = this.gain * this.off[k] > SAME; });
+    }
+  }
+
+  // Put each body as many times as far from where another is as it stands; what was measured stays.
+  enlarge(places, others) {
+    const turn = new MeshCat.THREE.Quaternion();
+    places.forEach((place, k) => {
+      const { position, quaternion } = others[k];
+      place.position.sub(position).multiplyScalar(this.gain).add(position);
+      turn.copy(quaternion).invert().premultiply(place.quaternion);
+      const half = Math.acos(Math.min(1, Math.abs(turn.w))), side = Math.sign(turn.w) || 1, sine = Math.sin(half);
+      if (sine > 1e-9) {
+        const share = (side * Math.sin(this.gain * half)) / sine;
+        turn.set(turn.x * share, turn.y * share, turn.z * share, Math.cos(this.gain * half));
+        place.quaternion.copy(turn.multiply(quaternion));
+      }
+      place.updateMatrix();
+    });
   }
 
   // Stand as a message says, the bodies from this number on, the ghost from that.
@@ -101,6 +123,12 @@ export class ArmView {
     return out.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
   }
 
+  // The same point, as far from where it was at frame `first` as the arm is drawn.
+  drawn(which, chain, i, first, f = 0) {
+    const p = this.point(which, chain, i, f);
+    return this.gain > 1 ? p.lerp(this.point(which, chain, first, f), 1 - this.gain) : p;
+  }
+
   // A see-through copy of the moving bodies, one in this.shades for each; it stands behind what it nearly coincides with.
   makeGhost() {
     const T = MeshCat.THREE, shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 256 };
@@ -122,6 +150,28 @@ export class ArmView {
     });
     this.shades = this.moving.map((place) => this.ghosts[this.rows.indexOf(place)]);
     this.group.add(this.ghost);
+  }
+
+  // The arm at the ends of all cycles at once, see-through, from pale to its colour; made when it is first asked for.
+  showFan(on) {
+    if (this.fan && this.fan.gain !== this.gain) { this.group.remove(this.fan); this.fan = null; }
+    if (on && !this.fan) {
+      const T = MeshCat.THREE, full = new T.Color(this.data.color), count = this.frames / this.perCycle, ends = [this.moving.map(() => new T.Group())];
+      this.fan = Object.assign(new T.Group(), { gain: this.gain });
+      this.pose(0, 0, this.rows.map((place) => ends[0][this.moving.indexOf(place)]));
+      for (let c = 0; c < count; c++) {
+        const color = full.clone().lerp(new T.Color(1, 1, 1), 0.7 * (1 - (c + 1) / count)), shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 128 };
+        const tint = new T.MeshLambertMaterial({ ...shared, color, opacity: 0.24, depthWrite: false });
+        const copies = this.moving.map((place) => fanned(place, tint, 4 + c));
+        this.pose((c + 1) * this.perCycle - 1, 0, this.rows.map((place) => copies[this.moving.indexOf(place)]));
+        if (this.gain > 1) this.enlarge(copies, ends[0]);
+        const before = ends.at(-1);
+        copies.forEach((copy, k) => { if (elsewhere(copy, before[k])) this.fan.add(copy); });
+        ends.push(copies);
+      }
+      this.group.add(this.fan);
+    }
+    if (this.fan) this.fan.visible = on;
   }
 
   // Corners of the bodies: those that move, over the motion, and those that do not.
@@ -152,10 +202,21 @@ export class ArmView {
       }
     if (on)
       this.moving.forEach((place, k) => {
-        const share = Math.min(1, this.off[k] / FULL);
+        const share = Math.min(1, (this.gain * this.off[k]) / FULL);
         for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
       });
   }
+}
+
+function fanned(place, material, order) {
+  const copy = new MeshCat.THREE.Group();
+  for (const mesh of place.children) copy.add(Object.assign(mesh.clone(), { material, castShadow: false, receiveShadow: false, renderOrder: order }));
+  return copy;
+}
+
+// Whether a body stands elsewhere than another: what coincides is drawn once.
+function elsewhere({ position, quaternion }, other) {
+  return position.distanceTo(other.position) > SAME || 1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2;
 }
 
 function setPose(node, m, a, b = a, f = 0) {

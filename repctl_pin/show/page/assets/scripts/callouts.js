@@ -34,7 +34,7 @@ export class Callouts {
       const { width, height } = panes.place(k), label = panes.frames[k].firstChild, low = height < LOW;
       const on = (p) => { const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height }; };
       const at = on(arm.partCentre()), tip = on(arm.point("tip", 0, arm.now.frame, arm.now.f));
-      put(part, at, low ? 8 : label.offsetHeight + 16, width, height, low ? label.offsetLeft + label.offsetWidth + 8 : 8);
+      put(part, at, low ? 8 : label.offsetTop + label.offsetHeight + 6, width, height, low ? label.offsetLeft + label.offsetWidth + 8 : 8);
       put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8);
     });
   }
@@ -53,6 +53,7 @@ function put({ box, leader }, at, y, width, height, left) {
   box.style.transform = `translate(${x}px, ${top}px)`;
   const from = { x: Math.min(Math.max(at.x, x + 6), x + w - 6), y: at.y > top + h ? top + h : at.y < top ? top : NaN };
   const dx = at.x - from.x, dy = at.y - from.y;
+  leader.line = [from.x, from.y, at.x, at.y]; // for a picture of it
   leader.hidden = !(Math.hypot(dx, dy) > 4) || at.x < 0 || at.x > width || at.y < 0 || at.y > height;
   leader.style.width = leader.hidden ? "0" : `${Math.hypot(dx, dy)}px`;
   if (!leader.hidden) leader.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${Math.atan2(dy, dx)}rad)`;

@@ -10,7 +10,7 @@ export class Chart {
   // `seek`: goes to the end of a shown cycle
   constructor(arms, scene, seek) {
     const canvas = byId("chart"), last = scene.cycles.length;
-    Object.assign(this, { arms, scene, canvas, top: Math.max(SCALE, ...arms.flatMap(({ data }) => data.off.flat())) });
+    Object.assign(this, { arms, scene, canvas, gain: 1 });
     canvas.setAttribute("aria-valuemax", scene.cycles[last - 1]);
     canvas.addEventListener("click", ({ offsetX }) => seek(Math.min(last, Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)))));
     this.readings = arms.map(({ data }) => {
@@ -18,6 +18,15 @@ export class Chart {
       byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title.split(" (")[0]}: `, value, " ", detail));
       return { value, detail };
     });
+    this.reserve();
+  }
+
+  // Give the readings the room of their longest words, so that nothing moves while time goes.
+  reserve() {
+    const box = byId("readings"), { cycles } = this.scene;
+    box.style.minWidth = "";
+    const widths = [0, ...cycles.keys()].map((c, k) => { this.say(k ? cycles[c] : 0, c, k ? 1 : 0); return box.scrollWidth; });
+    box.style.minWidth = `${Math.max(...widths)}px`;
   }
 
   // How far an arm is off after the cycles that are finished when time is here, m.
@@ -25,6 +34,14 @@ export class Chart {
 
   // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time is
   show(done, cycle, part) {
+    const times = this.say(done, cycle, part);
+    this.canvas.setAttribute("aria-valuenow", done);
+    this.canvas.setAttribute("aria-valuetext", this.arms.map((arm) => `${arm.data.title}: ${inMetres(this.after(arm, cycle, part))} off ${times}`).join("; "));
+    this.draw(cycle, part);
+  }
+
+  // Write the readings; gives the words for when they hold.
+  say(done, cycle, part) {
     const times = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
     this.readings.forEach(({ value, detail }, k) => {
       const arm = this.arms[k], { data } = arm, off = this.after(arm, cycle, part), joints = done ? data.drift[done - 1] : 0;
@@ -34,21 +51,20 @@ export class Chart {
       detail.textContent = `${times}; joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}`;
       detail.title = `${joints.toPrecision(3)} ${data.unit}`;
     });
-    this.canvas.setAttribute("aria-valuenow", done);
-    this.canvas.setAttribute("aria-valuetext", this.arms.map((arm) => `${arm.data.title}: ${inMetres(this.after(arm, cycle, part))} off ${times}`).join("; "));
-    this.draw(cycle, part);
+    return times;
   }
 
   draw(cycle, part) {
     if (!this.canvas.clientWidth) return;
     const { draw, width, height, em } = sharp(this.canvas), { arms, scene } = this, count = scene.cycles.length;
     const pitch = (width - 2 * INSET) / count, foot = height - 1.15 * em, room = foot - 0.5 * em, at = (c) => INSET + c * pitch;
-    const group = Math.min(0.66 * pitch, 4.5 * em), wide = group / arms.length, level = (v) => foot - (v / this.top) * room;
+    const group = Math.min(0.66 * pitch, 4.5 * em), wide = group / arms.length;
+    const scale = SCALE / this.gain, top = Math.max(scale, ...arms.flatMap(({ data }) => data.off.flat())), level = (v) => foot - (v / top) * room;
     draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
     draw.strokeStyle = tone("--edge"); draw.fillStyle = tone("--soft"); draw.lineWidth = 1;
-    line(draw, INSET, level(SCALE), width - INSET, level(SCALE), [3, 4]);
+    line(draw, INSET, level(scale), width - INSET, level(scale), [3, 4]);
     draw.textAlign = "left";
-    if (room > 2.5 * em) draw.fillText("10 cm", INSET, level(SCALE) + (this.top > 1.4 * SCALE ? -0.3 : 0.95) * em);
+    if (room > 2.5 * em) draw.fillText(inMetres(scale), INSET, level(scale) + (top > 1.4 * scale ? -0.3 : 0.95) * em);
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
     const every = Math.ceil((1.6 * em) / pitch);
     for (let c = 0; c < count; c++) {

@@ -2,6 +2,7 @@
 
 import { byId } from "./dom.js";
 import { still } from "./paper.js";
+import { record, seen } from "./save.js";
 
 export function openConsole(api, { viewer, clock, view, arms, panes }) {
   Object.defineProperties(api, { time: { get: () => clock.time }, playing: { get: () => clock.playing } });
@@ -16,10 +17,12 @@ export function openConsole(api, { viewer, clock, view, arms, panes }) {
     placement: (k, name) => { place(k, name).updateMatrix(); return place(k, name).matrix.toArray(); },
     picture: () => { viewer.render(); return viewer.renderer.domElement.toDataURL(); },
     still: () => still(viewer, clock, arms, panes),
+    seen: () => seen(viewer).toDataURL(),
+    record: (seconds) => record(viewer, clock, seconds),
     // where a pane is in the picture: left, top, width, height, in parts of the whole
     pane: (k) => { const { clientWidth: w, clientHeight: h } = byId("panes"), { left: a, top: b, width: c, height: d } = panes.place(k); return [a / w, b / h, c / w, d / h]; },
     // how far a body is off where it was in cycle 1, m, and its colour
-    drift: (k, name) => [arms[k].drift(arms[k].moving.indexOf(place(k, name))), "#" + [place(k, name).children[0].material].flat()[0].color.getHexString()],
+    drift: (k, name) => [arms[k].off[arms[k].moving.indexOf(place(k, name))], "#" + [place(k, name).children[0].material].flat()[0].color.getHexString()],
     materials: (change) => { for (const arm of arms) for (const mesh of arm.meshes) [mesh.material].flat().forEach((m) => { change(m); m.needsUpdate = true; }); viewer.set_dirty(); },
   });
 }

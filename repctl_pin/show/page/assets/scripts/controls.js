@@ -14,9 +14,10 @@ export function connect(clock, view, last) {
   byId("stepping").addEventListener("click", () => { clock.step(true); clock.play(true); });
   const keys = () => byId("keys").showModal();
   byId("help").addEventListener("click", keys);
-  document.addEventListener("pointerdown", (event) => { if (!event.target.closest("#looks")) byId("looks").open = false; });
+  document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
   byId("view").addEventListener("click", view.reset);
-  for (const name of ["traces", "ghost", "drift", "callouts"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
+  byId("enlarge").addEventListener("click", ({ currentTarget }) => view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"));
+  for (const name of ["traces", "ghost", "fan", "drift", "callouts"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
   // what a pointer has pressed does not keep the keys
   document.addEventListener("pointerup", (event) => { if (event.target.closest("footer button, footer label.switch, #scrub, #chart")) setTimeout(() => document.activeElement.blur()); });
   document.addEventListener("keydown", (event) => {

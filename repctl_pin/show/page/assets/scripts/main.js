@@ -1,14 +1,17 @@
 // The page: what is loaded, and what happens when.
 
 import { keep, wishes } from "./address.js";
+import { GAIN } from "./arm.js";
 import { Callouts } from "./callouts.js";
-import { Chart } from "./chart.js";
+import { Chart, SCALE } from "./chart.js";
 import { Clock } from "./clock.js";
 import { openConsole } from "./console.js";
 import { connect } from "./controls.js";
 import { byId, forgetTones } from "./dom.js";
 import { follow } from "./live.js";
+import { inMetres } from "./numbers.js";
 import { printable, still } from "./paper.js";
+import { savable } from "./save.js";
 import { setStage } from "./stage.js";
 import { openViewer } from "./viewer.js";
 
@@ -54,19 +57,20 @@ async function main() {
     say("The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?", true);
     return;
   }
-  const { arms, ways, eye, points, panes } = await setStage(viewer, scene), last = scene.arms[0].drift.length;
+  const { arms, leave, eye, points, panes } = await setStage(viewer, scene), last = scene.arms[0].drift.length;
 
   // ---- what is shown at each time
   const cycles = scene.cycles.length, clock = new Clock(cycles, scene.seconds, () => show()), box = (name) => byId(`show-${name}`);
   const chart = scene.live ? null : new Chart(arms, scene, (time) => { clock.play(false); clock.seek(time); });
   const callouts = scene.live ? null : new Callouts(panes, scene), wish = wishes();
-  let tell = () => {};
+  let tell = () => {}, ways = scene.live ? [] : leave();
   function show() {
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
       if (arm.traces) arm.traces.visible = box("traces").checked;
+      arm.showFan(box("fan").checked);
       arm.showDrift(box("drift").checked);
       if (!arm.past) continue;
       const past = scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
@@ -75,7 +79,7 @@ async function main() {
       arm.notice.textContent = past ? arm.data.broken.words : "";
     }
     if (scene.live) { viewer.set_dirty(); return; }
-    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); arm.point(which, chain, arm.now.frame, arm.now.f, ball.node.position); }
+    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.first, arm.now.f)); }
     chart.show(done, cycle, part);
     callouts.say();
     tell(done, part);
@@ -91,7 +95,18 @@ async function main() {
     reset() { viewer.controls.reset(); viewer.camera.zoom = 1; eye.touched = false; resize(); },
     set(name, on) { box(name).checked = on; byId("drift-note").hidden = !box("drift").checked; byId("panes").classList.toggle("quiet", !box("callouts").checked); show(); },
     turn(...way) { eye.turn(...way); },
+    enlarge(on) {
+      for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
+      byId("enlarge").setAttribute("aria-pressed", String(on));
+      byId("drift-from").textContent = on ? `drift drawn × ${GAIN}: 0` : "off its place in cycle 1: 0";
+      byId("drift-to").textContent = `${inMetres(SCALE / (on ? GAIN : 1))} and more`;
+      document.body.classList.toggle("enlarged", on);
+      ways = leave();
+      show();
+    },
   };
+  const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));
+  byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01);
   tell = connect(clock, view, last);
   document.body.classList.toggle("live", Boolean(scene.live));
   if (scene.live) follow(arms, viewer.camera, show);
@@ -101,6 +116,7 @@ async function main() {
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
   if (callouts) panes.drawn = () => callouts.place();
   viewer.controls.addEventListener("end", () => keep(clock, eye));
+  savable(viewer, clock, scene.live);
   printable(() => still(viewer, clock, arms, panes));
   if (wish.time !== null) clock.time = Math.min(Math.max(wish.time, 0), cycles);
   new ResizeObserver(resize).observe(byId("panes"));

@@ -5,7 +5,7 @@ import { byId, unpack } from "./dom.js";
 import { Eye, towards } from "./eye.js";
 import { inMetres } from "./numbers.js";
 import { Panes } from "./panes.js";
-import { drawWays } from "./traces.js";
+import { drawPaths, drawWays } from "./traces.js";
 import { floor, light } from "./viewer.js";
 
 export async function setStage(viewer, scene) {
@@ -23,9 +23,10 @@ export async function setStage(viewer, scene) {
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
-  const ways = drawWays(arms, paths, scene, extent);
+  drawPaths(arms, paths, extent);
+  const leave = () => drawWays(arms, scene, extent);
   const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
-  return { arms, ways, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
+  return { arms, leave, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
 }
 
 // The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is

@@ -1,6 +1,7 @@
 // What stays behind: a tube along each point's way, drawn only as far as time has come.
 
 const SIDES = 6;
+const THICK = 0.0026; // of a way, in parts of the picture's extent
 
 export class Trace {
   // cycles: arrays of points, one a cycle; shade(c, p): a colour
@@ -78,19 +79,28 @@ export function driftShade(arm, scene) {
   };
 }
 
-// Each arm's path, the ways of its tips and elbows, and a mark where it goes beyond what it can do.
-export function drawWays(arms, paths, scene, extent) {
-  const T = MeshCat.THREE, F = scene.perCycle, thick = 0.0026 * extent, ways = [];
+// Each arm's path, and a mark where it goes beyond what it can do.
+export function drawPaths(arms, paths, extent) {
+  const thick = THICK * extent, ink = new MeshCat.THREE.Color("#6b7784");
   for (const arm of arms) {
-    const shade = driftShade(arm.data, scene), full = new T.Color(arm.data.color), ink = new T.Color("#6b7784");
-    const pieces = (which, chain) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => arm.point(which, chain, c * F + i)));
     for (const way of paths) if (way.length > 1) new Trace(arm.group, [way], 0.75 * thick, () => ink).show(1, 0);
+    if (arm.data.broken) arm.past = new Marker(arm.group, 14 * thick, "#e00020", 0.55);
+  }
+}
+
+// The ways of each arm's tips and elbows, in place of earlier ones; as far from cycle 1 as the arm is drawn.
+export function drawWays(arms, scene, extent) {
+  const T = MeshCat.THREE, F = scene.perCycle, thick = THICK * extent, ways = [];
+  for (const arm of arms) {
+    const shade = driftShade(arm.data, scene), full = new T.Color(arm.data.color);
+    const point = (which, chain, c, i) => arm.drawn(which, chain, c * F + i, i === F - 1 ? 0 : i);
+    const pieces = (which, chain) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));
+    if (arm.traces) { arm.group.remove(arm.traces); arm.traces.traverse((node) => node.geometry && node.geometry.dispose()); }
     arm.traces = new T.Group();
     arm.group.add(arm.traces);
     for (let chain = 0; chain < arm.chains && !scene.live; chain++)
       for (const [which, width, ball, tint] of [["tip", 1.35, 3.4, () => full], ["elbow", 1, 2.8, shade]])
         ways.push({ arm, which, chain, trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
-    if (arm.data.broken) arm.past = new Marker(arm.group, 14 * thick, "#e00020", 0.55);
   }
   return ways;
 }

@@ -1,0 +1,85 @@
+"""Outcomes of motions: which part is farthest off its start, and by how much, for the headline of a
+page and of a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arguments import Array
+from ...motion.displacement import displacements, leaves_range
+from ...motion.joint_motion import JointMotion
+from ...robot.robot import Robot
+from ...robot.task import Task
+from ...robot.visuals import Visuals
+from ...studies import Row, Study
+from ..text.headline import Headline, Outcome, headline_of, stopped_words
+from ..text.parts import part_name
+from ..text.verdict import MotionSummary, motion_summary
+from .body_points import corners
+
+
+def outcome_of(
+    summary: MotionSummary,
+    task: Task,
+    q0: Array,
+    farthest: tuple[str, float],
+    played: Sequence[JointMotion],
+) -> Outcome:
+    """Collect what the headline says of one motion.
+
+    Parameters
+    ----------
+    summary
+        Its quantities.
+    task
+        Task of the arm after whose parts the links are named.
+    q0 : (n,) array
+        Its start.
+    farthest : (str, float)
+        The link that is farthest off at the end, and how far, m.
+    played
+        The motion of each chain of the robot.
+    """
+    found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
+    near = () if summary.body_distance is None else played[0].coarse.nearest_bodies[1].links
+    link, off = farthest
+    return Outcome(summary, part_name(task, q0, link), link, off, min(found, default=None), near)
+
+
+def farthest_body(robot: Robot, ends: Array) -> tuple[str, float]:
+    """Find the link whose body is farthest off after a motion, and how far, m.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    ends : (2, nq) array
+        Its configurations at the start and at the end.
+    """
+    visuals = Visuals.of(robot)
+    placements = visuals.placements(ends)
+    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
+    which = int(np.argmax(off[0]))
+    return visuals.shapes[which].link, float(off[0, which])
+
+
+def row_outcome(study: Study, row: Row) -> Outcome | None:
+    """Collect the outcome of one row of a study; None if its motion stopped."""
+    motion = row.motion
+    if motion is None:
+        return None
+    task, ends = motion.task, motion.q[[0, -1]]
+    summary = motion_summary(row.label, motion, study.elbow)
+    farthest = farthest_body(task.robot, task.to_robot(ends))
+    return outcome_of(summary, task, ends[0], farthest, [motion])
+
+
+def study_headline(study: Study) -> Headline:
+    """Write the headline of a study: J⁺ beside the nearest repeatable inverse."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    stopped = [stopped_words(row.label, row.stopped) for row in rows if row.motion is None]
+    found = [one for row in rows if (one := row_outcome(study, row)) is not None]
+    cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
+    return headline_of(found, cycles, stopped)
