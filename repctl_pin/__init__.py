@@ -62,11 +62,11 @@ if TYPE_CHECKING:
     from .problem import Problem as Problem
     from .proof import Proof as Proof
     from .proof import prove as prove
+    from .recordings import Audit as Audit
     from .recordings import Recording as Recording
     from .recordings import Relabeled as Relabeled
-    from .recordings.relabel import relabel as relabel
-    from .recordings import Audit as Audit
     from .recordings.audit import audit as audit
+    from .recordings.relabel import relabel as relabel
     from .regions import Box as Box
     from .regions import Tube as Tube
     from .regions import WorkspaceBox as WorkspaceBox

@@ -9,7 +9,8 @@ from .page.html import render
 from .plots.motions import png
 from .plots.relabeled import labels_figure, shares_figure
 from .report import DPI, framed, versions
-from .text.verdict import Tile, Verdict
+from .text.headline import Headline
+from .text.lines import Span
 
 
 def relabel_sentence(relabeled: Relabeled) -> str:
@@ -40,7 +41,7 @@ def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
         style="report.css",
         title=f"{task.robot.name}: one configuration per recorded pose",
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}",
-        verdict=Verdict(relabel_sentence(relabeled), _tiles(relabeled)),
+        headline=Headline((Span(relabel_sentence(relabeled)),), _notes(relabeled)),
         figures=[
             ("Joints", _picture(labels_figure(relabeled), _LABELS)),
             ("Shares of the frames", _picture(shares_figure(relabeled), _SHARES)),
@@ -72,19 +73,20 @@ _GLOSSARY = {
 }
 
 
-def _tiles(relabeled: Relabeled) -> tuple[Tile, ...]:
+def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
+    """Write how many frames have new joints, how many have none, and the limit margins."""
     found = relabeled.found
     lost = int((~found).sum())
     margin = float(relabeled.margins_after[found].min())
     unit = relabeled.recording.task.unit
-    tiles = [
-        Tile("frames", f"{int(found.sum()):,} relabelled"),
-        Tile("not relabelled", f"{lost:,}", bad=lost > 0),
-    ]
+    notes = [Span(f"{int(found.sum()):,} frames relabelled.")]
+    if lost:
+        notes.append(Span(f"{lost:,} not relabelled.", "bad"))
     if relabeled.margins_before is not None and np.isfinite(margin):
         before = float(relabeled.margins_before[found].min())
-        tiles.append(Tile("limit margin", f"{before:.2g} → {margin:.2g} {unit}", bad=margin < 0))
-    return tuple(tiles)
+        text = f"Limit margin {before:.2g} → {margin:.2g} {unit}."
+        notes.append(Span(text, "bad" if margin < 0 else ""))
+    return tuple(notes)
 
 
 def _picture(figure: object, text: str) -> dict[str, object]:

@@ -32,7 +32,18 @@ from ..text.headline import Headline
 
 SCRIPTS = (
     *("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "stage"),
-    *("callouts", "chart", "clock", "address", "controls", "paper", "save", "live", "console", "main"),
+    *(
+        "callouts",
+        "chart",
+        "clock",
+        "address",
+        "controls",
+        "paper",
+        "save",
+        "live",
+        "console",
+        "main",
+    ),
 )
 """The page's modules, each after those that it imports."""
 
