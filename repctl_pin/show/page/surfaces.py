@@ -258,8 +258,8 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     unit_normal = _unit(flat, np.zeros_like(flat))
     total = _sums(place, flat[face], len(starts))  # of all faces at a point
     direction = _unit(total, total)
-    apart = _dot(unit_normal[face], direction[place]) < _HALF
-    mixed = np.bincount(place, apart, len(starts)) > 0  # some may meet at more than the angle
+    steep = _dot(unit_normal[face], direction[place]) < _HALF
+    mixed = np.bincount(place, steep, len(starts)) > 0  # some may meet at more than the angle
     few = counts <= _MANY
     normals = np.empty_like(corners)
     normals[order] = np.where(few[:, None], direction, 0.0)[place]

@@ -77,7 +77,7 @@ function drawWords(draw, text) {
   }
 }
 
-// A film from now on, of at most so many seconds, or until `stop`: {stop, done}, done a promise of what was filmed.
+// A film from now on, for at most `seconds`, or until `stop`: {stop, done}, done a promise of what was filmed.
 export function record(viewer, clock, seconds = Infinity) {
   const canvas = seen(viewer, undefined, 1), stream = canvas.captureStream(30), kept = [];
   const kind = ["video/webm", "video/mp4"].find((one) => MediaRecorder.isTypeSupported(one));
