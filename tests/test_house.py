@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -38,6 +39,18 @@ def test_the_documentation_has_the_floors_of_the_contract() -> None:
     (layers,) = re.findall(r"^layers = \[\n(.*?)^\]", contract, flags=re.DOTALL | re.MULTILINE)
     floors = [line.replace("repctl_pin.", "") for line in re.findall(r'"(.*)"', layers)]
     assert "```text\n{}\n```".format("\n".join(floors)) in page
+
+
+def test_no_output_of_a_command_is_in_the_top_folder() -> None:
+    """Outputs go to ``repctl-out``, which git ignores, or where --out says."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("requires git and a clone")
+    done = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    top = {line.partition("/")[0] for line in done.stdout.splitlines()}
+    kept = {"repctl_pin", "urdf", "tests", "examples", "docs"}
+    files = {"README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICENSE"}
+    settings = {"pyproject.toml", "mkdocs.yml", "CITATION.cff", "eslint.config.mjs"}
+    assert {name for name in top if not name.startswith(".")} <= kept | files | settings
 
 
 def test_the_documentation_names_files_that_exist() -> None:

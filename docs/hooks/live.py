@@ -69,7 +69,7 @@ PAGES: dict[str, Callable[[], str]] = {
 """The pages, by name."""
 
 
-def live_pages() -> bool:
+def included() -> bool:
     """Check whether this build is to have live pages."""
     return os.environ.get("REPCTL_LIVE", "yes") != "no"
 
@@ -78,7 +78,7 @@ def on_files(files: Any, *, config: Any) -> Any:
     """Add the pages to the files of the site."""
     from mkdocs.structure.files import File
 
-    if live_pages():
+    if included():
         for name, made in PAGES.items():
             files.append(File.generated(config, f"live/{name}.html", content=made()))
     return files
@@ -90,7 +90,7 @@ def on_page_markdown(text: str, /, *, page: Any, **_: object) -> str:
     def frame(mark: re.Match[str]) -> str:
         if mark[1] not in PAGES:
             raise KeyError(f"{page.file.src_uri}: no live page {mark[1]!r}")
-        if not live_pages():
+        if not included():
             return ""
         url = posixpath.relpath(
             f"live/{mark[1]}.html", posixpath.dirname(page.file.dest_uri) or "."

@@ -108,7 +108,8 @@ def test_the_python_of_a_page_runs(
     names: dict = {}
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     if any("import jax" in block for block in blocks):  # its threads do not survive forks
-        done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], check=False)
+        quick = os.environ | {"XLA_FLAGS": "--xla_backend_optimization_level=0"}  # compiles sooner
+        done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], env=quick, check=False)
         assert done.returncode == 0
         return
     for block in blocks:

@@ -272,6 +272,23 @@ def test_leaves_of_nearest_ppr_are_level_sets() -> None:
         module.leaves(lambda Q: np.cos(3 * Q[..., 2]), (0.2,), 3)
 
 
+def test_the_largest_square_of_the_paper() -> None:
+    """J⁺ ends where the paper says; k = 1 closes from G, and k = 0 on the smallest square."""
+    module = example("ten_squares")
+    task, side, steps = rp.Robot.load("ppr").task("tool", "xy"), module.SIDES[-1], 400
+    first = module.square(rp.Pseudoinverse(task), side, steps)
+    assert np.abs(first.q[-1] - [1.37361851, -0.92758245, -4.32948200]).max() < 1e-6
+    theta = module.turn(first).theta()
+    G = min(np.linspace(12, 16, 40001), key=lambda s: abs(theta(s) + 5 * np.pi / 4))
+    one, closed = module.turn_from(
+        module.paper_inverse(task, 1.0), G, module.turn(first).at(G), steps
+    )
+    assert closed < 1e-9 and one.speed.min() > 0
+    small = module.square(module.paper_inverse(task, 0.0), module.SIDES[0], 100)
+    assert small.drift[-1] < 1e-9
+
+
+@pytest.mark.slow
 def test_ten_squares(run: Run) -> None:
     names, told = run("python examples/ten_squares.py")
     result = names["found"]

@@ -220,9 +220,7 @@ def test_the_commands_for_ones_own_arm_run(
 @pytest.mark.parametrize(
     "command",
     [
-        pytest.param(
-            command, marks=() if "my_arm" in command or "ppr" in command else pytest.mark.slow
-        )
+        pytest.param(command, marks=() if "ppr" in command else pytest.mark.slow)
         for command in re.findall(r"`repctl (study [^`]+)`", PROSE)
     ],
 )

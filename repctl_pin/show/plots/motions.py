@@ -55,7 +55,7 @@ def drift_over_cycles(
     motions
         Label, motion and colour of each.
     log
-        Whether to use a log scale, on which closed motions look different from slow drift.
+        Whether to use a log scale, on which closed motions stand apart from slow ones.
     """
     _drift_lines(ax, motions)
     if log:
@@ -128,10 +128,10 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
     order = sorted(motions, key=lambda one: float(one[1].drift[-1]))
     words = [_end_words(label, motion, high) for label, motion, _ in order]
     ends = [max(float(motion.drift[-1]), _LEAST) for _, motion, _ in order]
-    ideal = [min(float(to_axes.transform((1.0, end))[1]), 1.0) for end in ends]
-    places = _apart(ideal, [_LINE * (text.count("\n") + 1) for text in words])
+    at_ends = [min(float(to_axes.transform((1.0, end))[1]), 1.0) for end in ends]
+    places = _apart(at_ends, [_LINE * (text.count("\n") + 1) for text in words])
     for (_, motion, colour), text, end, y, place in zip(
-        order, words, ends, ideal, places, strict=True
+        order, words, ends, at_ends, places, strict=True
     ):
         line = {"arrowstyle": "-", "color": colour, "lw": 0.8, "relpos": (0, 0.5)}
         ax.annotate(
@@ -164,11 +164,11 @@ def _end_words(label: str, motion: Motion, high: float) -> str:
     return f"{label}: {value}{' ↑' if drift > high else ''}{beyond}"
 
 
-def _apart(ideal: Sequence[float], heights: Sequence[float]) -> list[float]:
+def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
     """Move rising heights of labels apart so that none covers another or leaves the axes."""
     places, floor = [], -np.inf
-    for want, height in zip(ideal, heights, strict=True):
-        places.append(max(want, floor + height / 2))
+    for own, height in zip(rising, heights, strict=True):
+        places.append(max(own, floor + height / 2))
         floor = places[-1] + height / 2
     ceiling = 1.0 + heights[-1] / 2
     for k in reversed(range(len(places))):
