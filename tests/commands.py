@@ -8,6 +8,12 @@ import pytest
 
 from repctl_pin.cli import main
 
+OUT = [
+    *("follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4"),
+    *("--path", "circle:0.4:0", "--plane", "xy", "--steps", "100"),
+]
+"""A motion that leaves its limits: theta1 ends at 2π, where this circle takes it."""
+
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
     """The JSON of a command that does what it should."""
