@@ -8,6 +8,12 @@ import pytest
 
 from repctl_pin.cli import main
 
+OUT = [
+    *("follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4"),
+    *("--path", "circle:0.4:0", "--plane", "xy", "--steps", "100"),
+]
+"""A motion that leaves its limits: theta1 ends at 2π, where this circle takes it."""
+
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
     """The JSON of a command that does what it should."""
@@ -23,3 +29,16 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
     )
     return captured.err
+
+
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what a test does not look at, and what takes half of a command's time: pages and
+    figures are written, but hold nothing."""
+    from repctl_pin.show import study_files
+    from repctl_pin.show.page import playback
+
+    for module in (study_files, playback):
+        monkeypatch.setattr(module, "playback_page", lambda *_, **__: "<html><head></head></html>")
+    monkeypatch.setattr(study_files, "png", lambda *_, **__: b"")
+    for figure in ("drift_figure", "joints_figure"):
+        monkeypatch.setattr(study_files, figure, lambda *_, **__: None)

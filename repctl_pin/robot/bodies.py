@@ -151,11 +151,8 @@ class Bodies:
                 f"{_listed(inside)} overlap at every sampled configuration; they are not checked"
             )
         if self.disabled:
-            which = _listed([*self.disabled])
-            notes.append(
-                f"{which} overlap at common configurations, and the SRDF disables them; "
-                "they are not checked"
-            )
+            pairs = "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
+            notes.append(f"{pairs} of links overlap and are not checked: the SRDF disables them")
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:

@@ -16,6 +16,12 @@ from browser import errors, schemes, wait_until_drawn
 from repctl_pin.cli import main
 
 
+def cell_of(made: Path) -> list[str]:
+    """The command for a cell of the arm that was made."""
+    task = ["--frame", "tool", "--task", "xy", "--start", "0.6,-1.2,1.4"]
+    return ["cell", str(made / "arm.urdf"), *task]
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cell")
@@ -102,16 +108,7 @@ def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
 def test_a_cell_round_a_path_and_round_poses(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arm = [
-        "cell",
-        str(made / "arm.urdf"),
-        "--frame",
-        "tool",
-        "--task",
-        "xy",
-        "--start",
-        "0.6,-1.2,1.4",
-    ]
+    arm = cell_of(made)
     words = [
         "--half-width",
         "0.05",
@@ -160,16 +157,7 @@ def test_a_cell_is_exported_with_its_function(
 
 def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is refused names the options of the command, not Python's arguments."""
-    arm = [
-        "cell",
-        str(made / "arm.urdf"),
-        "--frame",
-        "tool",
-        "--task",
-        "xy",
-        "--start",
-        "0.6,-1.2,1.4",
-    ]
+    arm = cell_of(made)
     small = ["--degree", "1", "--held-out", "64", "--out", str(made / "large")]
     assert main([*arm, "--half-width", "2", *small]) == 2
     refusal = capsys.readouterr().err

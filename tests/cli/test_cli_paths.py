@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import Q_PANDA, planar_task
-from commands import refused, told
+from commands import refused, told, without_pictures
 
 import repctl_pin as rp
 from repctl_pin.cli import main
@@ -31,6 +31,7 @@ def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -
     """A study's J⁺, follow's, and that of the words the study gives back; and the drift of its
     first cycle."""
     monkeypatch.chdir(tmp_path)
+    without_pictures(monkeypatch)
     studied = told(capsys, "study", "panda", *WORDS, *SHORT, "--degree", "1", "--out", "s")
     again = ["--path", studied["path_spec"], "--plane", studied["plane"]]
     follow = ["follow", "panda", "--strategy", "pseudoinverse", *SHORT]
@@ -55,6 +56,7 @@ def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -
 
 def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
+    without_pictures(monkeypatch)
     studied = told(capsys, "study", "so100", *SHORT, "--degree", "1")
     followed = told(capsys, "follow", "so100", "--strategy", "pseudoinverse", *SHORT)
     assert studied["path_spec"] == followed["path_spec"] and studied["start"] == followed["start"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import refused
+from commands import OUT, refused
 from page_file import read
 
 import repctl_pin as rp
@@ -124,27 +124,15 @@ def test_drift_is_said_once_and_with_its_unit(capsys) -> None:
 
 
 def test_leaving_the_limits_is_a_warning(capsys) -> None:
-    # theta1 ends at 2π; a circle so drawn takes it there in the first cycle (test_motion finds the
-    # row)
-    out_of = [
-        "follow",
-        "planar3r",
-        "--strategy",
-        "pseudoinverse",
-        "--start",
-        "6.2,1,-1.4",
-        "--path",
-        "circle:0.4:0",
-    ]
-    out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100")
+    out, error = printed(capsys, *OUT)
     where = r"theta1 exceeds its limits in cycle 1, at \d+ % of the cycle"
     assert re.fullmatch(
         rf"repctl: warning: {where}; try another --start or a smaller --path\n", error
     )
     assert "limit margin    -" in out and "LIMITS" not in out
-    out, error = printed(capsys, *out_of, "--plane", "xy", "--steps", "100", "--json")
+    out, error = printed(capsys, *OUT, "--json")
     assert error == "" and 0 < json.loads(out)["first_violation"]["cycle"] < 1
-    assert printed(capsys, *out_of[:4], "--start", "1,-1.5,1.2")[1] == ""
+    assert printed(capsys, *OUT[:4], "--start", "1,-1.5,1.2")[1] == ""
 
 
 def test_cycles_are_counted_in_whole_numbers() -> None:

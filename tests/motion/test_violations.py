@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import chain_with_bodies
-from commands import refused, told
+from commands import OUT, refused, told
 from page_file import read
 
 import repctl_pin as rp
@@ -17,22 +17,6 @@ from repctl_pin.cli import main
 from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
 from repctl_pin.show.page import TracedChain, playback_of, playback_page
 from repctl_pin.show.plots import drift_figure, joints_figure
-
-OUT = [
-    "follow",
-    "planar3r",
-    "--strategy",
-    "pseudoinverse",
-    "--start",
-    "6.2,1,-1.4",
-    "--path",
-    "circle:0.4:0",
-    "--plane",
-    "xy",
-    "--steps",
-    "100",
-]
-"""theta1 ends at 2π, where this circle takes it."""
 
 CELL = """<robot name="cell"><link name="room"/>
 <link name="post"><collision><geometry><cylinder radius="0.1" length="1"/></geometry></collision>

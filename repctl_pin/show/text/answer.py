@@ -53,7 +53,11 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     after += _proved(study)
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     used = _height(out) + _height_of(after) + _height_of(below)
-    notes = _as_many(_notes(study, rows), ROWS - 2 - used)  # the command and the next prompt
+    left = ROWS - 2 - used  # without the command and the next prompt
+    notes = _notes(study, rows)
+    if _height_of([f"note: {note}" for note in notes]) == left + 1:
+        below, left = below[1:], left + 1  # rather than the empty line
+    notes = _as_many(notes, left)
     return [*out, Span(fitted("\n".join([*after, *notes, *below])))]
 
 
