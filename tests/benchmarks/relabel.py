@@ -14,8 +14,10 @@ from __future__ import annotations
 import os
 import resource
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from time import process_time
 from xml.etree import ElementTree
 
@@ -240,21 +242,38 @@ def relabel_row(name: str, scene: Scene, Q: np.ndarray) -> rp.Relabeled:
 # ---- behaviour cloning
 
 
-def cloned(U: np.ndarray, Q: np.ndarray, kind: str) -> Callable[[np.ndarray], np.ndarray]:
-    """Fit a policy u → q: a cubic polynomial, or 400 Gaussians, both with a ridge penalty."""
+def cloned(
+    U: np.ndarray, Q: np.ndarray, session: np.ndarray, kind: str
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Fit a policy u → q: a cubic polynomial, or 200 Gaussians and a linear part.
+
+    The ridge penalty is the best one on sessions that are held out in turn.
+    """
     if kind == "cubic":
         terms = Monomials(U.shape[1], 3).values
     else:
-        centres = U[np.random.default_rng(0).choice(len(U), 400, replace=False)]
+        centres = U[np.random.default_rng(0).choice(len(U), 200, replace=False)]
 
         def terms(U: np.ndarray) -> np.ndarray:
             away = ((U[:, None] - centres) ** 2).sum(axis=2)
             return np.concatenate([np.exp(-away / 8.0), U, np.ones((len(U), 1))], axis=1)
 
     T, mean = terms(U), Q.mean(axis=0)
-    A = T.T @ T + 1e-7 * len(U) * np.eye(T.shape[1])
-    W = np.linalg.solve(A, T.T @ (Q - mean))
+    ridges = 10.0 ** np.arange(-8, 2) * len(U)
+    cost = np.zeros(len(ridges))
+    for one in np.unique(session):
+        test = session == one
+        fits = fitted(T[~test], (Q - mean)[~test], ridges)
+        cost += [np.sum((T[test] @ W + mean - Q[test]) ** 2) for W in fits]
+    (W,) = fitted(T, Q - mean, ridges[[int(np.argmin(cost))]])
     return lambda u: terms(u[None])[0] @ W + mean
+
+
+def fitted(T: np.ndarray, Q: np.ndarray, ridges: np.ndarray) -> list[np.ndarray]:
+    """Fit coefficients with several ridge penalties."""
+    s, V = np.linalg.eigh(T.T @ T)
+    B = V.T @ (T.T @ Q)
+    return [V @ (B / (np.maximum(s, 0) + ridge)[:, None]) for ridge in ridges]
 
 
 def servos(task: rp.Task) -> object:
@@ -316,18 +335,23 @@ def cloning_rows(name: str, scene: Scene, done: rp.Relabeled) -> None:
             ends = []
             for held_out in range(SESSIONS):
                 train = good & (session != held_out)
-                ends.append(rollout(scene, cloned(U[train], Q[train], kind), held_out))
+                policy = cloned(U[train], Q[train], session[train], kind)
+                ends.append(rollout(scene, policy, held_out))
             print_rollouts(f"| {name} | {kind} | {label}", ends)
+
+
+def brief(value: float) -> str:
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 def print_rollouts(head: str, ends: list[tuple[np.ndarray, np.ndarray, float]]) -> None:
     far, turned, beyond = (np.concatenate([np.atleast_1d(e[i]) for e in ends]) for i in range(3))
     cells = [
-        f"{1000 * np.median(far):.2g}",
-        f"{1000 * far.max():.2g}",
-        f"{np.median(turned):.2g}",
-        f"{turned.max():.2g}",
-        f"{100 * beyond.mean():.2g} %",
+        brief(1000 * np.median(far)),
+        brief(1000 * far.max()),
+        brief(np.median(turned)),
+        brief(turned.max()),
+        f"{brief(100 * beyond.mean())} %",
     ]
     print(f"{head} | {' | '.join(cells)} |", flush=True)
 
@@ -350,17 +374,22 @@ def large() -> None:
     print(f"{len(Q):,} frames: checked in {read - began:.1f} s, relabelled in {ended - read:.1f} s")
     print(f"peak memory {peak / 1e6:.2f} GB, {(peak - before) / 1e6:.2f} GB above the input's")
     print(done.summary())
+    with tempfile.TemporaryDirectory() as folder:
+        files(done, Path(folder))
+
+
+def files(done: rp.Relabeled, folder: Path) -> None:
+    """Measure the files of a recording."""
     for suffix in ("csv", "npz"):
         began = process_time()
-        file = done.save(f"/tmp/frames.{suffix}")
+        file = done.save(folder / f"frames.{suffix}")
         wrote = process_time()
-        rp.Recording.read(file, arm.task)
+        rp.Recording.read(file, done.recording.task)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         print(
             f"{suffix}: {file.stat().st_size / 1e6:.0f} MB, written in {wrote - began:.1f} s, read "
             f"in {process_time() - wrote:.1f} s, peak {peak / 1e6:.2f} GB"
         )
-        file.unlink()
 
 
 def main() -> None:

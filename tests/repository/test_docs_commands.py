@@ -54,6 +54,9 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
     seam = rp.circle(task, np.array(task.reference), 0.05)
     points = [[10 * s, *seam.point(s)] for s in np.linspace(0, 1, 41)]
     np.savetxt("seam.csv", points, delimiter=",", header="time,x,y,z", comments="")
+    start, control = np.array(task.reference), rp.Pseudoinverse(task)
+    motion = rp.follow(control, rp.circle(task, start, 0.05), start, cycles=3, steps=100)
+    rp.write_motion(motion, "demos.csv")
     small = fit_terminals(monkeypatch)
     for command in PAGES[page]:
         if re.search(r"(?<!/)design\.json", command) and not command.startswith("export"):
