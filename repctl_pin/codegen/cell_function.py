@@ -13,12 +13,12 @@ from ..inverse_function.monomials import Monomials
 from ..robot.task import Task
 from .kinematics import Chain
 from .potentials import cell_tables
-from .text import filled, row
+from .text import filled, row, table
 
 LANES = 8
 """Poses that a batch evaluates at once."""
 
-_WIDEST = {1: 14, LANES: 8}
+_WIDEST = 8
 """Sums that are accumulated at once: as many as the registers hold."""
 
 
@@ -35,7 +35,14 @@ def function_code(function: InverseFunction, name: str) -> str:
     limits = {"lower": row(lower), "upper": row(upper)}
     parts = limits | {"lanes": LANES, "turned": "".join(shifts), **cell_tables(chart)}
     lanes = [_lanes(chart, name, count) for count in (1, LANES)]
-    return "".join([filled("nearest.c", name, {}), *lanes, filled("function.c", name, parts)])
+    return "".join(
+        [
+            filled("nearest.c", name, {}),
+            _weights(chart, name),
+            *lanes,
+            filled("function.c", name, parts),
+        ]
+    )
 
 
 def _lanes(chart: Chart, name: str, lanes: int) -> str:
@@ -49,7 +56,7 @@ def _lanes(chart: Chart, name: str, lanes: int) -> str:
         "lanes": lanes,
         "count": monomials.size,
         "monomials": _products(monomials, lanes),
-        "sums": _sums(name, chart.coefficients[0].size, monomials.size, lanes),
+        "sums": _sums(name, _columns(chart), lanes),
         "angles": max(1, len(chain.angles)),
         "angle": angle,
         "placement": here,
@@ -101,24 +108,57 @@ def _products(monomials: Monomials, lanes: int) -> str:
     )
 
 
-def _sums(name: str, width: int, count: int, lanes: int) -> str:
-    """Write the sums of weighted monomials, as many at a time as the registers hold."""
-    parts = -(-width // _WIDEST[lanes])
-    ends = [width * i // parts for i in range(parts + 1)]
-    lines = []
-    for start, end in pairwise(ends):
-        each = range(start, end)
+def _columns(chart: Chart) -> list[tuple[int, list[int]]]:
+    """Group the entries of q_ref and n_ref by the number of monomials that they have, a few at a
+    time; n_ref mostly has fewer."""
+    weights = chart.coefficients.reshape(chart.monomials.size, -1)
+    counts = [1 + int(np.max(np.flatnonzero(w), initial=0)) for w in weights.T]
+    parts = []
+    for count in sorted(set(counts)):
+        group = [i for i, size in enumerate(counts) if size == count]
+        pieces = -(-len(group) // _WIDEST)
+        ends = [len(group) * i // pieces for i in range(pieces + 1)]
+        parts += [(count, group[start:end]) for start, end in pairwise(ends)]
+    return parts
+
+
+def _weights(chart: Chart, name: str) -> str:
+    """Write a table of weights for each group of entries."""
+    weights = chart.coefficients.reshape(chart.monomials.size, -1)
+    return "".join(
+        f"\nstatic const double {name}_chart_weight_{part}[{count}][{len(group)}] = {{\n"
+        f"{table(weights[:count, group])}}};\n"
+        for part, (count, group) in enumerate(_columns(chart))
+    )
+
+
+def _sums(name: str, columns: Iterable[tuple[int, list[int]]], lanes: int) -> str:
+    """Write the sums of weighted monomials, a few at a time."""
+    lines, step = [], 2 if lanes == 1 else 1  # two sums of one pose do not wait for each other
+    for part, (count, group) in enumerate(columns):
+        weight, sums = f"{name}_chart_weight_{part}", [f"s{i}" for i in group]
+        other = [f"r{i}" for i in group] if step == 2 else []
         lines += [
             f"for (l = 0; l < {lanes}; l++) {{",
-            f"    double {', '.join(f's{i} = 0.0' for i in each)};",
-            f"    for (a = 0; a < {count}; a++) {{",
-            f"        const double t = T[a][l], *w = {name}_cell_weight[a];",
-            *(f"        s{i} += t * w[{i}];" for i in each),
+            f"    double {', '.join(f'{s} = 0.0' for s in sums + other)};",
+            f"    for (a = 0; a < {count - count % step}; a += {step}) {{",
+            *_added(weight, "a", sums),
+            *(_added(weight, "a + 1", other) if other else []),
             "    }",
-            *(f"    both[{i}][l] = s{i};" for i in each),
-            "}",
         ]
+        if count % step:
+            lines += ["    {", *_added(weight, f"{count - 1}", sums), "    }"]
+        ends = [" + ".join(pair) for pair in zip(sums, other, strict=True)] if other else sums
+        lines += [f"    both[{i}][l] = {end};" for i, end in zip(group, ends, strict=True)]
+        lines.append("}")
     return _lines(lines)
+
+
+def _added(weight: str, at: str, sums: Sequence[str]) -> list[str]:
+    """Write the addition of one weighted monomial to sums."""
+    terms = [f"            {s} += t * w[{k}];" for k, s in enumerate(sums)]
+    begin = f"            const double t = T[{at}][l], *w = {weight}[{at}];"
+    return ["        {", begin, *terms, "        }"]
 
 
 def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import progress as reporting
 from ..arguments import Array
+from ..redundancy import leaf_margin
 from ..strategies.strategy import Inverse
 from .cell import Cell
 from .cell_design import CellDesign
@@ -55,6 +56,8 @@ _PRICED = 1024
 
 _CLOSE = 3e-5
 """Distance, rad, of the last chart from the function; Newton's method then takes two steps."""
+_STRAIGHT = 0.999
+"""Leaf margin, at the nodes of the last chart, with which a lower degree of n_ref suffices."""
 
 Found = CellDesign | tuple[FailureReason, ...]
 """A design, or the reasons for failure."""
@@ -252,7 +255,22 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> 
         away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
         if away < _CLOSE:
             break
-    return found
+    return _with_simple_fibres(found, U[good], N)
+
+
+def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
+    """Fit n_ref by a lower degree, if it stays near the null spaces N (K, n, r) at U (K, k).
+
+    The function stays: its label is 0, whatever the fibre's direction. In C it takes less time."""
+    for degree in range(1, chart.monomials.degree):
+        low = Monomials(chart.cell.k, degree)
+        fibres = low.fit(U, N)
+        n_ref = np.tensordot(low.values(U), fibres, axes=1)
+        if leaf_margin(N, n_ref).min() > _STRAIGHT:
+            coefficients = chart.coefficients.copy()
+            coefficients[:, :, 1:] = padded(fibres, chart.monomials)
+            return replace(chart, coefficients=coefficients)
+    return chart
 
 
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:

@@ -32,8 +32,8 @@ _GRID = 0.05
 
 
 def padded(a: Array, terms: Monomials) -> Array:
-    """Pad coefficients a (M, r) of a lower degree with zeros: monomials are ordered by degree."""
-    return np.pad(a, ((0, terms.size - len(a)), (0, 0)))
+    """Pad coefficients a (M, …) of a lower degree with zeros: monomials are ordered by degree."""
+    return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
 
 class ActiveConstraint:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath
 from ..redundancy import nullspace
@@ -25,6 +26,13 @@ _SPARE = (1.0, 1.1, 1.3, 1.6)
 
 _STEPS = 24
 """Number of points per cycle."""
+
+_ROUNDS = 3
+"""Number of starts from which self-motions of more than one dimension are walked: the given one,
+then the best found."""
+
+_IMPROVED = 4
+"""Number of the slowest motions, and of those with the margin, whose starts are freed."""
 
 
 class LeastStart(NamedTuple):
@@ -71,31 +79,57 @@ def least_start(
         If there is no closed motion from q0.
     """
     given = least_closed_motion(task, path, q0, steps=_STEPS, guess=guess)
-    motions = [given, *_along_self_motions(task, path, given)]
-    clearest = max(motions, key=_margin)
-    kept = _margin(clearest) / 2
-    kept = kept if 0 < kept < np.inf else 0.0
-    for motion in sorted(motions, key=lambda motion: motion.rms_speed):
-        if motion is given:
+    motions, walked = [given], given
+    rng = np.random.default_rng(0)
+    for _ in range(_ROUNDS if task.r > 1 else 1):
+        turn = np.linalg.qr(rng.normal(size=(task.r, task.r)))[0]
+        motions += _along_self_motions(task, path, walked, turn)
+        clearest = max(motions, key=_margin)
+        kept = _margin(clearest) / 2
+        kept = kept if 0 < kept < np.inf else 0.0
+        motions.sort(key=lambda motion: motion.rms_speed)
+        ahead = next(m for m in motions if m is given or _better(m, given, kept))
+        if ahead in (given, walked):
             break
-        for found in chain((_free(motion, factor * kept) for factor in _SPARE), [motion]):
-            if found is not None and _better(found, given, kept):
-                return LeastStart(found, given, clearest)
-    return LeastStart(given, given, clearest)
+        walked = ahead
+    good = [motion for motion in motions if _better(motion, given, kept)]
+    chosen = [*motions[:_IMPROVED], *good[:_IMPROVED]]
+    freed = (_freed(motion, given, kept) for motion in chosen if motion is not given)
+    best = min([given, *good, *freed], key=lambda motion: motion.rms_speed)
+    return LeastStart(best, given, clearest)
 
 
-def _along_self_motions(task: Task, path: TaskPath, given: Motion) -> Iterator[Motion]:
-    """Generate least closed motions from starts along the self-motions of a start."""
+def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
+    """Improve a motion with its start free; the given one if none is better with the margin."""
+    found = (_free(motion, factor * kept) for factor in _SPARE)
+    better = (one for one in found if one is not None and _better(one, given, kept))
+    return next(better, given)
+
+
+def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
+    """Generate least closed motions from starts along the self-motions of a start.
+
+    ``turn`` (r, r) rotates the directions. The walks go on beyond joint limits: other parts of a
+    self-motion can be inside them again."""
     start, target = given.q[0], path.placement(0.0)
-    directions = nullspace(task.jacobian(start)).T
-    for walk in self_motions(task, start, target, directions, _STRIDE):
-        guess = given
+    directions = turn @ nullspace(task.jacobian(start)).T
+    for walk in self_motions(task, start, target, directions, _STRIDE, limits=False):
+        guess: Motion | None = given
         for q in walk:
-            try:
-                guess = least_closed_motion(task, path, q, steps=_STEPS, guess=guess)
-            except (InputError, SingularityError):
-                break
-            yield guess
+            guess = _least(task, path, q, guess)
+            if guess is not None:
+                yield guess
+
+
+def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
+    """Find the least closed motion from a start, beside another and beside that of J⁺: the slower
+    of the two; None if both fail."""
+    found: list[Motion] = []
+    if task.limit_margin(q).min() >= 0:
+        for beside in {guess, None}:
+            with suppress(InputError, SingularityError):
+                found.append(least_closed_motion(task, path, q, steps=_STEPS, guess=beside))
+    return min(found, key=lambda motion: motion.rms_speed, default=None)
 
 
 def _free(motion: Motion, margin: float) -> Motion | None:

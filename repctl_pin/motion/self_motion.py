@@ -16,7 +16,13 @@ from .solve_ik import solve_ik
 
 
 def self_motions(
-    task: Task, start: Array, target: Placement, directions: Iterable[Array], stride: float
+    task: Task,
+    start: Array,
+    target: Placement,
+    directions: Iterable[Array],
+    stride: float,
+    *,
+    limits: bool = True,
 ) -> Iterator[Iterator[Array]]:
     """Walk along the self-motions of a start, up to a joint limit or a full turn.
 
@@ -32,13 +38,17 @@ def self_motions(
         Null vectors at the start; each is walked both ways.
     stride
         Length of a step, rad; for prismatic joints in arm lengths.
+    limits
+        Whether a walk ends at a joint limit; otherwise it goes on outside.
     """
     for direction in directions:
         for sign in (1.0, -1.0):
-            yield _walk(task, start, target, sign * direction, stride)
+            yield _walk(task, start, target, sign * direction, stride, limits)
 
 
-def _walk(task: Task, q: Array, target: Placement, along: Array, stride: float) -> Iterator[Array]:
+def _walk(
+    task: Task, q: Array, target: Placement, along: Array, stride: float, limits: bool
+) -> Iterator[Array]:
     """Walk along one self-motion, in one direction."""
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):
@@ -47,16 +57,18 @@ def _walk(task: Task, q: Array, target: Placement, along: Array, stride: float) 
         size = np.linalg.norm(along / L)
         if size < 1e-6:
             return
-        following = self_moved(task, q, stride * along / size, target)
+        following = self_moved(task, q, stride * along / size, target, limits=limits)
         if following is None:
             return
         q, along = following, following - q
         yield q
 
 
-def self_moved(task: Task, q: Array, step: Array, target: Placement) -> Array | None:
-    """Take a step of the self-motion; None if it leaves the limits."""
+def self_moved(
+    task: Task, q: Array, step: Array, target: Placement, *, limits: bool = True
+) -> Array | None:
+    """Take a step of the self-motion; None if it leaves the limits, unless they do not count."""
     try:
-        return solve_ik(task, q + step, target, tolerance=1e-11)
+        return solve_ik(task, q + step, target, tolerance=1e-11, limits=limits)
     except (InputError, SingularityError):
         return None
