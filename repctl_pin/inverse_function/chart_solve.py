@@ -11,6 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..c_library import NoCompilerError, loaded_library
@@ -114,7 +115,7 @@ def _made(task: Task) -> CompiledChain | None:
         return None
     joints = joint_chain(task)
     P, n = len(joints.axes), task.n
-    arrays = [
+    arrays: list[NDArray[Any]] = [
         joints.revolute.astype(np.intc),
         np.array(task.rows, np.intc),
         *(np.array(x, order="C") for x in (joints.R, joints.p, joints.axes)),

@@ -126,7 +126,7 @@ def _on_leaf(task: Task, potentials: object) -> tuple[dict[str, float], dict[str
     tensor = potentials.homogeneous if isinstance(potentials, PolynomialMap) else None
     if tensor is None:
         return None
-    scalars = {"r": task.r, "degree": tensor.degree}
+    scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
     scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
     return scalars, {"tensor": tensor.tensor, "center": tensor.center}
 
