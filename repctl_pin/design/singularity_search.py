@@ -116,7 +116,10 @@ class LeafMargin:
     (n,).
 
     The sign changes at an algorithmic singularity. Where J has full rank this is smooth through its
-    zeros but for crossings of singular values."""
+    zeros but for crossings of singular values.
+
+    With ``V = V̂ R`` and ``J_V X = [0; I]``, ``X Rᵀ = N (V̂ᵀ N)⁻¹``, so that ``σ_min(Nᵀ V̂)`` is
+    ``1 / σ_max(X Rᵀ)``. N itself is needed only where J_V is exactly singular."""
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
         self.task, self.potentials, self.side = task, potentials, 1.0
@@ -125,14 +128,25 @@ class LeafMargin:
     def __call__(self, Q: Array) -> Array:
         """Evaluate it at every row of Q (K, n): (K,)."""
         J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
+        J_V = np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)
+        side = self.side * np.sign(np.linalg.det(J_V))
+        n, m = self.task.n, self.task.m
+        try:
+            X = np.linalg.solve(J_V, np.eye(n)[:, m:])
+        except np.linalg.LinAlgError:
+            return side * self._margin(J, V)
+        if n - m == 1:
+            return side / (np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2)))
+        R = np.linalg.qr(V, mode="r")
+        sigma = np.linalg.svd(X @ np.swapaxes(R, -1, -2), compute_uv=False)
+        return np.asarray(side / sigma[:, 0])
+
+    def _margin(self, J: Array, V: Array) -> Array:
+        """Evaluate ``σ_min(Nᵀ V̂)``: (K,)."""
         N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., self.task.m :]
         V_hat = np.linalg.qr(V)[0]
-        sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)[:, -1]
-        return (
-            self.side
-            * sigma
-            * np.sign(np.linalg.det(np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)))
-        )
+        sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)
+        return np.asarray(sigma[:, -1])
 
 
 def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:

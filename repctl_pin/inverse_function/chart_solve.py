@@ -11,10 +11,11 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..c_library import NoCompilerError, loaded_library
+from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
 _MOST = 32
@@ -112,28 +113,13 @@ def _made(task: Task) -> CompiledChain | None:
     library, model = _library(), task.model
     if library is None or model.njoints - 1 > _MOST or task.coordinates is not None:
         return None
-    P, n = model.njoints - 1, task.n
-    frame = model.frames[task._frame_id]
-    places = [*list(model.jointPlacements)[1:], frame.placement]
-    twists = [
-        pin.computeJointJacobian(model, model.createData(), np.zeros(model.nq), j)[
-            :, model.joints[j].idx_v
-        ]
-        for j in range(1, P + 1)
-    ]
-    revolute = np.array([np.linalg.norm(t[3:]) > 0.5 for t in twists], np.intc)
-    axes = np.array([t[3:] if turns else t[:3] for t, turns in zip(twists, revolute, strict=True)])
-    S, offset = (
-        (np.eye(n), np.zeros(n)) if task.drive is None else (task.drive.S, task.drive.offset)
-    )
-    arrays = [
-        revolute,
+    joints = joint_chain(task)
+    P, n = len(joints.axes), task.n
+    arrays: list[NDArray[Any]] = [
+        joints.revolute.astype(np.intc),
         np.array(task.rows, np.intc),
-        np.array([x.rotation for x in places], order="C"),
-        np.array([x.translation for x in places]),
-        axes,
-        np.array(S, float, order="C"),
-        np.array(offset, float),
+        *(np.array(x, order="C") for x in (joints.R, joints.p, joints.axes)),
+        *(np.array(x, order="C") for x in (joints.S, joints.offset)),
     ]
     kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
     chain = _Chain(P, n, task.m, kind, *(x.ctypes.data for x in arrays))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
@@ -17,6 +18,7 @@ from ..robot.length import joint_scale
 from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, OnLeaves, Strategy
 from ..strategies.control_step import speeds
+from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock
 from .motion import Motion
 
@@ -40,8 +42,23 @@ _MOST = 100_000_000
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
 """Function (step of the cycle, q) → next q, q̇ at the start of the step (on a leaf: its mean),
 damping used."""
-AtEnd = Callable[[Array], Array]
-"""Function q → q̇ at the end of the motion."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """Integration method: from each step of a cycle to the next.
+
+    Attributes
+    ----------
+    advance : Advance
+    at_end : function q → q̇ at the end of the motion, optional
+    compiled : function (joint motion per step (n,)) → the same in C, or None
+        Its steps stop before any that a test of :func:`_run` could refuse.
+    """
+
+    advance: Advance
+    at_end: Callable[[Array], Array] | None = None
+    compiled: Callable[[Array], Steps | None] = lambda most: None
 
 
 def follow(
@@ -141,13 +158,14 @@ def follow(
             )
         if not isinstance(strategy, OnLeaves):
             raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
-        advance, at_end = _locked(strategy, path, grid, q, period, integrator)
+        method = _locked(strategy, path, grid, q, period, integrator)
     else:
-        advance, at_end = _integrated(strategy, path, grid, q, period, integrator, feedback)
-    Q, Qdot, used = _run(advance, at_end, task, path, grid, q, cycles)
+        method = _integrated(strategy, path, grid, q, period, integrator, feedback)
+    *targets, end = [path.placement(s) for s in grid]
+    points = np.array([target.translation for target in targets])
+    Q, Qdot, used = _run(method, task, path.name, points, q, cycles)
 
     t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
-    *targets, end = [path.placement(s) for s in grid]
     errors = task.errors(Q, targets * cycles + [end])
     linear = min(3, task.m)
     return Motion(
@@ -174,41 +192,47 @@ def check_length(task: Task, cycles: int, steps: int) -> None:
 
 
 def _run(
-    advance: Advance,
-    at_end: AtEnd | None,
+    method: Method,
     task: Task,
-    path: TaskPath,
-    grid: Array,
+    name: str,
+    points: Array,
     q: Array,
     cycles: int,
 ) -> tuple[Array, Array, float]:
     """Run all steps; return joint positions and velocities (T + 1, n), and the maximum damping."""
-    n_steps, used = len(grid) - 1, 0.0
-    points = np.array([path.placement(float(s)).translation for s in grid])
+    n_steps, used = len(points), 0.0
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
     surely = float(most_step.min()) ** 2
+    advance, in_c = method.advance, method.compiled(most_step)
     Q = np.empty((cycles * n_steps + 1, task.n))
     Qdot = np.empty_like(Q)
     Q[0] = q
+    step, end = 0, cycles * n_steps
     with np.errstate(over="ignore", invalid="ignore"):
-        for step in range(cycles * n_steps):
+        while True:
+            if in_c is not None:
+                step = in_c(step, end, Q, Qdot)
+                q = Q[step]
+            if step == end:
+                break
             try:
                 following, Qdot[step], damping = advance(step % n_steps, q)
             except SingularityError as error:
                 raise SingularityError(
-                    f"{error}, in cycle {1 + step // n_steps} of {path.name}"
+                    f"{error}, in cycle {1 + step // n_steps} of {name}"
                 ) from None
             moved = following - q
             if not (ddot(moved, moved) < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
-                    f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
+                    f"in one step in cycle {1 + step // n_steps} of {name}: the arm is near "
                     "a singularity, the path is out of reach, or there are too few steps"
                 )
             Q[step + 1] = q = following
             used = max(used, damping)
-    Qdot[-1] = Qdot[-2] if at_end is None else at_end(q)
+            step += 1
+    Qdot[-1] = Qdot[-2] if method.at_end is None else method.at_end(q)
     return Q, Qdot, used
 
 
@@ -220,7 +244,7 @@ def _integrated(
     period: float,
     integrator: str,
     feedback: float,
-) -> tuple[Advance, AtEnd]:
+) -> Method:
     """Create the step of a Runge–Kutta method."""
     task = strategy.task
     nodes, weights = INTEGRATORS[integrator]
@@ -263,7 +287,13 @@ def _integrated(
         last = path.twist(1.0 - _INSIDE) / period
         return velocity(q, last if turning else task.task_velocity(q, last), 1.0)
 
-    return advance, at_end
+    def compiled(most: Array) -> Steps | None:
+        if turning or feedback:
+            return None
+        xdot = [[row[place] for _, place, _ in stages] for row in twists]
+        return compiled_steps(strategy, INTEGRATORS[integrator], xdot, np.diff(grid) * period, most)
+
+    return Method(advance, at_end, compiled)
 
 
 def _locked(
@@ -273,7 +303,7 @@ def _locked(
     q: Array,
     period: float,
     lock: LeafLock,
-) -> tuple[Advance, None]:
+) -> Method:
     """Create the step from point to point on a leaf; its velocity is the mean."""
     corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
     if lock.leaf is None:
@@ -297,7 +327,7 @@ def _locked(
                 q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most)
         return q, (q - start) / h, used
 
-    return advance, None
+    return Method(advance)
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:

@@ -195,6 +195,8 @@ class PolynomialMap:
     degree : int
     terms
         Exponents of the monomials of u, and their coefficients (r,).
+    homogeneous : Homogeneous or None
+        The same polynomials as one tensor each; None if that would be large.
     """
 
     def __init__(
@@ -218,12 +220,12 @@ class PolynomialMap:
         self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
         self._shape, self.n = (n, r), n
         small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
-        self._quick = Homogeneous(center, scale, degree, terms) if small else None
+        self.homogeneous = Homogeneous(center, scale, degree, terms) if small else None
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        if self._quick is not None:
-            return self._quick.value(q)
+        if self.homogeneous is not None:
+            return self.homogeneous.value(q)
         u = (q - self.center) * self._inverse_scale
         h = self._value[-1]
         for lower in self._value[-2::-1]:
@@ -232,8 +234,8 @@ class PolynomialMap:
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        if self._quick is not None:
-            return self._quick.gradient(q)
+        if self.homogeneous is not None:
+            return self.homogeneous.gradient(q)
         u = (q - self.center) * self._inverse_scale
         V = self._slope[-1]
         for lower in self._slope[-2::-1]:
@@ -242,7 +244,9 @@ class PolynomialMap:
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
-        return plain(self, V_T, e) if self._quick is None else self._quick.in_place(V_T, e)
+        return (
+            plain(self, V_T, e) if self.homogeneous is None else self.homogeneous.in_place(V_T, e)
+        )
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""

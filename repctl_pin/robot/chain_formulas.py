@@ -67,6 +67,18 @@ def axis_turn(R: Array, goal: Array) -> Array:
     return np.array([-y * ratio, x * ratio])
 
 
+def rotation_vectors(R: Array) -> Array:
+    """Compute the rotation vectors of rotations (K, 3, 3): (K, 3), rad, angles from 0 to π."""
+    axis = 0.5 * (R[:, [2, 0, 1], [1, 2, 0]] - R[:, [1, 2, 0], [2, 0, 1]])  # sin(angle) times it
+    sine = np.sqrt((axis**2).sum(axis=1))
+    cosine = 0.5 * (R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    vectors = axis * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-9)[:, None]
+    for k in np.flatnonzero(cosine < -0.9):  # near half a turn the axis is lost in rounding
+        vectors[k] = pin.log3(R[k])
+    return vectors
+
+
 def is_rotation(R: Sequence[float]) -> bool:
     """Test whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
 

@@ -30,6 +30,7 @@ from .chain_formulas import (
     axis_turn,
     chain_hessians,
     require_rotation,
+    rotation_vectors,
 )
 from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
@@ -264,16 +265,18 @@ class Task:
             raise InputError(
                 f"{len(targets)} targets do not match {len(Q)} configurations; give one for each"
             )
-        errors = np.zeros((len(Q), 6))
-        for e, q, target in zip(errors, Q, targets, strict=True):
+        errors, turns = np.zeros((len(Q), 6)), np.empty((len(Q), 3, 3))
+        for e, turn, q, target in zip(errors, turns, Q, targets, strict=True):
             pin.framesForwardKinematics(self.model, data, q)
             here = data.oMf[frame]
             p, R = goals[id(target)]
             e[:3] = p - here.translation
             if kind == "pose":
-                e[3:] = pin.log3(R @ here.rotation.T)
+                R.dot(here.rotation.T, turn)
             elif kind == "axis":
                 e[3:5] = axis_turn(here.rotation, R)
+        if kind == "pose":
+            errors[:, 3:] = rotation_vectors(turns)
         return errors[:, self.rows]
 
     def positions(self, Q: ArrayLike) -> Array:

@@ -29,7 +29,7 @@ from ..threads import PerThread
 from .fast_loop import checked_velocity, failure
 from .strategy import described
 
-_WELL_CONDITIONED = 1e-2
+WELL_CONDITIONED = 1e-2
 """Minimum sine of the angle between a row of J and the span of the others for solving J Jᵀ."""
 
 
@@ -170,7 +170,7 @@ def least_speed(
     J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
     jacobian = in_place(task, J, rhs).jacobian
-    tolerance = _WELL_CONDITIONED**2
+    tolerance = WELL_CONDITIONED**2
 
     def velocity(q: Array, xdot: Array) -> Array:
         jacobian(q)

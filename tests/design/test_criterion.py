@@ -10,6 +10,7 @@ import repctl_pin as rp
 from repctl_pin import redundancy
 from repctl_pin.design import criterion
 from repctl_pin.design.batches import Local
+from repctl_pin.design.singularity_search import LeafMargin
 
 KINDS = {"pose": 1, "axis": 2, "position": 4}
 
@@ -142,3 +143,20 @@ def test_sides_find_a_singularity_of_V(panda_pose: rp.Task, q_panda_module: np.n
     ]  # in the row space at the center
     sides = criterion.cost(batch, row)[1]
     assert not sides.uniform and sides.positive + sides.negative == 512
+
+
+def test_signed_leaf_margin_is_the_leaf_margin(panda: rp.Robot, q_panda_module: np.ndarray) -> None:
+    """For every redundancy, by the inverse of J_V, against N; and at a singular J_V."""
+    Q = rp.Box(q_panda_module, 0.6).random(64, 0)
+    for kind in KINDS:
+        task = panda.task("panda_hand_tcp", kind)
+        A = np.random.default_rng(1).normal(size=(7, task.r))
+        potentials = rp.Polynomial(q_panda_module, 1, 0.6).weighted(A)
+        found = LeafMargin(task, potentials, q_panda_module)(Q)
+        N, V = redundancy.nullspace(task.jacobians(Q)), potentials.gradients(Q)
+        np.testing.assert_allclose(np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12)
+    J = task.jacobian(q_panda_module)
+    row = rp.Polynomial(q_panda_module, 1, 1.0)
+    A = np.linalg.lstsq(row.gradients(q_panda_module[None])[0], J.T, rcond=None)[0]
+    flat = row.weighted(np.tile(A[:, :1], task.r))  # all gradients are the same row of J
+    assert abs(LeafMargin(task, flat, q_panda_module)(q_panda_module[None])[0]) < 1e-12

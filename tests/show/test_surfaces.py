@@ -62,6 +62,25 @@ def test_round_surfaces_are_smooth_and_edges_sharp(tmp_path: Path) -> None:
     np.testing.assert_allclose(box.normals[box.faces], np.repeat(flat[:, None], 3, 1), atol=1e-9)
 
 
+def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
+    """A crumpled sheet, some of it flat and some with creases, against pairs of corners."""
+    rng = np.random.default_rng(0)
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))
+    points = np.c_[x, y, np.where(x < 4, 0.05, 1.2) * rng.normal(size=len(x))]
+    first = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
+    faces = np.r_[np.c_[first, first + 1, first + 9], np.c_[first + 1, first + 10, first + 9]]
+    a, b, c = points[faces].swapaxes(0, 1)
+    flat = np.cross(b - a, c - a)
+    unit = flat / np.linalg.norm(flat, axis=1, keepdims=True)
+    corners = faces.ravel()
+    sums = np.zeros((len(corners), 3))
+    for k, corner in enumerate(corners):
+        near = np.flatnonzero(corners == corner) // 3
+        sums[k] = flat[near[unit[near] @ unit[k // 3] > np.cos(np.deg2rad(38))]].sum(axis=0)
+    expected = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    np.testing.assert_allclose(smooth(points[corners], flat), expected, atol=1e-12)
+
+
 def test_smooth_weighs_faces_by_area() -> None:
     # two faces round one edge, 30° apart, one of them twice as long
     t = np.deg2rad(30)

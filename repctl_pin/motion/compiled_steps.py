@@ -1,0 +1,140 @@
+"""Runge–Kutta steps of the built-in controllers in C (runge_kutta.c), where there is a compiler."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array
+from ..c_library import NoCompilerError, loaded_library
+from ..potentials.polynomial import PolynomialMap
+from ..redundancy.inverses import RANK_TOLERANCE
+from ..robot.joint_chain import joint_chain
+from ..robot.task import Task
+from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strategy
+from ..strategies.pseudoinverse import WELL_CONDITIONED
+
+Steps = Callable[[int, int, Array, Array], int]
+"""Function (step, end, Q, Qdot) that fills both from a step on; returns the first one not done."""
+
+_MOST = 64
+"""Maximum number of joints; their matrices are on the stack."""
+
+_AT_ONCE = 50_000
+"""Number of steps after which Ctrl-C is looked for."""
+
+
+class _Law(ctypes.Structure):
+    """The struct Law of runge_kutta.c."""
+
+    _fields_ = (
+        [(name, ctypes.c_int) for name in ("P", "n", "m", "stages", "steps", "r", "degree")]
+        + [(name, ctypes.c_double) for name in ("gain", "sufficient")]
+        + [
+            (name, ctypes.c_void_p)
+            for name in (
+                *("R", "p", "axes", "revolute", "rows", "S", "offset", "posture"),
+                *("tensor", "center", "nodes", "weights", "xdot", "h", "most"),
+            )
+        ]
+    )
+
+
+def compiled_steps(
+    strategy: Strategy,
+    tableau: tuple[Sequence[float], Sequence[float]],
+    xdot: ArrayLike,
+    h: ArrayLike,
+    most: Array,
+) -> Steps | None:
+    """Make the function that integrates a strategy; None for a strategy or task not known in C.
+
+    Parameters
+    ----------
+    strategy
+        Controller.
+    tableau
+        Nodes c and weights b.
+    xdot : (steps, stages, m) array
+        Task velocities of the steps of a cycle.
+    h : (steps,) array
+        Their durations, s.
+    most : (n,) array
+        Joint motion per step before which the function stops.
+    """
+    task = strategy.task
+    parts = _parts_of(strategy)
+    if parts is None or task.kind == "axis" or task.n > _MOST:
+        return None
+    library = _library()
+    if library is None:
+        return None
+    chain = joint_chain(task)
+    if len(chain.axes) > _MOST:
+        return None
+    scalars, own = parts
+    reals = {name: getattr(chain, name) for name in ("R", "p", "axes", "S", "offset")}
+    reals |= {"posture": np.zeros(task.n), "tensor": np.zeros(1), "center": np.zeros(1)} | own
+    motion = {"nodes": tableau[0], "weights": tableau[1], "xdot": xdot, "h": h, "most": most}
+    held: dict[str, Any] = {k: np.ascontiguousarray(v, float) for k, v in (reals | motion).items()}
+    held |= {"revolute": chain.revolute.astype(np.intc), "rows": task.rows.astype(np.intc)}
+    sizes = {"P": len(chain.axes), "n": task.n, "m": task.m}
+    sizes |= {"stages": len(tableau[0]), "steps": len(held["h"])}
+    law = _Law(**sizes, **scalars, **{name: array.ctypes.data for name, array in held.items()})
+
+    return functools.partial(_run, library, law, held)
+
+
+def _run(
+    library: ctypes.CDLL,
+    law: _Law,
+    held: dict[str, Any],  # the memory to which law points
+    step: int,
+    end: int,
+    Q: Array,
+    Qdot: Array,
+) -> int:
+    rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
+    while step < end:
+        goal = min(step + _AT_ONCE, end)
+        step = library.runge_kutta_steps(ctypes.byref(law), step, goal, *rows)
+        if step < goal:
+            break
+    return step
+
+
+def _parts_of(strategy: Strategy) -> tuple[dict[str, float], dict[str, Array]] | None:
+    """Collect the numbers of a strategy's law; None if it is not in C."""
+    kind = type(strategy)
+    speed = {"sufficient": WELL_CONDITIONED**2}
+    if kind is Pseudoinverse:
+        return speed, {}
+    if isinstance(strategy, PostureControl) and kind is PostureControl:
+        return speed | {"gain": strategy.gain}, {"posture": strategy.posture}
+    if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:
+        return _on_leaf(strategy.task, strategy.potentials)
+    return None
+
+
+def _on_leaf(task: Task, potentials: object) -> tuple[dict[str, float], dict[str, Array]] | None:
+    tensor = potentials.homogeneous if isinstance(potentials, PolynomialMap) else None
+    if tensor is None:
+        return None
+    scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
+    scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
+    return scalars, {"tensor": tensor.tensor, "center": tensor.center}
+
+
+@functools.cache
+def _library() -> ctypes.CDLL | None:
+    try:
+        code = (files(__package__) / "runge_kutta.c").read_text(encoding="ascii")
+        return ctypes.CDLL(loaded_library(code))
+    except (NoCompilerError, OSError):
+        return None
