@@ -189,7 +189,7 @@ class Governor:
         self._status = self._cause = Status.OK
         self._heard: _Input = (None, None)
         self._landing: pin.SE3 | None = None
-        self._stuck, self._by_joints = 0, False
+        self._stuck, self._by_joints, self._exhausted = 0, False, False
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
@@ -287,9 +287,11 @@ class Governor:
             way, g = self._way_of_joints(now, way, g)
         free = free_acceleration(self._bounds, now) / np.maximum(np.abs(g), TINY)
         a = BRAKING * float(free.min())
-        if not self._by_joints and planner.land(now, way, g, a):
+        tries = not self._by_joints and not self._exhausted
+        if tries and planner.land(now, way, g, a):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
+        self._exhausted = planner.solver.left < 0  # by the landing: the next tick is for a stride
         goal = Goal(way, approach_speed(1.0, a, 2 * self._bounds.stride), True)
         status = self._drive(now, goal)
         slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()

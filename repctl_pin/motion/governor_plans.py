@@ -189,6 +189,8 @@ class Planner:
         made = self.solver.add(plan, motion, LONG, count)
         if made:
             self._reach = _REACH if made == count else max(travel / made, 1e-3)
+        elif self.solver.left < 0:  # shorter pieces are more than a tick can evaluate
+            self._reach = _REACH
         return made > 0
 
     def _affords(self, plan: Plan) -> bool:

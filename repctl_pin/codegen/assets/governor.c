@@ -525,7 +525,8 @@ static int arm_append_long(arm_governor *g, arm_plan *plan, double travel)
     if (made) {
         g->reach = travel / made > 1e-3 ? travel / made : 1e-3;
         if (made == count) g->reach = 0.15;
-    }
+    } else if (g->left < 0)
+        g->reach = 0.15; /* shorter pieces are more than a tick can evaluate */
     return made;
 }
 
@@ -909,11 +910,12 @@ static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_p
     }
     a *= ARM_AIM_BRAKING;
     arm_fastest(g, now, way, &by_speed, &by_room);
-    if (!g->by_joints && arm_try_landing(g, now, way, x, a, by_speed)) {
+    if (!g->by_joints && !g->exhausted && arm_try_landing(g, now, way, x, a, by_speed)) {
         g->landing = *target;
         g->pace = 1.0;
         return ARM_SLOWED;
     }
+    g->exhausted = g->left < 0; /* by the landing: the next tick is for a stride */
     status = arm_drive(g, now, way, arm_approach(1.0, a, 2.0 * g->stride), 1);
     arm_count_stuck(g, now, status);
     return status;
@@ -979,7 +981,7 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
         for (k = 0; k < 3; k++) g->history[k][i] = q[i];
     }
     arm_plan_begin(&g->plan[0], q, zero);
-    g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->line.begun = 0;
+    g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
     for (i = 0; i < ARM_N; i++) g->line.start[i] = q[i];
     for (i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
     g->tick = 3; /* all differences are 0 */

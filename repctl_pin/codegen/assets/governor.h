@@ -61,7 +61,7 @@ typedef struct {
     double pace, longer, reach;
     arm_line line;
     long long tick, next, ticks;
-    int taken, turn, left, outside, heeds_target, stuck, by_joints;
+    int taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
     arm_status status, cause;
 } arm_governor;
 
