@@ -102,8 +102,9 @@ class Loop:
 
 
 def loop(
-    inverse: rp.RepeatableInverse, *, friction: float, mass: float = 1.1, frequency: float | None = None,
-    observed: bool = True, limits: tuple[float, float] = (5.0, 100.0),
+    inverse: rp.RepeatableInverse, *, friction: float, mass: float = 1.1,
+    frequency: float | None = None, observed: bool = True,
+    limits: tuple[float, float] = (5.0, 100.0),
 ) -> Loop:  # fmt: skip
     """The arm at the middle of its region; limits of the observer for revolute and prismatic
     joints, Nm and N."""
