@@ -140,7 +140,7 @@ def held_by_torques(design: rp.Design, q0: np.ndarray) -> np.ndarray:
     (T + 1, n)."""
     task, inverse = design.task, design.inverse
     arm = PushedArm(task, q0, servos=False)
-    torques = rp.LeafImpedance(inverse, stiffness=(2000.0, 100.0))
+    torques = rp.LeafImpedance(inverse, stiffness=(2000.0, 100.0), leaf_frequency=5.0)
     target, leaf, q, visited = task.placement(q0), inverse.leaf(q0), q0, [q0]
     for k in range(round(3.0 / DT)):
         torque = torques.torque(q, arm.data.qvel, target, leaf=leaf)

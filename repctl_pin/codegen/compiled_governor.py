@@ -64,7 +64,7 @@ class CompiledGovernor(Governor):
         """Go on by one tick; see :meth:`Governor.step`."""
         if self._library is None:
             return super().step(target, twist)
-        history = self._started()
+        history = self._started().history
         goal, rates = taken_input(target, twist)
         if goal is not None:
             self._place[:3], self._place[3:] = goal.translation, goal.rotation.ravel()

@@ -6,7 +6,9 @@ import numpy as np
 
 from ..arguments import Array
 from ..motion import governor_law as law
-from ..motion.governor import MOST, STRIDE
+from ..motion import leaf_direction
+from ..motion import target_joints as joints
+from ..motion.governor_plans import MOST, MOST_SAMPLES, SAMPLES, STRIDE
 from ..motion.joint_polynomials import LONG, MOST_PIECES, NODES, SHORT
 from ..robot.task import Task
 from .text import filled, row, table, value
@@ -33,6 +35,8 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
         "degree": LONG,
         "pieces": MOST_PIECES,
         "most": MOST,
+        "samples": value(SAMPLES),
+        "mostsamples": MOST_SAMPLES,
         "lift": lift,
         "stride": value(STRIDE),
         "speed": value(law.SPEED),
@@ -40,6 +44,11 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
         "jerk": value(law.JERK),
         "braking": value(law.BRAKING),
         "regular": value(law.REGULAR),
+        "longest": value(joints.LONGEST_STEP),
+        "contraction": value(joints.CONTRACTION),
+        "along": value(leaf_direction.ALONG),
+        "push": value(leaf_direction.PUSH),
+        "atonce": joints.MOST_AT_ONCE,
         "velocity": row(task.velocity_limit),
         "lower": row(task.lower),
         "upper": row(task.upper),

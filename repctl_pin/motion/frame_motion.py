@@ -79,6 +79,13 @@ def landing(start: pin.SE3, twist: Array, rate: Array, way: Array, time: float) 
     return FrameMotion(start, C, time)
 
 
+def straight(start: pin.SE3, way: Array) -> FrameMotion:
+    """Move by a displacement at a constant twist, in a unit of time."""
+    C = np.zeros((6, 6))
+    C[1] = way
+    return FrameMotion(start, C, 1.0)
+
+
 def _angular(w: Array, w1: Array, w2: Array) -> tuple[Array, Array]:
     """Convert a rotation vector and its two derivatives to ω and ω̇.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil, inf, sqrt
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -13,11 +11,8 @@ from ..errors import InputError, SingularityError
 from ..robot.chain_formulas import Placement, as_placement, is_rotation
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
-from .frame_motion import FrameMotion, brake, change_of_acceleration, landing
 from .governor_law import (
     BRAKING,
-    JERK,
-    REGULAR,
     TINY,
     Bounds,
     Goal,
@@ -27,45 +22,36 @@ from .governor_law import (
     frame_twist,
     free_acceleration,
     next_rate,
-    regularity,
-    shares_used,
-    stop_time,
     task_rate,
 )
-from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
+from .governor_plans import STRIDE, Planner
+from .leaf_direction import leaf_direction
 from .status import Status as Status
+from .target_joints import TargetJoints
 from .timing import limits_of
-
-MOST = 150
-"""Maximum number of evaluations of the inverse in a tick."""
-
-STRIDE = 0.004
-"""Time between two plans, s."""
 
 _SLOWER, _FASTER, _SLOWEST = 0.7, 1.1, 1e-3
 """Factors of the speed after a plan that ends outside, and after one that does not; its minimum."""
-
-_REACH = 0.15
-"""Joint motion that one polynomial is tried for, rad or m."""
-
-_SHORT_WAY = 0.03
-"""Joint motion to a target, rad or m, that is planned at once, from rest to rest."""
-
-_LONGER = (1.0, 1.15, 1.4)
-_BRAKES = (0.95, 1.0, 1.05)
-"""Times of a landing that are tried in turn, as multiples of the shortest: from near rest, and at
-speed."""
-
-_SETTLED = 3
-"""Samples after which all differences are 0."""
 
 _NEAR, _REACHED = 1e-10, 1e-6
 """Distance of the joints to a target that is reached, rad or m; share of the speed limits within
 which a twist is reached."""
 
+_SAME = 1e-7
+"""Distance of the joints at a target to those of the target, rad or m."""
+
+_CLOSE, _ALIKE = 0.3, 0.1
+"""Distance to the joints of a target, rad or m, and share of it by which a straight line may miss
+them at first order, within which the straight line is taken again."""
+
+_STUCK, _SLOW = 25, 0.02
+"""Number of plans without progress after which another way is taken, and the share of the speed
+limits that is none."""
+
 _HUGE = 1e6
 """Numbers beyond it are no distances or speeds."""
 
+_BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 
 _Input = tuple[pin.SE3 | None, Array | None]
 
@@ -140,7 +126,7 @@ class Governor:
         if not np.isfinite(limits.velocity).all():
             name = task.joint_names[int(np.argmax(~np.isfinite(limits.velocity)))]
             raise InputError(f"velocity= is missing: the URDF has no speed limit of {name!r}")
-        jerks = np.full(task.n, inf) if limits.jerk is None else limits.jerk
+        jerks = np.full(task.n, np.inf) if limits.jerk is None else limits.jerk
         margin = positive(margin, "margin", "rad (m)", zero=True)
         lower, upper = task.lower + margin, task.upper - margin
         if not (lower < upper).all():
@@ -150,23 +136,23 @@ class Governor:
         self._bounds = Bounds(
             limits.velocity, limits.acceleration, jerks, lower, upper, dt, self._stride * dt
         )
-        self._solver = LeafInterpolation(inverse, MOST)
-        self._history: Array | None = None
+        self._planner = Planner(inverse, self._bounds)
+        self._joints = TargetJoints(inverse, self._bounds)
+        self._on = False
 
     def __repr__(self) -> str:
-        state = "not started" if self._history is None else f"at q = {row(self.q)}"
+        state = f"at q = {row(self.q)}" if self._on else "not started"
         return f"<Governor of {self._task.robot.name} {self._task.frame}, {state}>"
 
     @property
     def q(self) -> Array:
         """The commanded joints (n,)."""
-        return self._started()[-1].copy()
+        return self._started().history[-1].copy()
 
     @property
     def leaf(self) -> Array:
         """Level c (r,) of the leaf on which the commanded joints stay."""
-        self._started()
-        return self._solver.leaf.copy()
+        return self._started().solver.leaf.copy()
 
     def start(self, q: ArrayLike) -> None:
         """Begin, or begin again, at rest at a configuration; its leaf is kept from now on.
@@ -197,13 +183,13 @@ class Governor:
                 "or use an inverse without a region"
             )
         self._inverse(q)
-        self._solver.leaf = self._inverse.leaf(q)
-        self._history = np.tile(q, (3, 1))
-        self._plan, self._tick, self._next = Plan(q, np.zeros_like(q)), _SETTLED, 0
+        self._planner.start(q)
+        self._joints.start(q, self._planner.solver.leaf)
+        self._on, self._wait, self._pace = True, 0, 1.0
         self._status = self._cause = Status.OK
-        self._pace, self._longer, self._reach, self._turn = 1.0, 1.0, _REACH, 0
         self._heard: _Input = (None, None)
         self._landing: pin.SE3 | None = None
+        self._stuck, self._by_joints, self._exhausted = 0, False, False
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
@@ -231,16 +217,15 @@ class Governor:
             If an argument has the wrong type or size. Numbers that are not finite raise nothing:
             the arm stops, with ``Status.BAD_NUMBER``.
         """
-        history = self._started()
+        planner = self._started()
         goal, rates = taken_input(target, twist)
         usable = self._usable(goal, rates)
-        if usable and self._tick >= self._next:
-            self._solver.refill()
+        if usable and self._wait <= 0:
+            planner.solver.refill()
             self._status = self._replan(goal, rates)
-            self._next, self._heard = self._tick + self._stride, (goal, rates)
-        self._tick += 1
-        q = self._plan.at(self._tick * self._bounds.dt)
-        history[:-1], history[-1] = history[1:].copy(), q
+            self._wait, self._heard = self._stride, (goal, rates)
+        self._wait -= 1
+        q = planner.next().copy()
         if not usable:
             return q, Status.BAD_NUMBER
         if self._status is Status.OK and not _same(self._heard, (goal, rates)):
@@ -258,50 +243,89 @@ class Governor:
             not turns or is_rotation(target.rotation.ravel().tolist())
         )
 
-    def _started(self) -> Array:
-        if self._history is None:
+    def _started(self) -> Planner:
+        if not self._on:
             raise InputError("the governor has not started; call start(q) with the robot's joints")
-        return self._history
-
-    def _at_rest(self) -> bool:
-        return (self._tick - _SETTLED) * self._bounds.dt >= self._plan.time
+        return self._planner
 
     # ---- the law -------------------------------------------------------------------------------
 
     def _replan(self, target: pin.SE3 | None, twist: Array | None) -> Status:
         """Look for a better plan than the rest of the last one, which is a stop."""
-        q = self._started()[-1]
+        if target is None or target != self._heard[0]:
+            self._stuck, self._by_joints = 0, False
         try:
-            now = self._now(q)
+            now = self._planner.now()
         except SingularityError:
             return Status.SINGULAR
-        if target is None:
-            rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
-            goal = Goal(frame_twist(now.task, now.place, rate), 1.0, False)
-            return self._drive(now, goal)
-        if self._plan.lands and target == self._landing:
-            return Status.OK if self._at_rest() else Status.SLOWED
-        way = frame_twist(now.task, now.place, now.task.error(q, target))
+        if target is not None:
+            return self._approach(now, target)
+        rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
+        return self._drive(now, Goal(frame_twist(now.task, now.place, rate), 1.0, False))
+
+    def _approach(self, now: Now, target: pin.SE3) -> Status:
+        """Move towards a target for a stride, or come to rest there."""
+        planner = self._planner
+        landed = planner.plan.lands and target == self._landing
+        if landed:  # only in ticks without a plan
+            self._joints.look_for(target)
+            if not planner.at_rest():
+                return Status.SLOWED
+        if self._stuck > _STUCK and self._other_way(target):
+            return self._status
+        error = now.task.error(now.q, target)
+        way = frame_twist(now.task, now.place, error)
         g = now.joint_rates(way)
-        if self._at_rest() and np.abs(g).max() < _NEAR:
-            return Status.OK
+        if landed or (planner.at_rest() and np.abs(g).max() < _NEAR):
+            if not landed:
+                self._joints.look_for(target)
+            if self._is_there(now.q):
+                return Status.OK
+            if not self._by_joints:
+                return Status.SLOWED
+        if self._by_joints:
+            way, g = self._way_of_joints(now, way, g)
         free = free_acceleration(self._bounds, now) / np.maximum(np.abs(g), TINY)
         a = BRAKING * float(free.min())
-        if self._land(now, way, g, a):
+        tries = not self._by_joints and not self._exhausted
+        if tries and planner.land(now, way, g, a):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
-        return self._drive(now, Goal(way, approach_speed(1.0, a, 2 * self._bounds.stride), True))
+        self._exhausted = planner.solver.left < 0  # by the landing: the next tick is for a stride
+        goal = Goal(way, approach_speed(1.0, a, 2 * self._bounds.stride), True)
+        status = self._drive(now, goal)
+        slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
+        self._stuck = self._stuck + 1 if slow and status in _BLOCKED else 0
+        return status
 
-    def _now(self, q: Array) -> Now:
-        """Evaluate the state at this tick."""
-        task, plan, t = self._task, self._plan, self._tick * self._bounds.dt
-        place, stride = task.placement(q), self._bounds.stride
-        (twist, rate), (qdot, qddot) = plan.rates(t), plan.derivatives(t)
-        G = self._inverse(q)
-        bend = qddot - G @ task_rate(task, place, rate)
-        G_ahead = self._inverse(q + 2 * stride * qdot)
-        later = plan.rates(t + stride)[1]
-        return Now(task, place, q, qdot, bend, G, G_ahead, twist, rate, later)
+    def _is_there(self, q: Array) -> bool:
+        """Whether the joints at a target are those of the target; if not, take the way there."""
+        joints = self._joints
+        if joints.found is not None and np.abs(q - joints.found).max() > _SAME:
+            self._by_joints = True
+        return joints.known and not self._by_joints
+
+    def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
+        """Direct the frame so that the joints approach those of the target, along the leaf."""
+        assert self._joints.found is not None
+        apart = self._joints.found - now.q
+        size = float(np.abs(apart).max())
+        if size < _CLOSE and np.abs(apart - g).max() < _ALIKE * size:
+            self._by_joints = False
+            return way, g
+        direction = leaf_direction(self._inverse, now.q, self._joints.found)
+        way = frame_twist(now.task, now.place, now.task.jacobian(now.q) @ direction)
+        return way, now.joint_rates(way)
+
+    def _other_way(self, target: pin.SE3) -> bool:
+        """Take the way of the joints, as the straight line is blocked; tell whether they are still
+        looked for."""
+        self._joints.look_for(target)
+        if not self._joints.known:
+            return True
+        self._by_joints |= self._joints.found is not None
+        self._stuck = 0
+        return False
 
     def _drive(self, now: Now, goal: Goal) -> Status:
         """Go on in a direction for a stride, as fast as the limits allow."""
@@ -310,9 +334,9 @@ class Governor:
         most = fastest(self._bounds, now, goal.way)
         speed = min(goal.speed, min(most) * self._pace)
         later = next_rate(self._bounds, now, goal.way * speed)
-        cause = self._try(now, later)
+        cause = self._planner.go_on(now, later)
         if cause is Status.SLOWED:
-            self._try(now, (now.later + later) / 2)
+            self._planner.go_on(now, (now.later + later) / 2)
             return cause
         if cause is not Status.OK:
             self._pace, self._cause = max(_SLOWER * self._pace, _SLOWEST), cause
@@ -328,93 +352,6 @@ class Governor:
         """Tell whether the twist is the one asked for."""
         away = np.abs(now.joint_rates(twist - now.twist))
         return Status.OK if (away <= _REACHED * self._bounds.velocity).all() else Status.SLOWED
-
-    # ---- plans ---------------------------------------------------------------------------------
-
-    def _try(self, now: Now, later: Array) -> Status:
-        """Plan a stride, the end of its acceleration, and a stop; take the plan if it serves."""
-        plan, T, jerk = Plan(now.q, now.qdot), self._bounds.stride, self._bounds.jerk
-        motion = change_of_acceleration(now.place, now.twist, now.rate, later, T)
-        if not self._solver.add(plan, motion, SHORT):
-            return self._solver.failure()
-        twist, rate = motion.rates(T)
-        if np.isfinite(jerk).all():
-            release = float((np.abs(now.joint_rates(rate)) / (JERK * jerk)).max())
-            release = max(release, self._bounds.dt)
-            motion = change_of_acceleration(motion.placement(T), twist, rate, np.zeros(6), release)
-            if not self._solver.add(plan, motion, LONG if release > 5 * STRIDE else SHORT):
-                return self._solver.failure()
-            twist, rate = motion.rates(release)
-        else:
-            rate = np.zeros(6)
-        return self._stop(plan, now, motion.placement(motion.duration), twist, rate)
-
-    def _stop(self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array) -> Status:
-        """Add a stop to a plan, as short as the limits allow; take the plan if it serves."""
-        bounds, speed = self._bounds, float(np.abs(now.joint_rates(twist)).max())
-        shortest = stop_time(bounds, now, twist)
-        for _ in range(2):
-            T = max(self._longer * shortest, 4 * bounds.dt)
-            plan = begun.copy()
-            if not self._add(plan, brake(place, twist, rate, T), speed * T / 2):
-                return self._solver.failure()
-            if not self._leaves(plan.q, now):
-                return Status.SINGULAR
-            before, after, inside = shares_used(bounds, self._started(), plan, begun.time)
-            if not inside:
-                return Status.LIMIT
-            if before > 1:
-                return Status.SLOWED
-            if after <= 1:
-                self._longer = max(0.98 * self._longer, 1.0)
-                self._take(plan)
-                return Status.OK
-            self._longer = min(self._longer * min(1.05 * after, 1.6), 4.0)
-        return Status.SLOWED
-
-    def _land(self, now: Now, way: Array, g: Array, a: float) -> bool:
-        """Plan to come to rest at a displacement, if it is near; tell whether the plan is taken."""
-        bounds = self._bounds
-        closing = float(now.joint_rates(now.twist) @ g) / max(float(g @ g), TINY)
-        if closing > 0 and closing**2 / (2 * a) >= 0.75:
-            T, longer = 2 / closing, _BRAKES
-        else:
-            peak = sqrt(a + closing**2 / 2)
-            if peak > fastest(bounds, now, way).by_speed or np.abs(g).max() > _SHORT_WAY:
-                return False
-            T, longer = (2 * peak - closing) / a, _LONGER
-        T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
-        self._turn = (self._turn + 1) % len(longer)
-        T = max(T * longer[self._turn], 3 * bounds.dt)
-        plan = Plan(now.q, now.qdot, lands=True)
-        motion = landing(now.place, now.twist, now.rate, way, T)
-        if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(plan.q, now):
-            return False
-        before, after, inside = shares_used(bounds, self._started(), plan, 0.0)
-        if not inside or max(before, after) > 1:
-            return False
-        self._take(plan)
-        return True
-
-    def _leaves(self, q: Array, now: Now) -> bool:
-        """Whether an arm at rest at q can leave it: q is not, or not more than now, singular."""
-        try:
-            there = regularity(self._task.jacobian(q), self._inverse(q))
-        except SingularityError:
-            return False
-        return there >= REGULAR or there >= regularity(self._task.jacobian(now.q), now.G)
-
-    def _add(self, plan: Plan, motion: FrameMotion, travel: float) -> bool:
-        """Append a motion, in pieces as long as the last ones could be."""
-        count = min(max(ceil(travel / self._reach), 1), 16)
-        made = self._solver.add(plan, motion, LONG, count)
-        if made:
-            self._reach = _REACH if made == count else max(travel / made, 1e-3)
-        return made > 0
-
-    def _take(self, plan: Plan) -> None:
-        """Follow a plan from now on."""
-        self._plan, self._tick = plan, 0
 
 
 def _own_joints(task: Task) -> Task:

@@ -57,7 +57,8 @@ class LeafImpedance:
     damping
         Damping ratio ζ of the end effector; 1 is critical.
     leaf_frequency
-        Natural frequency ω of the return to the leaf, rad/s.
+        Natural frequency ω of the return to the leaf, rad/s. A lower one makes the elbow softer,
+        and the leaf error larger.
     leaf_damping
         Damping ratio ζ_h of the return to the leaf; 1 is critical.
     observer_rate
@@ -89,7 +90,7 @@ class LeafImpedance:
         *,
         stiffness: ArrayLike = (1000.0, 50.0),
         damping: float = 1.0,
-        leaf_frequency: float = 5.0,
+        leaf_frequency: float = 20.0,
         leaf_damping: float = 1.0,
         observer_rate: float = 200.0,
         observer_limit: ArrayLike = 5.0,

@@ -1,8 +1,8 @@
 """Millions of ticks of the governor in C, on five arms: random twists, targets, jumps, reversals
-and garbage. Run: python tests/attack/governor_ticks.py [ticks per arm] [replays] [arm ...]
+and garbage. Run: python tests/attack/governor_ticks.py [ticks per arm] [repeats] [arm ...]
 
-Times are in frame Jacobians of Pinocchio, called from Python; of each tick, the least of the
-replays counts."""
+Times are in frame Jacobians of Pinocchio, called from Python. Ticks above 0.1 ms are timed again,
+and the least time counts."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def jacobian_time(task: rp.Task, q: np.ndarray) -> float:
     return 1e6 * min(found)
 
 
-def run(name: str, ticks: int, seed: int, replays: int, folder: Path) -> dict[str, float]:
+def run(name: str, ticks: int, seed: int, repeats: int, folder: Path) -> dict[str, float]:
     """Export, build and drive one arm; what was measured."""
     task, start, acceleration, jerk = ARMS[name](folder)
     inverse, n = control(task, start, rp.Polynomial(start, 2, 0.5)), task.n
@@ -138,7 +138,7 @@ def run(name: str, ticks: int, seed: int, replays: int, folder: Path) -> dict[st
     numbers = " ".join(f"{value!r}" for part in rows for value in np.asarray(part, float).tolist())
     before = jacobian_time(task, start)
     done = subprocess.run(
-        ["./run", str(ticks), str(seed), str(DT), str(replays)],
+        ["./run", str(ticks), str(seed), str(DT), str(repeats)],
         cwd=folder / name, input=numbers, capture_output=True, text=True, check=True,
     )  # fmt: skip
     unit = min(before, jacobian_time(task, start))
@@ -155,10 +155,10 @@ def run(name: str, ticks: int, seed: int, replays: int, folder: Path) -> dict[st
 def main() -> None:
     """Print one line per arm."""
     ticks = int(sys.argv[1]) if len(sys.argv) > 1 else 20_000
-    replays = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+    repeats = int(sys.argv[2]) if len(sys.argv) > 2 else 3
     for name in sys.argv[3:] or ARMS:
         with tempfile.TemporaryDirectory() as folder:
-            found = run(name, ticks, 1, replays, Path(folder))
+            found = run(name, ticks, 1, repeats, Path(folder))
         print(name, ", ".join(f"{key} {value:.10g}" for key, value in found.items()), flush=True)
 
 

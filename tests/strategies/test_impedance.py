@@ -76,7 +76,7 @@ def test_the_hand_is_a_spring_with_its_own_inertia(inverse: rp.RepeatableInverse
 def test_the_force_on_the_hand_does_not_move_the_leaf(inverse: rp.RepeatableInverse) -> None:
     """Khatib's form, with Λ_h and projectors, and what makes Vᵀ M⁻¹ τ = 0 of the force."""
     task, q = inverse.task, np.array(inverse.task.reference)
-    control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0))
+    control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0), leaf_frequency=5.0)
     target = task.placement(q + 0.05 * np.sin(np.arange(task.n)))
     off = np.linspace(0.1, 0.2, task.r)
     J, V, M = task.jacobian(q), inverse.potentials.gradient(q), task.inertias(q[None])[0]
@@ -148,7 +148,9 @@ def test_energy_does_not_grow_without_input(inverse: rp.RepeatableInverse) -> No
     """½ ẋᵀ Λ ẋ + ½ eᵀ K e of the hand, ½ ḣ² + ½ ω² (c − h)² of the leaf, from rest away from
     both."""
     task, home = inverse.task, np.array(inverse.task.reference)
-    control = rp.LeafImpedance(inverse, stiffness=(300.0, 20.0), damping=0.7, leaf_damping=0.1)
+    control = rp.LeafImpedance(
+        inverse, stiffness=(300.0, 20.0), damping=0.7, leaf_frequency=5.0, leaf_damping=0.1
+    )
     q = home + 0.1 * np.cos(np.arange(task.n))
     target, c, K = task.placement(home), inverse.leaf(home), np.diag([300.0] * 3 + [20.0] * 3)
     qdot, dt, stored = np.zeros(task.n), 5e-4, []
@@ -181,7 +183,7 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
     panda_design: rp.Design, q_panda: np.ndarray
 ) -> None:
     inverse, task, dt = panda_design.inverse, panda_design.task, 1e-3
-    control = rp.LeafImpedance(inverse, stiffness=(2000.0, 100.0))
+    control = rp.LeafImpedance(inverse, stiffness=(2000.0, 100.0), leaf_frequency=5.0)
     home, leaf, joint = task.placement(q_panda), inverse.leaf(q_panda), elbow(task, q_panda) + 1
     model, data = task.model, task.model.createData()
 

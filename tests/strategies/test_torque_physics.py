@@ -102,16 +102,16 @@ class Loop:
 
 
 def loop(
-    inverse: rp.RepeatableInverse, *, friction: float, mass: float = 1.1, frequency: float = 20.0,
-    observed: bool = True, limits: tuple[float, float] = (5.0, 100.0),
+    inverse: rp.RepeatableInverse, *, friction: float, mass: float = 1.1,
+    frequency: float | None = None, observed: bool = True,
+    limits: tuple[float, float] = (5.0, 100.0),
 ) -> Loop:  # fmt: skip
     """The arm at the middle of its region; limits of the observer for revolute and prismatic
     joints, Nm and N."""
     task, q0 = inverse.task, inverse.region.center  # type: ignore[union-attr]
     limit = np.where(task.revolute, *limits)
-    control = rp.LeafImpedance(
-        inverse, stiffness=(3000.0, 300.0), leaf_frequency=frequency, observer_limit=limit
-    )
+    chosen = {} if frequency is None else {"leaf_frequency": frequency}  # or the default
+    control = rp.LeafImpedance(inverse, stiffness=(3000.0, 300.0), observer_limit=limit, **chosen)
     arm = Arm(task, q0, mass=mass, friction=friction)
     return Loop(control, arm, inverse.leaf(q0), control.observer(DT) if observed else None)
 

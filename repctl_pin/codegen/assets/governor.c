@@ -443,9 +443,15 @@ static int arm_used(const arm_governor *g, const arm_plan *plan, double begin, d
 {
     const double dt = g->dt;
     const long last = (long)ceil(plan->time / dt) + 3;
-    double H[3][ARM_N], speed = 0.0, first = 0.0, later = 0.0;
+    double H[3][ARM_N], per_speed[ARM_N], per_acceleration[ARM_N], per_jerk[ARM_N];
+    double speed = 0.0, first = 0.0, later = 0.0;
     long k;
     int i, piece = 0;
+    for (i = 0; i < ARM_N; i++) {
+        per_speed[i] = 1.0 / (g->limits.velocity[i] * dt);
+        per_acceleration[i] = 1.0 / (g->limits.acceleration[i] * dt * dt);
+        per_jerk[i] = 1.0 / (g->limits.jerk[i] * dt * dt * dt);
+    }
     for (k = 0; k < 3; k++)
         for (i = 0; i < ARM_N; i++) H[k][i] = g->history[k][i];
     for (k = 1; k <= last; k++) {
@@ -459,9 +465,8 @@ static int arm_used(const arm_governor *g, const arm_plan *plan, double begin, d
         for (i = 0; i < ARM_N; i++) {
             const double d1 = q[i] - H[2][i], e1 = H[2][i] - H[1][i], d2 = d1 - e1;
             const double d3 = d2 - (e1 - (H[1][i] - H[0][i]));
-            const double v = fabs(d1) / (g->limits.velocity[i] * dt);
-            const double a = fabs(d2) / (g->limits.acceleration[i] * dt * dt);
-            const double j = fabs(d3) / (g->limits.jerk[i] * dt * dt * dt);
+            const double v = fabs(d1) * per_speed[i], a = fabs(d2) * per_acceleration[i];
+            const double j = fabs(d3) * per_jerk[i];
             if (!(q[i] >= g->lower[i] - 1e-12 && q[i] <= g->upper[i] + 1e-12)) return 0;
             if (!(v <= speed)) speed = v;
             if (!(a <= worst)) worst = a;
@@ -520,8 +525,17 @@ static int arm_append_long(arm_governor *g, arm_plan *plan, double travel)
     if (made) {
         g->reach = travel / made > 1e-3 ? travel / made : 1e-3;
         if (made == count) g->reach = 0.15;
-    }
+    } else if (g->left < 0)
+        g->reach = 0.15; /* shorter pieces are more than a tick can evaluate */
     return made;
+}
+
+/* Count the samples of a plan as evaluations, as they take as long; return 0 if too few are left. */
+static int arm_affords(arm_governor *g, const arm_plan *plan)
+{
+    const double count = plan->time / g->dt / @samples;
+    g->left -= count < @mostsamples ? (int)count : @mostsamples;
+    return g->left >= 0;
 }
 
 static void arm_take(arm_governor *g)
@@ -561,6 +575,7 @@ static arm_status arm_stop(arm_governor *g, arm_plan *plan, const arm_now *now, 
         arm_brake(&plan->motion[motions], place, twist, rate, T);
         if (!arm_append_long(g, plan, fast * T / 2.0)) return arm_failure(g);
         if (!arm_leaves(plan->q, now)) return ARM_SINGULAR;
+        if (!arm_affords(g, plan)) return ARM_SLOWED;
         if (!arm_used(g, plan, begin, &before, &after)) return ARM_LIMIT;
         if (!(before <= 1.0)) return ARM_SLOWED;
         if (after <= 1.0) {
@@ -639,6 +654,7 @@ static int arm_try_landing(arm_governor *g, const arm_now *now, const double way
     plan->lands = 1;
     arm_land(plan->motion, &now->place, now->twist, now->rate, way, T);
     if (!arm_append_long(g, plan, travel) || !arm_leaves(plan->q, now)) return 0;
+    if (!arm_affords(g, plan)) return 0;
     if (!arm_used(g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
     arm_take(g);
     return 1;
@@ -697,31 +713,212 @@ static int arm_same_pose(const arm_pose *a, const arm_pose *b)
     return 1;
 }
 
-/* Move to a target for a stride, or land on it. */
+/* Begin with the straight line from the start to a target. */
+static void arm_line_begin(arm_governor *g, const arm_pose *target)
+{
+    arm_line *line = &g->line;
+    const double zero[6] = {0.0};
+    double e[ARM_M], way[6];
+    arm_pose place;
+    int i;
+    arm_place(line->start, place.p, place.R);
+    arm_error(place.p, place.R, target, e);
+    arm_of_task(place.R, e, way);
+    arm_begin(&line->motion, &place, way, zero, 1.0);
+    line->target = *target;
+    line->share = 0.0;
+    line->step = line->begun = 1;
+    line->known = line->found = 0;
+    for (i = 0; i < ARM_N; i++) line->q[i] = line->start[i];
+}
+
+/* Solve f(q) = x, h(q) = c next to q, inside all limits. */
+static int arm_line_solved(const arm_governor *g, const arm_pose *target, double q[ARM_N], int *left)
+{
+    arm_options options;
+    double before = HUGE_VAL;
+    int i, k;
+    arm_defaults(&options);
+    options.stay_inside = 0;
+    for (k = 0; k < 6; k++) {
+        double x[ARM_N], size = 0.0, most = @contraction * before < @longest ? @contraction * before : @longest;
+        --*left;
+        if (arm_step(q, target, 1.0, NULL, g->leaf, &options, NULL, x) != ARM_OK) return 0;
+        for (i = 0; i < ARM_N; i++) {
+            if (!(fabs(x[i] - q[i]) <= size)) size = fabs(x[i] - q[i]);
+            q[i] = x[i];
+        }
+        if (!(size <= (most > 1e-6 ? most : 1e-6))) return 0;
+        if (size < 1e-6) {
+            for (i = 0; i < ARM_N; i++)
+                if (!(q[i] >= g->lower[i] && q[i] <= g->upper[i])) return 0;
+            return arm_inside(q) == ARM_OK;
+        }
+        before = size;
+    }
+    return 0;
+}
+
+/* Go on with the joints of a target: continuation along the straight line from the start, by a number of evaluations. */
+static void arm_look_for(arm_governor *g, const arm_pose *target)
+{
+    arm_line *line = &g->line;
+    int left = @atonce, i;
+    if (!line->begun || !arm_same_pose(target, &line->target)) arm_line_begin(g, target);
+    while (!line->known && left > 0) {
+        const double end = line->share + line->step < 1.0 ? line->share + line->step : 1.0;
+        double q[ARM_N];
+        arm_pose place;
+        for (i = 0; i < ARM_N; i++) q[i] = line->q[i];
+        arm_moved(&line->motion, end, &place);
+        if (!arm_line_solved(g, &place, q, &left)) {
+            line->step /= 2.0;
+            line->known = line->step < 1e-3;
+            continue;
+        }
+        for (i = 0; i < ARM_N; i++) line->q[i] = q[i];
+        line->share = end;
+        line->step *= 2.0;
+        line->known = line->found = end == 1.0;
+    }
+}
+
+/* Tell whether the joints at a target are those of the target; if not, take the way there. */
+static int arm_is_there(arm_governor *g, const double q[ARM_N])
+{
+    const arm_line *line = &g->line;
+    int i;
+    for (i = 0; line->found && i < ARM_N; i++)
+        if (!(fabs(q[i] - line->q[i]) <= 1e-7)) g->by_joints = 1;
+    return line->known && !g->by_joints;
+}
+
+/* Remove from x its parts along V[0], V[1], ..., which are orthonormal. */
+static void arm_project(const double V[ARM_R][ARM_N], int count, double x[ARM_N])
+{
+    int i, k;
+    for (k = 0; k < count; k++) {
+        double part = 0.0;
+        for (i = 0; i < ARM_N; i++) part += V[k][i] * x[i];
+        for (i = 0; i < ARM_N; i++) x[i] -= part * V[k][i];
+    }
+}
+
+/* Direct q towards a goal on its leaf: (I - V V+)(goal - q), and along a singularity if one is near. */
+static void arm_leaf_direction(const double q[ARM_N], const double goal[ARM_N], double d[ARM_N])
+{
+    double V[ARM_R][ARM_N], h[ARM_R], slope[ARM_N], at[ARM_N], square = 0.0, size = 0.0, along = 0.0, push;
+    const double here = arm_regularity(q);
+    int i, k;
+    arm_potentials(q, h, V);
+    for (k = 0; k < ARM_R; k++) {
+        double length = 0.0;
+        arm_project((const double(*)[ARM_N])V, k, V[k]);
+        for (i = 0; i < ARM_N; i++) length += V[k][i] * V[k][i];
+        for (i = 0; i < ARM_N; i++) V[k][i] /= sqrt(length);
+    }
+    for (i = 0; i < ARM_N; i++) d[i] = goal[i] - q[i];
+    arm_project((const double(*)[ARM_N])V, ARM_R, d);
+    if (here >= @along) return;
+    for (i = 0; i < ARM_N; i++) at[i] = q[i];
+    for (i = 0; i < ARM_N; i++) {
+        at[i] = q[i] + 1e-5;
+        slope[i] = (arm_regularity(at) - here) / 1e-5;
+        at[i] = q[i];
+    }
+    arm_project((const double(*)[ARM_N])V, ARM_R, slope);
+    for (i = 0; i < ARM_N; i++) {
+        square += slope[i] * slope[i];
+        size += d[i] * d[i];
+        along += slope[i] * d[i];
+    }
+    if (!(square >= ARM_TINY)) square = ARM_TINY;
+    push = @push * (1.0 - here / @along) * sqrt(square * size) - along;
+    if (!(push > 0.0)) return;
+    for (i = 0; i < ARM_N; i++) d[i] += push / square * slope[i];
+}
+
+/* Direct the frame so that the joints approach those of the target, along the leaf. */
+static void arm_way_of_joints(arm_governor *g, const arm_now *now, double way[6], double x[ARM_N])
+{
+    double J[ARM_M * ARM_N], rate[ARM_M], d[ARM_N], size = 0.0, miss = 0.0;
+    int a, i;
+    for (i = 0; i < ARM_N; i++) {
+        const double apart = g->line.q[i] - now->q[i];
+        if (!(fabs(apart) <= size)) size = fabs(apart);
+        if (!(fabs(apart - x[i]) <= miss)) miss = fabs(apart - x[i]);
+    }
+    if (size < 0.3 && miss < 0.1 * size) {
+        g->by_joints = 0;
+        return;
+    }
+    arm_leaf_direction(now->q, g->line.q, d);
+    arm_jacobian(now->q, J);
+    for (a = 0; a < ARM_M; a++) {
+        rate[a] = 0.0;
+        for (i = 0; i < ARM_N; i++) rate[a] += J[a * ARM_N + i] * d[i];
+    }
+    arm_of_task(now->place.R, rate, way);
+    arm_joint_rates(now->G, &now->place, way, x);
+}
+
+/* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. */
+static int arm_other_way(arm_governor *g, const arm_pose *target)
+{
+    arm_look_for(g, target);
+    if (!g->line.known) return 1;
+    g->by_joints |= g->line.found;
+    g->stuck = 0;
+    return 0;
+}
+
+/* Count the plans without progress. */
+static void arm_count_stuck(arm_governor *g, const arm_now *now, arm_status status)
+{
+    int i, slow = status == ARM_LIMIT || status == ARM_OUTSIDE || status == ARM_SINGULAR;
+    for (i = 0; i < ARM_N; i++)
+        if (!(fabs(now->qdot[i]) < 0.02 * g->limits.velocity[i])) slow = 0;
+    g->stuck = slow ? g->stuck + 1 : 0;
+}
+
+/* Move towards a target for a stride, or come to rest there. */
 static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_pose *target)
 {
     const arm_plan *plan = &g->plan[g->taken];
     const int rests = (double)(g->tick - 3) * g->dt >= plan->time;
+    const int lands = plan->lands && arm_same_pose(target, &g->landing);
     double e[ARM_M], way[6], x[ARM_N], travel = 0.0, a = HUGE_VAL, by_speed, by_room;
+    arm_status status;
     int i;
-    if (plan->lands && arm_same_pose(target, &g->landing)) return rests ? ARM_OK : ARM_SLOWED;
+    if (lands) arm_look_for(g, target); /* only in ticks without a plan */
+    if (lands && !rests) return ARM_SLOWED;
+    if (g->stuck > 25 && arm_other_way(g, target)) return g->status;
     arm_error(now->place.p, now->place.R, target, e);
     arm_of_task(now->place.R, e, way);
     arm_joint_rates(now->G, &now->place, way, x);
+    for (i = 0; i < ARM_N; i++)
+        if (!(fabs(x[i]) <= travel)) travel = fabs(x[i]);
+    if (lands || (rests && travel < 1e-10)) {
+        if (!lands) arm_look_for(g, target);
+        if (arm_is_there(g, now->q)) return ARM_OK;
+        if (!g->by_joints) return ARM_SLOWED;
+    }
+    if (g->by_joints) arm_way_of_joints(g, now, way, x);
     for (i = 0; i < ARM_N; i++) {
         const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
-        if (fabs(x[i]) > travel) travel = fabs(x[i]);
         if (now->room[i] / size < a) a = now->room[i] / size;
     }
-    if (rests && travel < 1e-10) return ARM_OK;
     a *= ARM_AIM_BRAKING;
     arm_fastest(g, now, way, &by_speed, &by_room);
-    if (arm_try_landing(g, now, way, x, a, by_speed)) {
+    if (!g->by_joints && !g->exhausted && arm_try_landing(g, now, way, x, a, by_speed)) {
         g->landing = *target;
         g->pace = 1.0;
         return ARM_SLOWED;
     }
-    return arm_drive(g, now, way, arm_approach(1.0, a, 2.0 * g->stride), 1);
+    g->exhausted = g->left < 0; /* by the landing: the next tick is for a stride */
+    status = arm_drive(g, now, way, arm_approach(1.0, a, 2.0 * g->stride), 1);
+    arm_count_stuck(g, now, status);
+    return status;
 }
 
 static int arm_small(const double *x, int count)
@@ -784,7 +981,8 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
         for (k = 0; k < 3; k++) g->history[k][i] = q[i];
     }
     arm_plan_begin(&g->plan[0], q, zero);
-    g->taken = g->turn = g->heeds_target = 0;
+    g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
+    for (i = 0; i < ARM_N; i++) g->line.start[i] = q[i];
     for (i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
     g->tick = 3; /* all differences are 0 */
     g->next = 0;
@@ -803,6 +1001,7 @@ arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, con
     if (usable && g->tick >= g->next) {
         arm_now now;
         g->left = @most;
+        if (!target || !g->heeds_target || !arm_same_pose(target, &g->heard)) g->stuck = g->by_joints = 0;
         if (!arm_governor_now(g, &now))
             g->status = ARM_SINGULAR;
         else if (target)

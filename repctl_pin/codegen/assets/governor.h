@@ -44,6 +44,14 @@ typedef struct {
     int motions, pieces, lands;
 } arm_plan;
 
+/* Joints of a target: those at the end of the straight line from the start, found step by step. */
+typedef struct {
+    arm_motion motion;
+    arm_pose target;
+    double start[ARM_N], q[ARM_N], share, step;
+    int begun, known, found;
+} arm_line;
+
 /* State of a governor, owned by the caller. Its members are read and written by the functions below only. */
 typedef struct {
     arm_limits limits;
@@ -51,8 +59,9 @@ typedef struct {
     arm_pose landing, heard;
     double heard_twist[6], dt, stride, leaf[ARM_R], lower[ARM_N], upper[ARM_N], history[3][ARM_N];
     double pace, longer, reach;
+    arm_line line;
     long long tick, next, ticks;
-    int taken, turn, left, outside, heeds_target;
+    int taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
     arm_status status, cause;
 } arm_governor;
 

@@ -8,7 +8,7 @@ void arm_torque_defaults(arm_gains *gains)
     int i;
     for (i = 0; i < ARM_M; i++) gains->stiffness[i] = i < 3 ? 1000.0 : 50.0;
     gains->damping = 1.0;
-    gains->leaf_frequency = 5.0;
+    gains->leaf_frequency = 20.0;
     gains->leaf_damping = 1.0;
     gains->observer_rate = 200.0;
     for (i = 0; i < ARM_N; i++) gains->observer_limit[i] = 5.0;

@@ -1,0 +1,204 @@
+"""Plans of the governor: a short motion and a stop, or a landing on a target, checked to rest."""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..errors import SingularityError
+from ..strategies.repeatable import RepeatableInverse
+from .frame_motion import FrameMotion, brake, change_of_acceleration, landing
+from .governor_law import (
+    JERK,
+    REGULAR,
+    TINY,
+    Bounds,
+    Now,
+    fastest,
+    regularity,
+    shares_used,
+    stop_time,
+    task_rate,
+)
+from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
+from .status import Status
+
+MOST = 130
+"""Maximum number of evaluations of the inverse in a tick."""
+
+STRIDE = 0.004
+"""Time between two plans, s."""
+
+SAMPLES, MOST_SAMPLES = 16.0, 40
+"""Samples of a plan that take as long to check as an evaluation; what they count at most."""
+
+_REACH = 0.15
+"""Joint motion that one polynomial is tried for, rad or m."""
+
+_SHORT_WAY = 0.03
+"""Joint motion to a target, rad or m, that is planned at once, from rest to rest."""
+
+_LONGER = (1.0, 1.15, 1.4)
+_BRAKES = (0.95, 1.0, 1.05)
+"""Times of a landing that are tried in turn, as multiples of the shortest: from near rest, and at
+speed."""
+
+_SETTLED = 3
+"""Samples after which all differences are 0."""
+
+
+class Planner:
+    """The plan that is followed, and the ways to a better one.
+
+    A plan is taken only if all its samples, up to rest, keep the limits.
+
+    Parameters
+    ----------
+    inverse
+        The repeatable inverse.
+    bounds
+        Limits of the commanded joints.
+
+    Attributes
+    ----------
+    solver : LeafInterpolation
+        Polynomials on the leaf; it counts the evaluations.
+    history : (3, n) array
+        The last three commanded samples.
+    plan : Plan
+        What is followed, since ``tick`` ticks.
+    """
+
+    def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:
+        self._inverse, self._task, self._bounds = inverse, inverse.task, bounds
+        self.solver = LeafInterpolation(inverse, MOST)
+
+    def start(self, q: Array) -> None:
+        """Begin at rest; the leaf there is kept from now on."""
+        self.solver.leaf = self._inverse.leaf(q)
+        self.history = np.tile(q, (3, 1))
+        self.plan, self.tick = Plan(q, np.zeros_like(q)), _SETTLED
+        self._longer, self._reach, self._turn = 1.0, _REACH, 0
+
+    def next(self) -> Array:
+        """Take the next sample (n,) of the plan."""
+        self.tick += 1
+        q = self.plan.at(self.tick * self._bounds.dt)
+        self.history[:-1], self.history[-1] = self.history[1:].copy(), q
+        return q
+
+    def at_rest(self) -> bool:
+        """Whether the samples no longer change."""
+        return (self.tick - _SETTLED) * self._bounds.dt >= self.plan.time
+
+    def now(self) -> Now:
+        """Evaluate the state at this tick."""
+        task, plan, t = self._task, self.plan, self.tick * self._bounds.dt
+        q, stride = self.history[-1].copy(), self._bounds.stride
+        place = task.placement(q)
+        (twist, rate), (qdot, qddot) = plan.rates(t), plan.derivatives(t)
+        G = self._inverse(q)
+        bend = qddot - G @ task_rate(task, place, rate)
+        G_ahead = self._inverse(q + 2 * stride * qdot)
+        later = plan.rates(t + stride)[1]
+        return Now(task, place, q, qdot, bend, G, G_ahead, twist, rate, later)
+
+    def go_on(self, now: Now, later: Array) -> Status:
+        """Plan a stride, the end of its acceleration, and a stop; take the plan if it serves."""
+        plan, T, jerk = Plan(now.q, now.qdot), self._bounds.stride, self._bounds.jerk
+        motion = change_of_acceleration(now.place, now.twist, now.rate, later, T)
+        if not self.solver.add(plan, motion, SHORT):
+            return self.solver.failure()
+        twist, rate = motion.rates(T)
+        if np.isfinite(jerk).all():
+            release = float((np.abs(now.joint_rates(rate)) / (JERK * jerk)).max())
+            release = max(release, self._bounds.dt)
+            motion = change_of_acceleration(motion.placement(T), twist, rate, np.zeros(6), release)
+            if not self.solver.add(plan, motion, LONG if release > 5 * STRIDE else SHORT):
+                return self.solver.failure()
+            twist, rate = motion.rates(release)
+        else:
+            rate = np.zeros(6)
+        return self._stop(plan, now, motion.placement(motion.duration), twist, rate)
+
+    def _stop(self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array) -> Status:
+        """Add a stop to a plan, as short as the limits allow; take the plan if it serves."""
+        bounds, speed = self._bounds, float(np.abs(now.joint_rates(twist)).max())
+        shortest = stop_time(bounds, now, twist)
+        for _ in range(2):
+            T = max(self._longer * shortest, 4 * bounds.dt)
+            plan = begun.copy()
+            if not self._add(plan, brake(place, twist, rate, T), speed * T / 2):
+                return self.solver.failure()
+            if not self._leaves(plan.q, now):
+                return Status.SINGULAR
+            if not self._affords(plan):
+                return Status.SLOWED
+            before, after, inside = shares_used(bounds, self.history, plan, begun.time)
+            if not inside:
+                return Status.LIMIT
+            if before > 1:
+                return Status.SLOWED
+            if after <= 1:
+                self._longer = max(0.98 * self._longer, 1.0)
+                self._take(plan)
+                return Status.OK
+            self._longer = min(self._longer * min(1.05 * after, 1.6), 4.0)
+        return Status.SLOWED
+
+    def land(self, now: Now, way: Array, g: Array, a: float) -> bool:
+        """Plan to come to rest at a displacement, if it is near; tell whether the plan is taken."""
+        bounds = self._bounds
+        closing = float(now.joint_rates(now.twist) @ g) / max(float(g @ g), TINY)
+        if closing > 0 and closing**2 / (2 * a) >= 0.75:
+            T, longer = 2 / closing, _BRAKES
+        else:
+            peak = sqrt(a + closing**2 / 2)
+            if peak > fastest(bounds, now, way).by_speed or np.abs(g).max() > _SHORT_WAY:
+                return False
+            T, longer = (2 * peak - closing) / a, _LONGER
+        T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
+        self._turn = (self._turn + 1) % len(longer)
+        T = max(T * longer[self._turn], 3 * bounds.dt)
+        plan = Plan(now.q, now.qdot, lands=True)
+        motion = landing(now.place, now.twist, now.rate, way, T)
+        if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(plan.q, now):
+            return False
+        if not self._affords(plan):
+            return False
+        before, after, inside = shares_used(bounds, self.history, plan, 0.0)
+        if not inside or max(before, after) > 1:
+            return False
+        self._take(plan)
+        return True
+
+    def _leaves(self, q: Array, now: Now) -> bool:
+        """Whether an arm at rest at q can leave it: q is not, or not more than now, singular."""
+        try:
+            there = regularity(self._task.jacobian(q), self._inverse(q))
+        except SingularityError:
+            return False
+        return there >= REGULAR or there >= regularity(self._task.jacobian(now.q), now.G)
+
+    def _add(self, plan: Plan, motion: FrameMotion, travel: float) -> bool:
+        """Append a motion, in pieces as long as the last ones could be."""
+        count = min(max(ceil(travel / self._reach), 1), 16)
+        made = self.solver.add(plan, motion, LONG, count)
+        if made:
+            self._reach = _REACH if made == count else max(travel / made, 1e-3)
+        elif self.solver.left < 0:  # shorter pieces are more than a tick can evaluate
+            self._reach = _REACH
+        return made > 0
+
+    def _affords(self, plan: Plan) -> bool:
+        """Count the samples of a plan as evaluations; tell whether enough are left."""
+        count = plan.time / self._bounds.dt / SAMPLES
+        self.solver.left -= int(count) if count < MOST_SAMPLES else MOST_SAMPLES
+        return self.solver.left >= 0
+
+    def _take(self, plan: Plan) -> None:
+        """Follow a plan from now on."""
+        self.plan, self.tick = plan, 0

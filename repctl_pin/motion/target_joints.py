@@ -1,0 +1,111 @@
+"""Joints of a target on a leaf: those at the end of the straight line from the start."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..errors import InputError, SingularityError
+from ..strategies.repeatable import RepeatableInverse
+from .frame_motion import FrameMotion, straight
+from .governor_law import Bounds, frame_twist
+
+LONGEST_STEP = 0.1
+"""Longest step of the continuation, rad or m of a joint."""
+
+CONTRACTION = 0.25
+"""Largest ratio of a Newton step to the one before: a larger one could lead to another branch."""
+
+MOST_AT_ONCE = 40
+"""Maximum number of evaluations of the inverse at a time."""
+
+_EXACT, _ITERATIONS, _SHORTEST = 1e-6, 6, 1e-3
+"""Newton step after which it has converged; their number; shortest step, a share of the line."""
+
+
+class TargetJoints:
+    """``F(x; c)``: continuation of the joints along the straight line from the start to a target.
+
+    The line is a displacement with a rotation about one axis, by at most 180°. The result does not
+    depend on where the arm is, so it makes the joints at rest a function of the target.
+
+    Parameters
+    ----------
+    inverse
+        The repeatable inverse.
+    bounds
+        Limits of the joints.
+
+    Attributes
+    ----------
+    target : pinocchio.SE3, optional
+    found : (n,) array, optional
+        The joints at its end. None if they are not known yet, or if they exceed a limit, leave the
+        region, or become singular on the line.
+    known : bool
+        Whether ``found`` is final.
+    """
+
+    def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:
+        self._inverse, self._bounds = inverse, bounds
+
+    def start(self, q: Array, leaf: Array) -> None:
+        """Begin anew, from another configuration and leaf."""
+        self._start, self._leaf = q, leaf
+        self.target: pin.SE3 | None = None
+
+    def look_for(self, target: pin.SE3) -> None:
+        """Go on with a target, by a number of evaluations."""
+        if self.target is None or target != self.target:
+            self._begin(target)
+        self._left = MOST_AT_ONCE
+        while not self.known and self._left > 0:
+            self._continue()
+
+    def _begin(self, target: pin.SE3) -> None:
+        self.target, self.known = target, False
+        self.found: Array | None = None
+        self._q, self._share, self._step = self._start, 0.0, 1.0
+        task = self._inverse.task
+        place = task.placement(self._start)
+        way = frame_twist(task, place, task.error(self._start, target))
+        self._line: FrameMotion = straight(place, way)
+
+    def _continue(self) -> None:
+        """Take one step along the line, or halve it."""
+        end = min(self._share + self._step, 1.0)
+        q = self._solved(self._q, self._line.placement(end))
+        if q is None:
+            self._step /= 2
+            self.known = self._step < _SHORTEST
+            return
+        self._q, self._share, self._step = q, end, 2 * self._step
+        if end == 1.0:
+            self.found, self.known = q, True
+
+    def _solved(self, q: Array, target: pin.SE3) -> Array | None:
+        """Solve f(q) = x, h(q) = c next to q, inside all limits."""
+        before = inf
+        for _ in range(_ITERATIONS):
+            self._left -= 1
+            try:
+                following = self._inverse.step(q, target, 1.0, leaf=self._leaf)
+            except (InputError, SingularityError):
+                return None
+            size = float(np.abs(following - q).max())
+            q = following
+            if not size <= max(min(LONGEST_STEP, CONTRACTION * before), _EXACT):
+                return None
+            if size < _EXACT:
+                return q if self._allowed(q) else None
+            before = size
+        return None
+
+    def _allowed(self, q: Array) -> bool:
+        region = self._inverse.region
+        if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-9:
+            return False
+        return bool(((q >= self._bounds.lower) & (q <= self._bounds.upper)).all())
