@@ -105,9 +105,7 @@ def test_joint_speed_is_of_the_first_cycle_and_of_all() -> None:
 def test_the_scale_of_an_arm_decides_what_is_small() -> None:
     """An arm of 0.1 mm links whose joints are off by 0.1 rad is not back."""
     tiny = replace(J, elbow_displacement=9e-6, size=3e-4, joint_displacement=(0.097, "theta2"))
-    assert verdict([tiny, OURS], 10).startswith(
-        "Elbow displacement after 10 cycles: 9 µm (J⁺) → 0"
-    )
+    assert verdict([tiny, OURS], 10).startswith("Elbow displacement after 10 cycles: 9 µm (J⁺) → 0")
     still = verdict(
         [replace(J, elbow_displacement=1e-12, joint_displacement=(3e-5, "wrist")), OURS], 10
     )
@@ -153,7 +151,9 @@ def test_a_studys_verdict_holds_its_motions_numbers() -> None:
         "J⁺ stopped: why. Elbow displacement"
     )
     none = tuple(replace(r, motion=None, stopped="why") for r in study.rows)
-    assert study_verdict(replace(study, rows=none)) == "J⁺ stopped: why. nearest repeatable stopped: why."
+    assert study_verdict(replace(study, rows=none)) == (
+        "J⁺ stopped: why. nearest repeatable stopped: why."
+    )
 
 
 def test_a_motion_is_closed_exactly_where_the_first_line_says_0() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -132,6 +132,7 @@ def animation_page(
     headline: Headline = NO_HEADLINE,
     part: tuple[str, str] | None = None,
     live: bool = False,
+    names: Mapping[str, str] | None = None,
 ) -> str:
     """Write one self-contained HTML page with one pane per arm, which loops through their cycles.
 
@@ -157,6 +158,8 @@ def animation_page(
     live
         The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is
         where they may be.
+    names
+        What the part is called to which a shape belongs, by the shape's name; for live poses.
 
     Returns
     -------
@@ -184,6 +187,7 @@ def animation_page(
         "paths": [len(path) for path in paths],
         "problems": problems,
         "part": name,
+        "names": dict(names or {}),
         "arms": described,
     }
     motion = np.concatenate([p.ravel() for p in [*parts, *paths]]).astype("<f4").tobytes()
