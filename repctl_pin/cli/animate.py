@@ -49,7 +49,7 @@ def add_options(parser: Parser) -> None:
     add("--cycles", type=integer, help="number of cycles (default 10, or that of the CSV)")
     add("--steps", type=integer, default=200, help="steps per cycle (default 200)")
     add("--degree", type=integer, default=2, help="degree of the potentials (default 2)")
-    add("--seconds", type=positive, default=4.0, help="time of one cycle, s (default 4)")
+    add("--seconds", type=positive, help="time of one cycle, s (default: real time; with --live 4)")
     add("--out", metavar="FOLDER", help="folder of animation.html (default repctl-out/ROBOT)")
     live = (
         "run both controllers in real time, in the browser of this machine, where keys move the "
@@ -120,7 +120,7 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
         problem = options.problem_of(design)
         q0, path = problem.start, problem.cycle
     kind = Loop if design.task.coordinates is not None else GovernedLoop
-    loop = kind([design.desired, design.inverse], path, q0, period=options.seconds)
+    loop = kind([design.desired, design.inverse], path, q0, period=options.seconds or 4.0)
     with (
         until_stopped() as stop,
         rp.Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
@@ -131,12 +131,21 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
         if not options.no_browser:
             view.open()
         before = due = time.monotonic()
+        cycles, phase = 0, loop.phase
         while not stop.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
             due = max(due + 1 / RATE, now)
             loop.run(min(now - before, 0.25), view.offset)
             before = now
-            view.show(*loop.q, before=loop.before, out_of_reach=loop.out_of_reach)
+            cycles = max(0, cycles + round(phase - loop.phase))  # a whole one at the path's start
+            phase = loop.phase
+            view.show(
+                *loop.q,
+                before=loop.before,
+                out_of_reach=loop.out_of_reach,
+                target=loop.path_point + view.offset,
+                cycles=cycles,
+            )
     return 0
 
 

@@ -94,6 +94,16 @@ class Loop:
         """Configurations of the controllers at this time of the first cycle: (strategies, n)."""
         return self.cycle[self._at]
 
+    @property
+    def phase(self) -> float:
+        """Where on the path the controllers are, in parts of a cycle."""
+        return self._at / self.steps
+
+    @property
+    def path_point(self) -> Array:
+        """Where the target is without its offset: (3,), m."""
+        return np.array(self._targets[self._at].translation)
+
     def run(self, seconds: float, offset: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Advance by a time in s, in whole steps.
 

@@ -96,7 +96,7 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         await socket.write_message("no json")
         got = []
         for shown, before in ((first, None), (now, None), (now, now)):
-            view.show(*shown, before=before)
+            view.show(*shown, before=before, target=task.positions(shown[0][None])[0], cycles=3)
             got.append(np.frombuffer(await socket.read_message(), "<f4"))
         return got
 
@@ -111,9 +111,14 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
             expected = poses_of(visuals.placements(task.to_robot(np.array([*shown, *before]))))[
                 :, view._moving
             ]
-            np.testing.assert_allclose(numbers[:-5], expected.ravel(), atol=1e-6)
+            size, both = expected.size, task.positions(np.array([*shown, *before]))
+            np.testing.assert_allclose(numbers[:size], expected.ravel(), atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
-            np.testing.assert_allclose(numbers[-5:], [*drift, 0, shown is now, 0], atol=1e-6)
+            np.testing.assert_allclose(
+                numbers[size : size + 5], [*drift, 0, shown is now, 0], atol=1e-6
+            )
+            np.testing.assert_allclose(numbers[size + 5 : size + 9], [*both[0], 3], atol=1e-6)
+            np.testing.assert_allclose(numbers[size + 9 : size + 21], both.ravel(), atol=1e-6)
         with pytest.raises(rp.InputError, match="2 controllers, but 1"):
             view.show(Q0)
         with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
@@ -143,7 +148,7 @@ def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyP
             view.show(Q0 + [0, 0, 0.001 * k])
         while drifts[-1] < 0.0989:
             drifts.append(
-                float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-3])
+                float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-16])
             )
         return drifts
 
@@ -375,6 +380,7 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
         ):
             body.send_keys(key)
             until(lambda want=offset: np.allclose(view.offset, want))
+        the_target_is_dragged(driver, view)
         assert errors(driver) == []
         # a page from elsewhere, in the same browser, does not get in
         driver.get("data:text/html,<p>elsewhere")
@@ -383,6 +389,40 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
             "s.onopen = () => done('open'); s.onerror = () => done('refused')",
             view.url.replace("http", "ws") + "poses",
         ) == "refused"  # fmt: skip
+
+
+def the_target_is_dragged(driver: Any, view: rp.Viewer) -> None:
+    """By a pointer that takes it where it is seen; a pointer elsewhere turns the view."""
+    target = view.task.positions(Q0[None])[0]
+    received = driver.execute_script("return repctl.received")
+    view.show(Q0, Q0, target=target, cycles=2)
+    until(lambda: driver.execute_script("return repctl.received") > received)
+    assert driver.find_element("id", "clock").get_attribute("textContent") == "cycle 3"
+    said = driver.find_element("id", "verdict").text
+    assert said.startswith("After 2 cycles the hand is where it was in cycle 1;")
+    seen = driver.execute_script(
+        "const v = new MeshCat.THREE.Vector3(...arguments[0]).applyAxisAngle("
+        "new MeshCat.THREE.Vector3(1, 0, 0), -Math.PI / 2).project(repctl.viewer.camera),"
+        "{left, top} = document.getElementById('picture').getBoundingClientRect(),"
+        "p = document.querySelector('.pane').getBoundingClientRect();"
+        "return [p.left + (v.x + 1) / 2 * p.width, p.top + (1 - v.y) / 2 * p.height]",
+        target.tolist(),
+    )
+    drag = (
+        "const [x, y, dx] = arguments, at = (kind, x) => document.querySelector('#picture canvas')"
+        ".dispatchEvent(new PointerEvent(kind, {bubbles: true, cancelable: true, pointerId: 7,"
+        "pointerType: 'touch', clientX: x, clientY: y}));"
+        "at('pointerdown', x); for (let k = 1; k <= 5; k++) at('pointermove', x + k * dx / 5);"
+        "at('pointerup', x + dx)"
+    )
+    driver.execute_script(drag, *seen, 10)
+    until(lambda: view.offset[0] > 0)
+    time.sleep(0.1)
+    moved = view.offset.copy()
+    assert moved[0] > 0 and np.abs(moved[1:]).max() < 1e-3 * moved[0]
+    driver.execute_script(drag, seen[0] + 100, seen[1], 10)
+    time.sleep(0.1)
+    assert np.array_equal(view.offset, moved)
 
 
 def test_two_pandas_leave_time_for_sixty_pictures_a_second(

@@ -19,6 +19,7 @@ from test_surfaces import DAE
 import repctl_pin as rp
 from repctl_pin.robot.visuals import Shape
 from repctl_pin.show.page import Arm, animation_page, choose_frames, key, poses_of, read_surface
+from repctl_pin.show.page import html as page_html
 from repctl_pin.show.page.body_points import corners
 from repctl_pin.show.page.meshes import record
 
@@ -274,3 +275,17 @@ def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
     assert texture["uuid"] in maps
     assert texture["image"] == image["uuid"]
     assert image["url"].startswith("data:image/jpeg;base64,/9j/")
+
+
+def test_no_two_modules_of_the_page_share_a_name() -> None:
+    """They are joined into one scope, in which the later of two would silently take the place of
+    the first."""
+    folder = Path(page_html.__file__).parent / "assets" / "scripts"
+    assert sorted(page_html.SCRIPTS) == sorted(file.stem for file in folder.glob("*.js"))
+    declared = r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)"
+    names = [
+        name
+        for file in folder.glob("*.js")
+        for name in re.findall(declared, file.read_text("utf-8"), flags=re.MULTILINE)
+    ]
+    assert sorted(names) == sorted(set(names))

@@ -151,9 +151,8 @@ def test_a_studys_verdict_holds_its_motions_numbers() -> None:
         "J⁺ stopped: why. Elbow displacement"
     )
     none = tuple(replace(r, motion=None, stopped="why") for r in study.rows)
-    assert (
-        study_verdict(replace(study, rows=none))
-        == "J⁺ stopped: why. nearest repeatable stopped: why."
+    assert study_verdict(replace(study, rows=none)) == (
+        "J⁺ stopped: why. nearest repeatable stopped: why."
     )
 
 

@@ -4,11 +4,12 @@ The page asks nothing of a network or a server. What is large goes in as base64 
 browser's own ``DecompressionStream`` takes it out again.
 
 At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``,
-``repctl.play()``, ``repctl.pause()``, ``repctl.set("traces" or "ghost" or "drift", bool)``,
-``repctl.drift(arm, shape)``, ``repctl.picture()`` (a PNG's data URL), ``repctl.still()`` (a canvas,
-for print), ``repctl.pane(arm)`` (where it is in the picture), ``repctl.errors``. Times are in shown
-cycles: 1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by
-itself."""
+``repctl.play()``, ``repctl.pause()``,
+``repctl.set("traces" or "ghost" or "fan" or "drift", bool)``, ``repctl.drift(arm, shape)``,
+``repctl.picture()`` (a PNG's data URL), ``repctl.seen()`` (the same of the page),
+``repctl.record(seconds)`` (a film), ``repctl.still()`` (a canvas, for print),
+``repctl.pane(arm)`` (where it is in the picture), ``repctl.errors``. Times are in shown cycles:
+1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by itself."""
 
 from __future__ import annotations
 
@@ -32,18 +33,8 @@ from ..text.headline import Headline
 
 SCRIPTS = (
     *("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "stage"),
-    *(
-        "callouts",
-        "chart",
-        "clock",
-        "address",
-        "controls",
-        "paper",
-        "save",
-        "live",
-        "console",
-        "main",
-    ),
+    *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
+    *("live", "console", "main"),
 )
 """The page's modules, each after those that it imports."""
 

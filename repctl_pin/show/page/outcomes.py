@@ -10,7 +10,7 @@ import numpy as np
 from ...arguments import Array
 from ...motion.displacement import displacements, leaves_range
 from ...motion.joint_motion import JointMotion
-from ...robot.robot import Robot
+from ...robot.mechanism import Mechanism
 from ...robot.task import Task
 from ...robot.visuals import Visuals
 from ...studies import Row, Study
@@ -48,7 +48,7 @@ def outcome_of(
     return Outcome(summary, part_name(task, q0, link), link, off, min(found, default=None), near)
 
 
-def farthest_body(robot: Robot, ends: Array) -> tuple[str, float]:
+def farthest_body(robot: Mechanism, ends: Array) -> tuple[str, float]:
     """Find the link whose body is farthest off after a motion, and how far, m.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -134,6 +134,7 @@ def animation_page(
     part: tuple[str, str] | None = None,
     live: bool = False,
     surfaces: Surfaces | None = None,
+    names: Mapping[str, str] | None = None,
 ) -> str:
     """Write one self-contained HTML page with one pane per arm, which loops through their cycles.
 
@@ -161,6 +162,8 @@ def animation_page(
         where they may be.
     surfaces
         Surfaces of the arms' mesh files; read if not given.
+    names
+        What the part is called to which a shape belongs, by the shape's name; for live poses.
 
     Returns
     -------
@@ -192,6 +195,7 @@ def animation_page(
         "paths": [len(path) for path in paths],
         "problems": problems,
         "part": name,
+        "names": dict(names or {}),
         "arms": described,
     }
     motion = np.concatenate([p.ravel() for p in [*parts, *paths]]).astype("<f4").tobytes()

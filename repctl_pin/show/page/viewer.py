@@ -25,11 +25,12 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from ...arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
 from ...errors import InputError
-from ...motion import TaskPath
+from ...motion import TaskPath, elbow
 from ...robot.length import arm_length
 from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
+from ..text.parts import part_name
 from .scene import Arm, Frames, animation_page, moving_of, poses_of
 
 HOST = "127.0.0.1"
@@ -60,9 +61,9 @@ class Viewer:
     url : str
         Address of the page.
     offset : (3,) array
-        Displacement of the target by the keys, m, base axes: arrows move it across and up the
-        screen, Page Up and Down away and nearer, Home back to 0; at most the arm's length along
-        each axis.
+        Displacement of the target by the keys or by dragging, m, base axes: arrows move it across
+        and up the screen, Page Up and Down away and nearer, Home back to 0; at most the arm's
+        length along each axis.
 
     Raises
     ------
@@ -102,6 +103,7 @@ class Viewer:
         self._first: Array | None = None
         q0 = vector(task.reference if start is None else start, task.n, "the start")
         self._reach = arm_length(task, q0) or 1.0
+        self._elbow = elbow(task, q0)
         page = self._page(q0, path)
         try:
             sockets = bind_sockets(as_int(port, "the port", 0, 65535), HOST)
@@ -125,6 +127,8 @@ class Viewer:
         *configurations: ArrayLike,
         before: Sequence[ArrayLike] | Array | None = None,
         out_of_reach: bool = False,
+        target: ArrayLike | None = None,
+        cycles: int = 0,
     ) -> None:
         """Send a configuration (n,) for each name, in order, to the browser; returns at once.
 
@@ -137,6 +141,10 @@ class Viewer:
             ones sent.
         out_of_reach
             Whether the page says that the target is out of reach.
+        target : (3,) array, optional
+            Target of the frame, m, base axes, which is drawn, and can be dragged.
+        cycles
+            Number of cycles that are finished.
 
         Raises
         ------
@@ -148,10 +156,15 @@ class Viewer:
         then = self._first if before is None else self._each(before)
         drift = np.linalg.norm(now - then, axis=1)  # (K,)
         past = self.task.limit_margin(now).min(axis=1) < -1e-9
-        placements = self._visuals.placements(self.task.to_robot(np.vstack([now, then])))[
-            :, self._moving
-        ]  # (2K, M, 4, 4)
-        numbers = [poses_of(placements).ravel(), drift, past, [flag(out_of_reach, "out_of_reach")]]
+        both = np.vstack([now, then])
+        placements = self._visuals.placements(self.task.to_robot(both))[:, self._moving]
+        goal = np.full(3, np.nan) if target is None else vector(target, 3, "target")
+        elbows = [self.task.joint_origins(q)[self._elbow] for q in now]
+        numbers = [
+            *(poses_of(placements).ravel(), drift, past, [flag(out_of_reach, "out_of_reach")]),
+            *(goal, [as_int(cycles, "cycles", 0)]),
+            *(self.task.positions(both).ravel(), np.ravel(elbows)),
+        ]
         self._last = np.concatenate(numbers).astype("<f4").tobytes()
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._send)
@@ -224,7 +237,7 @@ class Viewer:
             )
             for name, colour in zip(self.names, colours, strict=False)
         ]
-        keys = "Arrows, Page Up and Page Down move the target; Home brings it back."
+        keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
         caption = f"{task.frame}, {task.kind} task. {keys}"
         lines = [] if path is None else [path.points()]
         flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
@@ -238,6 +251,7 @@ class Viewer:
             caption=caption,
             planar=flat,
             live=True,
+            names={s.name: part_name(task, q0, s.link) for s in self._visuals.shapes},
         )
 
     def _serve(self, sockets: Any, page: str) -> None:

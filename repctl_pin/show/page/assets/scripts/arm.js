@@ -55,9 +55,8 @@ export class ArmView {
 
   // Stand as at frame i, a part f on the way to frame i + 1.
   pose(i, f, rows = this.rows) {
-    const next = f > 0 ? i + 1 : i;
-    for (let k = 0; k < rows.length; k++)
-      if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + i * this.stride + 7 * k, this.bodyStart + next * this.stride + 7 * k, f);
+    const near = between(i, f, this.perCycle);
+    for (let k = 0; k < rows.length; k++) if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + 7 * k, this.stride, near);
   }
 
   // Stand as at this part of a shown cycle, and the ghost as at the same part of cycle 1; a cycle's end is the start.
@@ -119,8 +118,7 @@ export class ArmView {
 
   // Where a chain's tip or elbow is at frame i, a part f on the way to the next.
   point(which, chain, i, f = 0, out = new MeshCat.THREE.Vector3()) {
-    const a = this[which + "Start"] + 3 * (this.chains * i + chain), b = a + (f > 0 ? 3 * this.chains : 0), m = this.motion;
-    return out.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
+    return out.set(...blended(this.motion, this[which + "Start"] + 3 * chain, 3 * this.chains, 3, between(i, f, this.perCycle)));
   }
 
   // The same point, as far from where it was at frame `first` as the arm is drawn.
@@ -219,9 +217,28 @@ function elsewhere({ position, quaternion }, other) {
   return position.distanceTo(other.position) > SAME || 1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2;
 }
 
-function setPose(node, m, a, b = a, f = 0) {
-  node.position.set(m[a] + f * (m[b] - m[a]), m[a + 1] + f * (m[b + 1] - m[a + 1]), m[a + 2] + f * (m[b + 2] - m[a + 2]));
-  const q = [3, 4, 5, 6].map((k) => m[a + k] + f * (m[b + k] - m[a + k]));
+// The frames, and their weights, that give what is a part f on the way from frame i to the next: the cubic through four
+// of the same cycle (Catmull and Rom), its ends extrapolated; a line where there are fewer.
+function between(i, f, F) {
+  if (!(f > 0)) return [[i, 1]];
+  if (F < 4) return [[i, 1 - f], [i + 1, f]];
+  const at = i % F, ff = f * f, fff = ff * f;
+  let [a, b, c, d] = [(-f + 2 * ff - fff) / 2, (2 - 5 * ff + 3 * fff) / 2, (f + 4 * ff - 3 * fff) / 2, (fff - ff) / 2];
+  if (at === 0) [a, b, c, d] = [0, b + 3 * a, c - 3 * a, d + a];
+  if (at === F - 2) [a, b, c, d] = [a + d, b - 3 * d, c + 3 * d, 0];
+  return [[i - 1, a], [i, b], [i + 1, c], [i + 2, d]].filter(([, weight]) => weight);
+}
+
+// `count` numbers of the frames that are near, weighed.
+function blended(m, start, stride, count, near) {
+  const out = new Array(count).fill(0);
+  for (const [frame, weight] of near) for (let k = 0; k < count; k++) out[k] += weight * m[start + frame * stride + k];
+  return out;
+}
+
+function setPose(node, m, start, stride = 0, near = [[0, 1]]) {
+  const [x, y, z, ...q] = blended(m, start, stride, 7, near);
+  node.position.set(x, y, z);
   node.quaternion.set(...q).normalize();
 }
 

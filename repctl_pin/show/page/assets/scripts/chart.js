@@ -18,7 +18,6 @@ export class Chart {
       byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title.split(" (")[0]}: `, value, " ", detail));
       return { value, detail };
     });
-    this.reserve();
   }
 
   // Give the readings the room of their longest words, so that nothing moves while time goes.

@@ -57,7 +57,7 @@ async function main() {
     say("The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?", true);
     return;
   }
-  const { arms, leave, eye, points, panes } = await setStage(viewer, scene), last = scene.arms[0].drift.length;
+  const { arms, leave, extent, eye, points, panes } = await setStage(viewer, scene), last = scene.arms[0].drift.length;
 
   // ---- what is shown at each time
   const cycles = scene.cycles.length, clock = new Clock(cycles, scene.seconds, () => show()), box = (name) => byId(`show-${name}`);
@@ -89,6 +89,7 @@ async function main() {
   function resize() {
     panes.layout();
     if (!eye.touched) eye.fit(points, panes.size);
+    if (chart) chart.reserve();
     show();
   }
   const view = {
@@ -109,7 +110,7 @@ async function main() {
   byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01);
   tell = connect(clock, view, last);
   document.body.classList.toggle("live", Boolean(scene.live));
-  if (scene.live) follow(arms, viewer.camera, show);
+  if (scene.live) follow(arms, panes, scene, extent, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
   if (window.parent !== window) leaveTheWheel(viewer);

@@ -26,7 +26,7 @@ export async function setStage(viewer, scene) {
   drawPaths(arms, paths, extent);
   const leave = () => drawWays(arms, scene, extent);
   const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
-  return { arms, leave, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
+  return { arms, leave, extent, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
 }
 
 // The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is
