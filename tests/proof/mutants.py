@@ -141,6 +141,31 @@ POTENTIALS = {
 """What is wrong with V's remainder, in potentials.py or leaf_margin_bounds.py."""
 
 
+TAYLOR = {
+    "no products of degree 1 and 3": ("a[..., 1] * b[..., 3] + a[..., 2]", "a[..., 2]"),
+    "no squares of degree 2": ("(b[..., 2] + b[..., 3])\n", "b[..., 3]\n"),
+    "no products of degree 2 and 3": (
+        "a[..., 2] * (b[..., 2] + b[..., 3])",
+        "a[..., 2] * b[..., 2]",
+    ),
+    "no products of degree 3 and 1": ("a[..., 3] * (b[..., 1] + ", "a[..., 3] * ("),
+    "half of degree 3": ("beyond + a[..., 3]", "beyond + 0.5 * a[..., 3]"),
+    "the left rest dropped": ("self.r * two + self.r", "self.r"),
+    "the right rest dropped": ("one * other.r + ", ""),
+    "both rests dropped": (" + self.r * other.r +", " +"),
+    "a rest dropped in a sum": ("(self.r + other.r)", "self.r"),
+    "a rest not scaled": ("self.r * np.abs(factor)", "self.r"),
+    "a negative factor": ("(np.abs(A) @ self.r", "(A @ self.r"),
+    "a sine of the other sign": ("[s, c, -s / 2, -c / 6]", "[s, c, s / 2, -c / 6]"),
+    "a cosine's third term": ("-c / 2, s / 6]", "-c / 2, -s / 6]"),
+    "half of the sine's rest": ("-s / 2, -c / 6], 1 / 24", "-s / 2, -c / 6], 1 / 48"),
+    "half of the cosine's rest": ("-c / 2, s / 6], 1 / 24", "-c / 2, s / 6], 1 / 48"),
+    "no rest of a series": ("fourth * d.most**4", "0 * d.most"),
+    "a smaller fourth derivative": ("np.arange(1.0, 9 + m)", "np.arange(1.0, 10 + m)"),
+}
+"""What is wrong with Taylor models: a piece of taylor.py, and what is put in its place."""
+
+
 def source(name: str, piece: str, instead: str) -> str:
     """Read a file of the package, with one piece replaced."""
     text = files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
