@@ -3,29 +3,36 @@ one that is too small is caught."""
 
 from __future__ import annotations
 
+import ctypes
+from copy import copy
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from arms import spatial_task
 from cell_functions import cell_of, chart_of, panda
+from mutants import CELL_C, CELLS, CHAIN, source, wrong
 from sectors import sector_of
 
 import repctl_pin as rp
+from repctl_pin.c_library import VECTOR_FLAGS, loaded_library
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.monomials import Monomials
-from repctl_pin.proof import cells
+from repctl_pin.proof import cell_kernel, cells, taylor_chain
 from repctl_pin.proof.cell_poses import Poses
 from repctl_pin.proof.cells import CellProof
 from repctl_pin.proof.chain import Chain, chain_of
 from repctl_pin.proof.commutator import commutator
 from repctl_pin.proof.screws import screws, slopes, turn
-from repctl_pin.proof.taylor_chain import closure_of
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
 """A configuration of the panda in the middle of the cell."""
 
 Boxes = tuple[np.ndarray, np.ndarray]
+
+SCALES = [(0.1, 1e-4, 0.05), (1e-4, 0.1, 0.05), (0.1, 0.4, 0.05), (1e-4, 0.4, 1e-5)]
+"""How far and by which angle a pose is from f(q_ref), m and rad, and how far q is from q_ref."""
 
 
 @pytest.fixture(scope="module")
@@ -71,15 +78,17 @@ def test_poses_are_those_of_the_cell(cell: rp.Cell) -> None:
     assert used > 0.02
 
 
-def screws_off(problem: CellProof, count: int = 16) -> dict[str, float]:
+def screws_off(
+    problem: CellProof, count: int = 16, closure: ModuleType = taylor_chain
+) -> dict[str, float]:
     """The largest ratios of actual differences to bounds: of q_ref and n_ref, of A J_V at q_ref,
     of J beside q_ref, and of ξ."""
     chain, k, n = problem.chain, problem.cell.k, problem.chain.n
     Uc, h = boxes_of(k, count)
     reference, normals = problem._models(Uc, h)
-    along = closure_of(chain, problem.poses.at(Uc, h), reference, problem.eps)
+    along = closure.closure_of(chain, problem.poses.at(Uc, h), reference, problem.eps)
     theta = reference.P[..., 0] @ chain.S[:, :n].T + chain.o
-    g = 0.05 * np.ones((count, n))
+    g = np.array([0.05, 0.005])[np.arange(count) % 2, None] * np.ones(n)
     A = np.tile(np.eye(chain.N), (count, 1, 1))
     dJ = np.zeros((count, n, chain.N, chain.N))
     dJ[:, :, :6] = np.swapaxes(slopes(chain, *screws(chain, theta)), 2, 3)
@@ -156,12 +165,12 @@ def test_an_arm_with_a_prismatic_joint_has_the_same_bounds(tmp_path: Path) -> No
 # ---- the way from f(q_ref) to x ----------------------------------------------------------------
 
 
-def turned_off(problem: CellProof, seed: int, scale: tuple[float, float]) -> np.ndarray:
+def turned_off(problem: CellProof, seed: int, scale: tuple[float, float, float]) -> np.ndarray:
     """How far a twist is from ξ, seen from the middle link beside q_ref: ratios to the bounds."""
     rng, chain, worst = np.random.default_rng(seed), problem.chain, np.zeros(2)
-    count, n = 60, chain.n
+    count, n = 40, chain.n
     q = MIDDLE + rng.uniform(-0.3, 0.3, (count, n))
-    g = 10.0 ** rng.uniform(-3, -1.3, (count, n))
+    g = scale[2] * 10.0 ** rng.uniform(-1.7, 0, (count, n))
     _, tip, R_b, _, o_b = seen(chain, q)
     e, axis = rng.standard_normal((2, count, 3))
     e *= scale[0] / np.linalg.norm(e, axis=1, keepdims=True)
@@ -171,7 +180,7 @@ def turned_off(problem: CellProof, seed: int, scale: tuple[float, float]) -> np.
     sizes = np.stack([np.linalg.norm(x, axis=1) for x in (tip, e, s)])
     theta = q @ chain.S[:, :n].T + chain.o
     linear, angular = problem._turned(g, theta, 0 * g, sizes)
-    for _ in range(60):
+    for _ in range(30):
         off = g * np.sign(rng.standard_normal(q.shape))
         _, _, R_1, _, o_1 = seen(chain, q + off)
         R = R_1 @ np.swapaxes(R_b, 1, 2)  # from the middle link at q to that at q + off
@@ -185,13 +194,36 @@ def turned_off(problem: CellProof, seed: int, scale: tuple[float, float]) -> np.
     return worst
 
 
-@pytest.mark.parametrize("scale", [(0.1, 1e-4), (1e-4, 0.1), (0.1, 0.4)])
+@pytest.mark.parametrize("scale", SCALES)
 def test_a_twist_seen_from_beside_q_ref_changes_as_bounded(
-    plain: CellProof, scale: tuple[float, float]
+    plain: CellProof, scale: tuple[float, float, float]
 ) -> None:
     linear, angular = turned_off(plain, 0, scale)
     assert linear <= 1 and angular <= 1
     assert linear > 0.3 and angular > 0.4
+
+
+@pytest.mark.parametrize("mutant", CELLS)
+def test_a_wrong_term_of_a_cell_s_bounds_is_noticed(
+    mutant: str, plain: CellProof, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = copy(plain)
+    problem.__class__ = wrong(monkeypatch, "cells.py", *CELLS[mutant]).CellProof
+    found = [turned_off(problem, 1, scale).max() for scale in SCALES]
+    whole, problem = problem, copy(problem)
+    problem.chain = plain.chain.seen_from(1, 0.0)  # where the middle link only turns
+    found += [turned_off(problem, 1, scale).max() for scale in SCALES[1:3]]
+    if max(found) <= 1:
+        found += screws_off(whole, 8).values()
+    assert max(found) > 1
+
+
+@pytest.mark.parametrize("mutant", CHAIN)
+def test_a_wrong_sign_in_a_chain_s_models_is_noticed(
+    mutant: str, plain: CellProof, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = wrong(monkeypatch, "taylor_chain.py", *CHAIN[mutant])
+    assert max(screws_off(plain, 4, module).values()) > 1
 
 
 # ---- two solutions at one pose -----------------------------------------------------------------
@@ -256,6 +288,28 @@ def test_both_kernels_give_the_same_enclosures(chart: Chart, plain: CellProof) -
         assert (first <= second * (1 + 1e-6)).all() and (first > 0.75 * second).all()
     np.testing.assert_allclose(two.limit_margin[good], one.limit_margin[good], atol=1e-10)
     np.testing.assert_allclose(two.away, one.away, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_wrong_term_in_c_is_noticed(chart: Chart) -> None:
+    right = CellProof(chart)
+    if right._kernel is None:
+        pytest.skip("there is no C compiler")
+    rng = np.random.default_rng(4)
+    U = rng.uniform(-0.9, 0.9, (96, 6))
+    h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(0.3, 1, U.shape)
+    bounds, _, reach = right.enclosed(U, h)
+    for name, (file, piece, instead) in CELL_C.items():
+        texts = [
+            source(one, piece, instead) if one == file else source(one, "", "")
+            for one in cell_kernel.SOURCES
+        ]
+        path = loaded_library("\n".join(texts), VECTOR_FLAGS)
+        changed, _, other = cell_kernel.Kernel(right, ctypes.CDLL(path)).bounds(U, h)
+        same = np.allclose(reach, other, rtol=1e-5, atol=1e-7, equal_nan=True)
+        same &= np.allclose(bounds.leaf_margin, changed.leaf_margin, rtol=1e-5)
+        assert not same, name
 
 
 def test_a_cell_is_proved_without_a_compiler_too(
