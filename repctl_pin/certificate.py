@@ -8,7 +8,7 @@ import numpy as np
 
 from .arguments import Array, read_only
 
-THEOREM = 2
+THEOREM = 3
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 

@@ -1,193 +1,28 @@
 /* A cell's function over boxes of poses: see docs/theory.md, "Proved, not sampled", "A cell".
 
-   Compiled together with leaf_margin_bounds.c. The same mathematics as cells.py, one box at a time; but the
-   leaf margin is bounded to first order, where NumPy does so to second. */
-
-#pragma GCC optimize("O3") /* reorders no arithmetic */
+   Compiled together with leaf_margin_bounds.c and taylor.c. The same mathematics as cells.py, LANES boxes at a
+   time where there are Taylor models, one box at a time elsewhere. */
 
 typedef struct {
   const Problem *chain;
-  int k, w, terms, places;                  /* coordinates, n (1 + r), monomials, positions of the cell */
-  int terms1, terms2, terms3;               /* monomials that first to third derivatives have */
-  double tool, columns;                     /* the tool's distance, the largest column of S */
-  const int *parent, *variable;             /* terms */
-  const int *pair, *triple, *on;            /* k k, k k k: rows of C2 and C3; k: which of the six coordinates */
-  const double *C, *C1, *C2, *C3, *M4;      /* terms w, k terms1 w, pairs terms2 w, triples terms3 w, triples k w */
-  const double *widths, *p0, *R0;           /* 6, 3, 3 3: of the cell */
-  const double *near, *blur;                 /* n, n: d*, and the rounding of q_ref */
-  const double *lower, *upper, *only;        /* n, n, 2 N: limits, linear and angular part of Lambda */
-  const double *n_size, *beta_size, *n1_size; /* r, k r, k n r: for the rounding */
+  Space space;
+  int w, terms, F, turning, angled, spun;  /* n (1 + r), monomials of the chart, and what moves the pose */
+  double tool, columns;                    /* the tool's distance, the largest column of S */
+  const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
+  const int *fourth;                       /* F 4: variables of the products of degree 4 */
+  const double *parts, *rest, *blur;       /* M terms w, F w, w: derivatives, fourth ones, rounding */
+  const double *near, *lower, *upper;      /* n, n, n: d*, limits */
+  const double *farthest;                  /* n: largest values of the joints */
+  const double *o, *a, *d, *R0, *D, *Omega, *angle, *spin; /* 3, 3, 3, 3 3, 3 k, 3 k, k, k: the poses */
+  const double *bases;                     /* P 3 3: rotations whose third columns are the axes */
 } Cell;
 
 typedef struct {
-  double *leaf, *center, *sigma, *limit, *center_limit, *Q, *reach;
-  int *split, *found;
+  double *leaf, *sigma, *limit, *Q, *reach, *away;
+  int *split;
 } Out;
 
 static double norm3(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
-
-static void apply_transposed(const double *R, const double *x, double *y) {
-  double z[3];
-  for (int i = 0; i < 3; i++) z[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2];
-  for (int i = 0; i < 3; i++) y[i] = z[i];
-}
-
-/* J_l(omega) e, and its derivative along d. */
-static void left_jacobian(const double *omega, const double *e, const double *d, double *value, double *slope) {
-  double square = omega[0] * omega[0] + omega[1] * omega[1] + omega[2] * omega[2], t = sqrt(square);
-  double a, b, da, db, c = cos(t), s = sin(t);
-  if (t < 0.05) {
-    a = 0.5 - square / 24 + square * square / 720, b = 1. / 6 - square / 120 + square * square / 5040;
-    da = -1. / 12 + square / 180 - square * square / 6720, db = -1. / 60 + square / 1260 - square * square / 60480;
-  } else {
-    a = (1 - c) / square, b = (t - s) / (square * t);
-    da = (t * s - 2 * (1 - c)) / (square * square), db = ((1 - c) * t - 3 * (t - s)) / (square * square * t);
-  }
-  double one[3], two[3], d_one[3], de[3], w_de[3], along = omega[0] * d[0] + omega[1] * d[1] + omega[2] * d[2];
-  cross(omega, e, one), cross(omega, one, two), cross(d, one, d_one), cross(d, e, de), cross(omega, de, w_de);
-  for (int i = 0; i < 3; i++) {
-    value[i] = e[i] + a * one[i] + b * two[i];
-    slope[i] = da * along * one[i] + a * de[i] + db * along * two[i] + b * (d_one[i] + w_de[i]);
-  }
-}
-
-/* exp of a rotation vector; omega = 0 is the identity. */
-static void rotation(const double *omega, double *E) {
-  double t = norm3(omega), a[3] = {0, 0, 1};
-  if (t > 1e-12)
-    for (int i = 0; i < 3; i++) a[i] = omega[i] / t;
-  turn(a, t > 1e-12 ? sin(t) : 0, t > 1e-12 ? cos(t) : 1, E);
-}
-
-/* The rotation vector of a rotation by less than half a turn. */
-static void logarithm(const double *R, double *omega) {
-  double v[3] = {R[7] - R[5], R[2] - R[6], R[3] - R[1]}, s = 0.5 * norm3(v), c = 0.5 * (R[0] + R[4] + R[8] - 1);
-  double f = s > 1e-9 ? atan2(s, c) / (2 * s) : 0.5;
-  for (int i = 0; i < 3; i++) omega[i] = f * v[i];
-}
-
-/* R_1 (base to middle link) and the tool's rotation seen from the middle link, and its place from the base. */
-static void placed(const Problem *g, const double *theta, const double *tip, double *R1, double *R2, double *p) {
-  double E[9], x[3];
-  for (int i = 0; i < 9; i++) R1[i] = R2[i] = i % 4 == 0;
-  for (int i = 0; i < 3; i++) p[i] = 0;
-  for (int l = 0; l < g->P; l++) {
-    double *R = l < g->k ? R1 : R2;
-    if (l < g->k) {
-      apply(R, g->p + 3 * l, x);
-      for (int i = 0; i < 3; i++) p[i] += x[i];
-    }
-    times(R, g->R + 9 * l, 0, R);
-    if (g->revolute[l]) {
-      turn(g->a + 3 * l, sin(theta[l]), cos(theta[l]), E);
-      times(R, E, 0, R);
-    } else if (l < g->k) {
-      apply(R, g->a + 3 * l, x);
-      for (int i = 0; i < 3; i++) p[i] += theta[l] * x[i];
-    }
-  }
-  for (int i = 0; i < 3; i++) E[i] = g->shift[i] + tip[i];
-  apply(R1, E, x);
-  for (int i = 0; i < 3; i++) p[i] += x[i];
-}
-
-static void joints(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
-  for (int l = 0; l < g->P; l++) {
-    double t = g->o[l], e = 0;
-    for (int s = g->first[l]; s < g->first[l + 1]; s++)
-      if (g->column[s] < g->n) t += g->S[s] * q[g->column[s]], e += fabs(g->S[s]) * half[g->column[s]];
-    theta[l] = t, eta[l] = e;
-  }
-}
-
-/* What A J_V has beside 1 and its slopes, on a box of joints, and the rounding of the last rows. */
-static void rest_of(const Cell *s, const double *A, const double *J_V, const double *norms, const double *theta,
-                    const double *q, const double *half, const double *n_rest, double *R, double *rounding) {
-  const Problem *g = s->chain;
-  int P = g->P, n = g->n, N = g->N, r = g->r;
-  double dummy[P], eta[P], linear[N], angular[N], total = 0, slides = 0, longest = 0, rows[N];
-  joints(g, q, half, dummy, eta);
-  for (int c = 0; c < N; c++) linear[c] = angular[c] = 0;
-  for (int l = 0; l < P; l++) {
-    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
-    double H_R = 0, H_P = 0, L = g->reach[l];
-    for (int p = from; p < to; p++)
-      if (g->revolute[p]) H_R += eta[p];
-      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
-    double v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
-    double o = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
-    for (int t = g->first[l]; t < g->first[l + 1]; t++)
-      linear[g->column[t]] += fabs(g->S[t]) * v, angular[g->column[t]] += fabs(g->S[t]) * o;
-    total += eta[l];
-    if (!g->revolute[l]) slides += fabs(theta[l]) + eta[l];
-    if (g->reach[l] > longest) longest = g->reach[l];
-  }
-  double size = 1 + 2 * total;
-  for (int a = 0; a < N; a++)
-    rows[a] = g->eps * (a < 3   ? s->columns * (1 + longest + slides) * size
-                        : a < 6 ? s->columns * size
-                                : s->n_size[a - 6] * (1 + s->terms / 64.));
-  for (int a = 0; a < r; a++) rounding[a] = rows[6 + a];
-  for (int i = 0; i < N; i++) {
-    double tiny = 0;
-    for (int a = 0; a < N; a++) tiny += fabs(A[i * N + a]) * rows[a];
-    for (int c = 0; c < N; c++) {
-      double e = -(i == c), more = tiny + norms[2 * i] * linear[c] + norms[2 * i + 1] * angular[c];
-      for (int a = 0; a < N; a++) e += A[i * N + a] * J_V[a * N + c];
-      if (c < n)
-        for (int a = 0; a < r; a++) more += fabs(A[i * N + 6 + a]) * n_rest[a * n + c];
-      R[i * N + c] = fabs(e) + more;
-    }
-  }
-}
-
-/* What the twists of the pose have beside their values and slopes, for each coordinate of the cell; C: of theta. */
-static void right_side_rest(const Cell *s, const double *h, const double *theta, const double *q, const double *half,
-                            const double *loose, const double *C, double (*xi)[6], const double *tip,
-                            const double *turns, double *linear, double *angular) {
-  const Problem *g = s->chain;
-  int k = s->k;
-  double dummy[g->P], eta[g->P], off[g->P], L = s->tool, spread = 0, length = norm3(tip);
-  double H = 0, squares = 0, H_R = 0, H_P = 0, spun = 0, tip_move = 0;
-  joints(g, q, half, dummy, eta);
-  joints(g, q, loose, dummy, off);
-  for (int l = 0; l < g->P; l++) {
-    double x[3];
-    if (l < g->k) {
-      if (g->revolute[l]) H += eta[l], squares += eta[l] * eta[l], spun += off[l];
-      continue;
-    }
-    cross(xi[l] + 3, tip, x);
-    for (int i = 0; i < 3; i++) x[i] += xi[l][i];
-    tip_move += norm3(x) * off[l];
-    if (l == g->P - 1) continue;
-    if (g->revolute[l]) H_R += eta[l];
-    else H_P += eta[l], L += fabs(theta[l]) + eta[l];
-  }
-  for (int a = 0; a < k; a++) { /* the middle link's rotation, and the tool's way, by each coordinate */
-    double turned[3] = {0, 0, 0}, moved[3] = {0, 0, 0}, x[3];
-    for (int l = 0; l < g->P; l++) {
-      cross(xi[l] + 3, tip, x);
-      for (int i = 0; i < 3; i++)
-        if (l < g->k) turned[i] += xi[l][3 + i] * C[l * k + a];
-        else moved[i] += (x[i] + xi[l][i]) * C[l * k + a];
-    }
-    spun += h[a] * norm3(turned), tip_move += h[a] * norm3(moved);
-    spread += turns[a] * turns[a] * h[a] * h[a];
-  }
-  spread = sqrt(spread);
-  double pairs = 0.5 * (H * H - squares), fast = fmin(H, spun + pairs), bent = fmin(H * H, fast * fast + pairs);
-  double tip_rest = 0.5 * H_R * H_R * L + H_R * H_P;
-  tip_move += tip_rest;
-  for (int a = 0; a < k; a++) {
-    double push = s->on[a] < s->places ? s->widths[s->on[a]] : 0;
-    double spin_rest = (0.5 * bent + 0.5 * spread * fast + spread * spread / 6 + 1e-10) * turns[a];
-    double spin_move = (fast + 0.5 * spread) * turns[a] + spin_rest;
-    linear[a] = 0.5 * bent * push + length * spin_rest + tip_rest * turns[a] + tip_move * spin_move +
-                g->eps * (1 + 2 * H + 2 * H_R) * (push + (1 + L) * turns[a]);
-    angular[a] = spin_rest + g->eps * (1 + 2 * H) * turns[a];
-  }
-}
 
 /* The leaf margin on a box where J_V is known to first order in k variables, to first order. */
 static int margin_of(const Problem *g, int k, const double *h, const double *A_, const double *X_, double X_norm,
@@ -275,275 +110,296 @@ static int margin_of(const Problem *g, int k, const double *h, const double *A_,
   return 1;
 }
 
-static void box_of_poses(const Cell *s, const double *u, const double *h, long at, const Out *out) {
-  const Problem *g = s->chain;
-  const int P = g->P, n = g->n, N = g->N, r = g->r, k = s->k, w = s->w, x = 1 + g->r;
-  const double eps = g->eps;
-  out->leaf[at] = out->sigma[at] = out->center[at] = 0, out->found[at] = 0, out->split[at] = 0;
-  out->limit[at] = out->center_limit[at] = -INFINITY;
 
-  /* q_ref, n_ref and their derivatives, and bounds of them on the box */
-  double T[s->terms], val[w], d1[k][w], d2[k][k][w], two[k][w], three[k][w], one[k][w], moved[w], bend[w];
-  T[0] = 1;
+/* ---- Taylor models of the chart, the poses and the chain ---- */
+
+/* q_ref and n_ref, (w,): expanded in t, u = u_c + h t. */
+static void chart_models(const Cell *s, const Lanes *u, const Lanes *h, Model *out) {
+  const Space *g = &s->space;
+  Lanes T[s->terms], H[MOST];
+  T[0] = H[0] = all(1);
   for (int t = 1; t < s->terms; t++) T[t] = T[s->parent[t]] * u[s->variable[t]];
-  for (int c = 0; c < w; c++) val[c] = 0;
-  for (int t = 0; t < s->terms; t++)
-    for (int c = 0; c < w; c++) val[c] += s->C[t * w + c] * T[t];
-  for (int a = 0; a < k; a++) {
-    for (int c = 0; c < w; c++) d1[a][c] = two[a][c] = three[a][c] = 0;
-    for (int t = 0; t < s->terms1; t++)
-      for (int c = 0; c < w; c++) d1[a][c] += s->C1[(a * s->terms1 + t) * w + c] * T[t];
+  for (int m = 1; m < g->M; m++) H[m] = H[s->parent[m]] * h[s->variable[m]];
+  for (int c = 0; c < s->w; c++) out[c].r = all(s->blur[c]);
+  for (int m = 0; m < g->M; m++) {
+    const double *C = s->parts + (long)m * s->terms * s->w;
+    for (int c = 0; c < s->w; c++) {
+      Lanes v = all(0);
+      for (int t = 0; t < s->used[m]; t++) v += C[t * s->w + c] * T[t];
+      out[c].p[m] = v * H[m];
+    }
   }
-  for (int a = 0; a < k; a++)
-    for (int b = a; b < k; b++) {
-      const double *C = s->C2 + s->pair[a * k + b] * s->terms2 * w;
-      for (int c = 0; c < w; c++) d2[a][b][c] = 0;
-      for (int t = 0; t < s->terms2; t++)
-        for (int c = 0; c < w; c++) d2[a][b][c] += C[t * w + c] * T[t];
-      for (int c = 0; c < w; c++) {
-        d2[b][a][c] = d2[a][b][c];
-        two[a][c] += fabs(d2[a][b][c]) * h[b];
-        if (b > a) two[b][c] += fabs(d2[a][b][c]) * h[a];
-      }
-    }
-  for (int a = 0; a < k; a++)
-    for (int b = a; b < k; b++)
-      for (int d = b; d < k; d++) {
-        int which = s->triple[(a * k + b) * k + d];
-        const double *C = s->C3 + which * s->terms3 * w, *M = s->M4 + which * k * w;
-        double v[w], more[w];
-        for (int c = 0; c < w; c++) v[c] = more[c] = 0;
-        for (int t = 0; t < s->terms3; t++)
-          for (int c = 0; c < w; c++) v[c] += C[t * w + c] * T[t];
-        for (int e = 0; e < k; e++)
-          for (int c = 0; c < w; c++) more[c] += M[e * w + c] * h[e];
-        int i[3] = {a, b, d};
-        for (int f = 0; f < 3; f++) { /* each different index once, times the orders of the two others */
-          if (f && i[f] == i[f - 1]) continue;
-          int y = i[(f + 1) % 3], z = i[(f + 2) % 3];
-          double hh = h[y] * h[z] * (y == z ? 1 : 2);
-          for (int c = 0; c < w; c++) three[i[f]][c] += (fabs(v[c]) + more[c]) * hh;
-        }
-      }
-  for (int c = 0; c < w; c++) moved[c] = bend[c] = 0;
-  for (int a = 0; a < k; a++)
-    for (int c = 0; c < w; c++) {
-      two[a][c] += three[a][c]; /* sum_b |d2_ab| h_b on the box */
-      one[a][c] = fabs(d1[a][c]) + two[a][c];
-      moved[c] += one[a][c] * h[a];
-      bend[c] += 0.5 * two[a][c] * h[a];
-    }
+  for (int f = 0; f < s->F; f++) {
+    const int *i = s->fourth + 4 * f;
+    Lanes v = h[i[0]] * h[i[1]] * h[i[2]] * h[i[3]] * (1 + 1e-12);
+    for (int c = 0; c < s->w; c++) out[c].r += v * s->rest[f * s->w + c];
+  }
+  for (int c = 0; c < s->w; c++) finish(g, out + c);
+}
 
-  /* the configuration at the centre, by Newton's method */
-  double spread[6] = {0, 0, 0, 0, 0, 0}, omega[3], R_u[9], R_x[9], p_x[3];
-  for (int a = 0; a < k; a++) spread[s->on[a]] = s->widths[s->on[a]] * u[a];
-  for (int i = 0; i < 3; i++) p_x[i] = s->p0[i] + spread[i], omega[i] = spread[3 + i];
-  rotation(omega, R_u);
-  times(R_u, s->R0, 0, R_x);
-  double q[n], zero[n], theta[P], eta[P], xi[P][6], tip[3], R1[9], R2[9], p[3], M[N][N], A[N][N], J_V[N][N];
-  double residual = INFINITY;
-  for (int i = 0; i < n; i++) q[i] = val[i * x], zero[i] = 0;
-  for (int step = 0; step < 14; step++) {
-    double rhs[N], R[9], e[3];
-    joints(g, q, zero, theta, eta);
-    screws(g, theta, xi, tip);
-    placed(g, theta, tip, R1, R2, p);
-    times(R1, R2, 0, R);
-    times(R_x, R, 1, R);
-    logarithm(R, e);
-    residual = 0;
-    for (int i = 0; i < 3; i++) rhs[i] = p_x[i] - p[i], rhs[3 + i] = e[i];
-    for (int a = 0; a < r; a++) {
-      rhs[6 + a] = 0;
-      for (int i = 0; i < n; i++) rhs[6 + a] -= val[i * x + 1 + a] * (q[i] - val[i * x]);
-    }
-    for (int i = 0; i < N; i++) residual = fmax(residual, fabs(rhs[i]));
-    for (int i = 0; i < N; i++)
-      for (int c = 0; c < N; c++) J_V[i][c] = 0;
-    for (int l = 0; l < P; l++)
-      for (int t = g->first[l]; t < g->first[l + 1]; t++)
-        for (int i = 0; i < 6; i++) J_V[i][g->column[t]] += g->S[t] * xi[l][i];
-    for (int a = 0; a < r; a++)
-      for (int i = 0; i < n; i++) J_V[6 + a][i] = val[i * x + 1 + a];
-    for (int i = 0; i < N; i++)
-      for (int c = 0; c < N; c++) M[i][c] = J_V[i][c];
-    if (!invert(N, M, A)) return;
-    if (residual < 1e-10) break;
-    apply_transposed(R1, rhs, rhs), apply_transposed(R1, rhs + 3, rhs + 3);
-    cross(tip, rhs + 3, e);
-    for (int i = 0; i < 3; i++) rhs[i] += e[i];
-    double dq[n], largest = 0;
-    for (int i = 0; i < n; i++) {
-      dq[i] = 0;
-      for (int c = 0; c < N; c++) dq[i] += A[i][c] * rhs[c];
-      largest = fmax(largest, fabs(dq[i]));
-    }
-    for (int i = 0; i < n; i++) q[i] += dq[i] * (largest > 0.3 ? 0.3 / largest : 1);
-  }
-  if (!(residual < 1e-9)) return;
-  out->found[at] = 1;
-  double center_limit = INFINITY;
-  for (int i = 0; i < n; i++)
-    center_limit = fmin(center_limit, fmin(q[i] - s->lower[i], s->upper[i] - q[i])), out->Q[at * n + i] = q[i];
-  out->center_limit[at] = center_limit;
+static void linear_model(const Space *g, const double *row, const Lanes *u, const Lanes *h, Model *out) {
+  constant(g, 0, out);
+  for (int a = 0; a < g->k; a++) out->p[0] += row[a] * u[a], out->p[1 + a] = row[a] * h[a];
+  finish(g, out);
+  out->r = 1e-15 * (1 + size_of(out));
+}
 
-  /* the right-hand side and its slopes */
-  double push[k][3], spin[k][3], E[k][6], rhs[k][N], curl[k][k][3], turns[k];
-  for (int a = 0; a < k; a++) {
-    turns[a] = 0;
-    for (int i = 0; i < 3; i++) push[a][i] = spin[a][i] = 0;
-    for (int b = 0; b < k; b++)
-      for (int i = 0; i < 3; i++) curl[b][a][i] = 0;
-    if (s->on[a] < s->places) {
-      double e[3] = {0, 0, 0};
-      e[s->on[a]] = s->widths[s->on[a]];
-      apply_transposed(R1, e, push[a]);
-    } else {
-      double e[3] = {0, 0, 0}, d[3], value[3], slope[3];
-      e[s->on[a] - s->places] = turns[a] = s->widths[s->on[a]];
-      for (int b = 0; b < k; b++)
-        if (s->on[b] >= s->places) {
-          d[0] = d[1] = d[2] = 0, d[s->on[b] - s->places] = s->widths[s->on[b]];
-          left_jacobian(omega, e, d, value, slope);
-          apply_transposed(R1, slope, curl[b][a]);
-        }
-      apply_transposed(R1, value, spin[a]);
+/* x + s a x x + (1 - c) a x (a x x): a vector turned about the axis. */
+static void turn_model(const Cell *s, const Model *sine, const Model *cosine, Model *x) {
+  const Space *g = &s->space;
+  const double *a = s->a, hat[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0};
+  double twice[9];
+  Model y[3], z[3], e[2];
+  times(hat, hat, 0, twice);
+  for (int i = 0; i < 3; i++) combine(g, hat + 3 * i, x, y + i), combine(g, twice + 3 * i, x, z + i);
+  for (int i = 0; i < 3; i++) {
+    product(g, sine, y + i, e), product(g, cosine, z + i, e + 1);
+    add(g, x + i, 1, e, x + i), add(g, x + i, 1, z + i, x + i), add(g, x + i, -1, e + 1, x + i);
+  }
+}
+
+/* The place of the pose and its columns, from the base. */
+static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*R)[3]) {
+  const Space *g = &s->space;
+  Model sine, cosine, angle, e, f;
+  for (int i = 0; i < 3; i++) {
+    linear_model(g, s->D + i * g->k, u, h, p + i);
+    constant(g, s->d[i], &e), add(g, p + i, 1, &e, p + i);
+    for (int c = 0; c < 3; c++) constant(g, s->R0[3 * i + c], &R[c][i]);
+  }
+  if (s->turning) { /* (c + s w^ + d w w') R0 */
+    Model omega[3], z, c[3], turned[3], along;
+    constant(g, 0, &z);
+    for (int i = 0; i < 3; i++) {
+      linear_model(g, s->Omega + i * g->k, u, h, omega + i);
+      product(g, omega + i, omega + i, &e), add(g, &z, 1, &e, &z);
     }
-    cross(tip, spin[a], E[a]);
-    for (int i = 0; i < 3; i++) E[a][i] += push[a][i], E[a][3 + i] = spin[a][i];
-    for (int i = 0; i < 6; i++) rhs[a][i] = E[a][i];
-    for (int f = 0; f < r; f++) {
-      rhs[a][6 + f] = 0;
-      for (int i = 0; i < n; i++)
-        rhs[a][6 + f] += val[i * x + 1 + f] * d1[a][i * x] - d1[a][i * x + 1 + f] * (q[i] - val[i * x]);
+    exponential(g, &z, c);
+    for (int i = 0; i < 3; i++) {
+      double b[3] = {s->R0[i], s->R0[3 + i], s->R0[6 + i]};
+      double hat[9] = {0, b[2], -b[1], -b[2], 0, b[0], b[1], -b[0], 0}; /* w -> w x b */
+      combine(g, b, omega, &along);
+      for (int l = 0; l < 3; l++) {
+        product(g, c, &R[i][l], turned + l);
+        combine(g, hat + 3 * l, omega, &e), product(g, c + 1, &e, &f), add(g, turned + l, 1, &f, turned + l);
+        product(g, &along, omega + l, &e), product(g, c + 2, &e, &f), add(g, turned + l, 1, &f, turned + l);
+      }
+      for (int l = 0; l < 3; l++) R[i][l] = turned[l];
     }
   }
-  double J[N][6], dJ[n][N][6], unused[2][N], B[n][N][N], B_u[k][N][N], C[N][k], Pq[n][N][k], along[k][N][N];
-  char turning[n][N];
-  joints(g, q, zero, theta, eta);
-  columns(g, theta, eta, J, dJ, turning, unused[0], unused[1]);
-  for (int i = 0; i < N; i++)
-    for (int a = 0; a < k; a++) {
-      C[i][a] = 0;
-      for (int c = 0; c < N; c++) C[i][a] += A[i][c] * rhs[a][c];
+  if (s->spun) {
+    linear_model(g, s->spin, u, h, &angle), sine_cosine(g, &angle, &sine, &cosine);
+    for (int i = 0; i < 3; i++) plane(g, &sine, &cosine, &R[0][i], &R[1][i]);
+  }
+  if (s->angled) {
+    linear_model(g, s->angle, u, h, &angle), sine_cosine(g, &angle, &sine, &cosine);
+    turn_model(s, &sine, &cosine, p);
+    for (int i = 0; i < 3; i++) turn_model(s, &sine, &cosine, R[i]);
+  }
+  for (int i = 0; i < 3; i++) constant(g, s->o[i], &e), add(g, p + i, 1, &e, p + i);
+}
+
+/* R x for constant x; R by columns. */
+static void combine_columns(const Space *g, Model (*R)[3], const double *x, Model *y) {
+  for (int i = 0; i < 3; i++) {
+    add_scaled(g, x[0], &R[0][i], x[1], &R[1][i], y + i);
+    add(g, y + i, x[2], &R[2][i], y + i);
+  }
+}
+
+/* R <- R C, by columns. */
+static void turn_frame(const Space *g, const double *C, int transposed, Model (*R)[3]) {
+  Model new[3][3];
+  for (int c = 0; c < 3; c++) {
+    double x[3];
+    for (int i = 0; i < 3; i++) x[i] = transposed ? C[3 * c + i] : C[3 * i + c];
+    combine_columns(g, R, x, new[c]);
+  }
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < 3; i++) R[c][i] = new[c][i];
+}
+
+static void screw_model(const Cell *s, int l, Model (*R)[3], const Model *o, Model *xi) {
+  const Space *g = &s->space;
+  const Problem *f = s->chain;
+  Model axis[3];
+  if (f->level[l])
+    for (int i = 0; i < 3; i++) constant(g, f->a[3 * l + i], axis + i);
+  else combine_columns(g, R, f->a + 3 * l, axis);
+  if (f->revolute[l]) cross_models(g, o, axis, xi);
+  for (int i = 0; i < 3; i++) {
+    if (f->revolute[l]) xi[3 + i] = axis[i];
+    else xi[i] = axis[i], constant(g, 0, xi + 3 + i);
+  }
+}
+
+/* Move by one joint; by minus its position towards the base. */
+static void joint_model(const Cell *s, int l, const Model *theta, double sign, Model (*R)[3], Model *o) {
+  const Space *g = &s->space;
+  const Problem *f = s->chain;
+  Model sine, cosine, x[3], e;
+  if (!f->revolute[l]) {
+    combine_columns(g, R, f->a + 3 * l, x);
+    for (int i = 0; i < 3; i++) product(g, theta, x + i, &e), add(g, o + i, sign, &e, o + i);
+    return;
+  }
+  sine_cosine(g, theta, &sine, &cosine);
+  if (sign < 0) scale(g, -1, &sine);
+  turn_frame(g, s->bases + 9 * l, 0, R);
+  for (int i = 0; i < 3; i++) plane(g, &sine, &cosine, &R[0][i], &R[1][i]);
+  turn_frame(g, s->bases + 9 * l, 1, R);
+}
+
+typedef struct {
+  Model R[3][3], base[3][3], tip[3], o[3], p[3], x[3][3], xi[6], theta;
+  Lanes sizes[3], trace; /* |p|, |e|, |s| */
+} Closure;
+
+static Lanes length_of(const Model *x) {
+  Lanes a = most_of(x), b = most_of(x + 1), c = most_of(x + 2);
+  return root(a * a + b * b + c * c) * (1 + 1e-12);
+}
+
+/* The screws of the chain at q_ref, (P 6,), and the displacement from its frame to the pose. */
+static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *f) {
+  const Space *g = &s->space;
+  const Problem *c = s->chain;
+  Model e[3], y[3], turned[3];
+  for (int way = 0; way < 2; way++) {
+    Model(*R)[3] = way ? f->base : f->R, *o = way ? f->o : f->tip;
+    for (int i = 0; i < 3; i++) {
+      constant(g, -c->shift[i], o + i);
+      for (int l = 0; l < 3; l++) constant(g, i == l, &R[l][i]);
     }
-  double E_q[n][k][6];
-  for (int j = 0; j < n; j++)
-    for (int a = 0; a < k; a++)
-      for (int i = 0; i < 6; i++) E_q[j][a][i] = 0;
-  for (int l = 0; l < P; l++)
-    for (int t = g->first[l]; t < g->first[l + 1]; t++) {
-      int j = g->column[t];
-      if (j >= n) continue;
-      for (int a = 0; a < k; a++) {
-        double y[3], z[3], e[6] = {0, 0, 0, 0, 0, 0};
-        if (l < g->k) { /* the middle link turns against the base */
-          cross(spin[a], xi[l] + 3, e + 3);
-          cross(push[a], xi[l] + 3, y);
-          cross(tip, e + 3, z);
-          for (int i = 0; i < 3; i++) e[i] = y[i] + z[i];
-        } else { /* the tool moves against the middle link */
-          cross(xi[l] + 3, tip, y);
-          for (int i = 0; i < 3; i++) y[i] += xi[l][i];
-          cross(y, spin[a], e);
-        }
-        for (int i = 0; i < 6; i++) E_q[j][a][i] += g->S[t] * e[i];
+    for (int l = way ? c->k - 1 : c->k; way ? l >= 0 : l < c->P; l += way ? -1 : 1) {
+      constant(g, c->o[l], &f->theta);
+      for (int t = c->first[l]; t < c->first[l + 1]; t++)
+        if (c->column[t] < c->n) add(g, &f->theta, c->S[t], Q + c->column[t], &f->theta);
+      if (!way) {
+        combine_columns(g, R, c->p + 3 * l, e);
+        for (int i = 0; i < 3; i++) add(g, o + i, 1, e + i, o + i);
+        turn_frame(g, c->R + 9 * l, 0, R);
       }
-    }
-  for (int j = 0; j < n; j++) {
-    for (int i = 0; i < N; i++)
-      for (int c = 0; c < N; c++) {
-        B[j][i][c] = 0;
-        if (turning[j][c])
-          for (int l = 0; l < 6; l++) B[j][i][c] += A[i][l] * dJ[j][c][l];
+      screw_model(s, l, R, o, screws + 6 * l);
+      joint_model(s, l, &f->theta, way ? -1 : 1, R, o);
+      if (way) {
+        turn_frame(g, c->R + 9 * l, 1, R);
+        combine_columns(g, R, c->p + 3 * l, e);
+        for (int i = 0; i < 3; i++) add(g, o + i, -1, e + i, o + i);
       }
-    for (int i = 0; i < N; i++)
-      for (int a = 0; a < k; a++) {
-        double e = 0;
-        for (int l = 0; l < 6; l++) e += A[i][l] * E_q[j][a][l];
-        for (int f = 0; f < r; f++) e -= A[i][6 + f] * d1[a][j * x + 1 + f];
-        Pq[j][i][a] = e;
-      }
-    for (int c = 0; c < N; c++) {
-      int any = 0;
-      for (int i = 0; i < N; i++) any |= B[j][i][c] != 0;
-      if (!any) continue;
-      for (int i = 0; i < N; i++)
-        for (int a = 0; a < k; a++) Pq[j][i][a] -= B[j][i][c] * C[c][a];
     }
   }
-  double curve[k][N][k], Phi[N];
-  for (int b = 0; b < k; b++) {
-    for (int i = 0; i < N; i++)
-      for (int c = 0; c < N; c++) {
-        B_u[b][i][c] = 0;
-        if (c < n)
-          for (int f = 0; f < r; f++) B_u[b][i][c] += A[i][6 + f] * d1[b][c * x + 1 + f];
-        along[b][i][c] = B_u[b][i][c];
-      }
-    double right[k][N];
-    for (int a = 0; a < k; a++) {
-      cross(tip, curl[b][a], right[a]);
-      for (int i = 0; i < 3; i++) right[a][3 + i] = curl[b][a][i];
-      for (int f = 0; f < r; f++) {
-        double e = 0;
-        for (int i = 0; i < n; i++)
-          e += d1[b][i * x + 1 + f] * d1[a][i * x] + val[i * x + 1 + f] * d2[a][b][i * x] -
-               d2[a][b][i * x + 1 + f] * (q[i] - val[i * x]) + d1[a][i * x + 1 + f] * d1[b][i * x];
-        right[a][6 + f] = e;
-      }
+  apply_models(g, f->base, f->p, e);
+  for (int i = 0; i < 3; i++) add(g, e + i, 1, f->o + i, e + i), add(g, e + i, -1, f->tip + i, e + i);
+  f->trace = all(0);
+  for (int i = 0; i < 3; i++) {
+    apply_models(g, f->base, f->x[i], y);
+    cross_models(g, f->R[i], y, turned);
+    for (int l = 0; l < 3; l++) {
+      f->trace += f->R[i][l].p[0] * y[l].p[0];
+      if (i) add(g, f->xi + 3 + l, 1, turned + l, f->xi + 3 + l);
+      else f->xi[3 + l] = turned[l];
     }
-    for (int i = 0; i < N; i++)
-      for (int a = 0; a < k; a++) {
-        double e = 0;
-        for (int c = 0; c < N; c++) e += A[i][c] * right[a][c] - B_u[b][i][c] * C[c][a];
-        curve[b][i][a] = e;
-      }
   }
-  for (int j = 0; j < n; j++)
-    for (int b = 0; b < k; b++) {
-      double f = C[j][b];
-      for (int i = 0; i < N; i++) {
-        for (int c = 0; c < N; c++) along[b][i][c] += B[j][i][c] * f;
-        for (int a = 0; a < k; a++) curve[b][i][a] += Pq[j][i][a] * f;
-      }
-    }
-  double straight[N], norms[2 * N], turned[N][N], p_sum[N][n], lean[n], wide[n], allowed[n], loose[n], half[n], n_rest[r * n];
+  for (int l = 0; l < 3; l++) scale(g, 0.5, f->xi + 3 + l);
+  cross_models(g, f->tip, f->xi + 3, y);
+  f->sizes[0] = length_of(f->tip) + c->eps, f->sizes[1] = length_of(e) + c->eps;
+  f->sizes[2] = length_of(f->xi + 3) + c->eps;
+  for (int i = 0; i < 3; i++) add(g, e + i, 1, y + i, f->xi + i);
+  for (int i = 0; i < 6; i++) f->xi[i].r += c->eps * (1 + f->sizes[0]);
+}
+
+/* ---- one box ---- */
+
+/* What the Taylor models give of one box. */
+typedef struct {
+  double p, e, s, trace;
+  double *q, *wide, *step;            /* n, n, N: q_ref, its reach, |A xi| */
+  double *first, *rest;               /* k N N, N N: A J_V - 1 at q_ref(u) */
+  double *n_c, *dn, *n_rest;          /* n r, n r k, n r */
+} Lane;
+
+static void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
+  for (int l = 0; l < g->P; l++) {
+    theta[l] = g->o[l], eta[l] = 0;
+    for (int t = g->first[l]; t < g->first[l + 1]; t++)
+      if (g->column[t] < g->n)
+        theta[l] += g->S[t] * q[g->column[t]], eta[l] += fabs(g->S[t]) * half[g->column[t]];
+  }
+}
+
+/* Remainders of the columns of J in boxes theta +- eta. */
+static void remainders_of(const Problem *g, const double *theta, const double *eta, double *linear, double *angular) {
+  for (int c = 0; c < g->N; c++) linear[c] = angular[c] = 0;
+  for (int l = 0; l < g->P; l++) {
+    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
+    double H_R = 0, H_P = 0, L = g->reach[l];
+    for (int p = from; p < to; p++)
+      if (g->revolute[p]) H_R += eta[p];
+      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
+    double v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
+    double o = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
+    for (int t = g->first[l]; t < g->first[l + 1]; t++)
+      linear[g->column[t]] += fabs(g->S[t]) * v, angular[g->column[t]] += fabs(g->S[t]) * o;
+  }
+}
+
+/* Bound |A (J(q) - J(q_ref))| for |q - q_ref| <= near and |q_ref - q_c| <= wide, and add it to R. */
+static void beside_chart(const Cell *s, const double *A, const double *norms, const double *B, const double *q,
+                         const double *wide, const double *near, double *R) {
+  const Problem *g = s->chain;
+  int n = g->n, N = g->N, P = g->P;
+  double both[n], theta[P], eta[P], one_v[N], one_w[N], two_v[N], two_w[N], total = 0, slides = 0, longest = 0;
+  for (int i = 0; i < n; i++) both[i] = wide[i] + near[i];
+  angles_of(g, q, wide, theta, eta), remainders_of(g, theta, eta, one_v, one_w);
+  angles_of(g, q, both, theta, eta), remainders_of(g, theta, eta, two_v, two_w);
+  for (int l = 0; l < P; l++) {
+    total += eta[l];
+    if (!g->revolute[l]) slides += fabs(theta[l]) + eta[l];
+    if (g->reach[l] > longest) longest = g->reach[l];
+  }
+  double size = 1 + 2 * total, v = g->eps * s->columns * (1 + longest + slides) * size, w = g->eps * s->columns * size;
   for (int i = 0; i < N; i++) {
-    Phi[i] = straight[i] = 0;
-    for (int a = 0; a < k; a++) {
-      straight[i] += fabs(C[i][a]) * h[a];
-      for (int b = 0; b < k; b++) Phi[i] += 0.5 * fabs(curve[a][i][b] + curve[b][i][a]) * h[a] * h[b];
-    }
-    norms[2 * i] = norm3(A[i]), norms[2 * i + 1] = norm3(A[i] + 3);
+    const double *x = A + i * N;
+    double tiny = (fabs(x[0]) + fabs(x[1]) + fabs(x[2])) * v + (fabs(x[3]) + fabs(x[4]) + fabs(x[5])) * w;
     for (int c = 0; c < N; c++) {
-      turned[i][c] = 0;
-      for (int a = 0; a < k; a++) turned[i][c] += fabs(along[a][i][c]) * h[a];
-    }
-    for (int j = 0; j < n; j++) {
-      p_sum[i][j] = 0;
-      for (int a = 0; a < k; a++) p_sum[i][j] += fabs(Pq[j][i][a]) * h[a];
+      double e = tiny;
+      e += norms[2 * i] * (two_v[c] - one_v[c] * (1 - 1e-12)) + norms[2 * i + 1] * (two_w[c] - one_w[c] * (1 - 1e-12));
+      for (int j = 0; j < n; j++) e += fabs(B[(j * N + i) * N + c]) * near[j];
+      R[i * N + c] += e;
     }
   }
-  /* the direction that bends F and J_V most */
-  double cost[k];
-  for (int a = 0; a < k; a++) {
-    cost[a] = 0;
-    for (int i = 0; i < n; i++) cost[a] += fabs(C[i][a]) * h[a];
-    if (cost[a] > cost[out->split[at]]) out->split[at] = a;
+}
+
+/* Bound |F - q_ref| by lifting the way from f(q_ref) to x, within near of q_ref: (n,). */
+static int distance(const Cell *s, const Lane *at, const double *norms, double *D, const double *near, double *Y_) {
+  const Problem *g = s->chain;
+  int n = g->n, N = g->N, P = g->P;
+  double off[P], away[P], theta[P], both[n], F[N][N], Y[N][N], DY[N][N], slides = 0, turned = 0, moved = 0;
+  for (int i = 0; i < n; i++) both[i] = at->wide[i] + near[i];
+  angles_of(g, at->q, near, theta, off), angles_of(g, at->q, both, theta, away);
+  for (int l = 0; l < g->k; l++)
+    if (!g->revolute[l]) slides += fabs(theta[l]) + away[l];
+  for (int l = 0; l < g->k; l++) {
+    if (g->revolute[l]) turned += off[l];
+    moved += off[l] * (g->revolute[l] ? g->reach[l] + slides : 1);
   }
-  int small = 1;
-  for (int i = 0; i < n; i++) {
-    lean[i] = fabs(q[i] - val[i * x]) + bend[i * x] + s->blur[i];
-    for (int a = 0; a < k; a++) lean[i] += fabs(C[i][a] - d1[a][i * x]) * h[a];
-    allowed[i] = s->near[i] - lean[i], wide[i] = (s->near[i] + lean[i]) * (1 + eps);
-    if (!(allowed[i] > 0.5 * Phi[i])) small = 0;
-    for (int f = 0; f < r; f++) n_rest[f * n + i] = bend[i * x + 1 + f];
+  if (!(at->s < 0.5) || !(at->trace > 1)) return 0;
+  double more = at->s > 1e-300 ? fmax(asin(at->s) / at->s, 1) * (1 + 1e-12) : 1, angle = at->s * more;
+  double angular = (more - 1) * at->s + turned * angle;
+  double linear = (more - 1) * at->s * at->p + at->e * angle;
+  linear += turned * (at->e + at->p * angle + at->e * angle) + moved * angle;
+  for (int i = 0; i < N; i++) {
+    double load = at->step[i] + norms[2 * i] * linear + norms[2 * i + 1] * angular;
+    for (int c = 0; c < N; c++) F[i][c] = load * (1 + g->eps) + 1e-15;
   }
-  /* n_ref in a gauge with orthonormal columns: n_ref = V U, U upper triangular; A's last columns times U^T */
-  double V[r][n], U[r][r], G[r][r], X[N][r], below;
-  for (int f = 0; f < r; f++)
-    for (int i = 0; i < n; i++) V[f][i] = val[i * x + 1 + f];
+  if (!enclose(N, g->eps, (double(*)[N])D, F, Y, DY)) return 0;
+  for (int i = 0; i < n; i++) Y_[i] = Y[i][0] * (1 + g->eps);
+  return 1;
+}
+
+/* n_ref in a gauge with orthonormal columns: n_ref = V U, U upper triangular, G = U^-1, V = n_ref G. */
+static int gauge(int n, int r, double V[r][n], double U[r][r], double G[r][r]) {
   for (int f = 0; f < r; f++)
     for (int e = 0; e < r; e++) U[f][e] = G[f][e] = 0;
   for (int f = 0; f < r; f++) {
@@ -557,11 +413,11 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
     double c = 0;
     for (int i = 0; i < n; i++) c += V[f][i] * V[f][i];
     c = sqrt(c);
-    if (!(c > 1e-290)) return;
+    if (!(c > 1e-290)) return 0;
     for (int i = 0; i < n; i++) V[f][i] /= c;
     U[f][f] = c;
   }
-  for (int f = 0; f < r; f++) { /* G = U^-1: V = n_ref G */
+  for (int f = 0; f < r; f++) {
     G[f][f] = 1 / U[f][f];
     for (int e = f - 1; e >= 0; e--) {
       double c = 0;
@@ -569,117 +425,243 @@ static void box_of_poses(const Cell *s, const double *u, const double *h, long a
       G[e][f] = -c / U[e][e];
     }
   }
+  return 1;
+}
+
+/* The margins along F, with |F - q_ref| <= Y. */
+static int along_function(const Cell *s, const Lane *at, const double *A, const double *D, const double *R,
+                          const double *reach, double *leaf, double *sigma) {
+  const Problem *g = s->chain;
+  int n = g->n, N = g->N, P = g->P, r = g->r, k = s->space.k;
+  double V[r][n], U[r][r], G[r][r], X[N][r], below, dV[r][n][k], rest[r][n], h[k], theta[P], eta[P], t = s->tool;
+  for (int f = 0; f < r; f++)
+    for (int i = 0; i < n; i++) V[f][i] = at->n_c[i * r + f];
+  if (!gauge(n, r, V, U, G)) return 0;
   for (int i = 0; i < N; i++)
     for (int f = 0; f < r; f++) {
       X[i][f] = 0;
-      for (int e = f; e < r; e++) X[i][f] += A[i][6 + e] * U[f][e];
+      for (int e = f; e < r; e++) X[i][f] += A[i * N + 6 + e] * U[f][e];
     }
-  double X_norm = spectral(n, r, &X[0][0], &below);
-  out->center[at] = 1 / below;
-  if (!small) return;
-
-  /* F exists: its way beside the straight one stays below Phi / 2 + Z, which fits into d* */
-  double R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N], rounding[r];
-  double linear[k], angular[k], beta[k][r], chained[P][k], guess[n];
-  for (int l = 0; l < P; l++)
-    for (int a = 0; a < k; a++) {
-      chained[l][a] = 0;
-      for (int t = g->first[l]; t < g->first[l + 1]; t++)
-        if (g->column[t] < n) chained[l][a] += g->S[t] * C[g->column[t]][a];
-    }
-  for (int i = 0; i < n; i++) guess[i] = fmin(allowed[i], Phi[i]);
-  for (int pass = 0;; pass++) {
-    for (int i = 0; i < n; i++) loose[i] = guess[i];
-    for (int i = 0; i < n; i++) half[i] = straight[i] + loose[i];
-    rest_of(s, &A[0][0], &J_V[0][0], norms, theta, q, half, n_rest, &R[0][0], rounding);
-    right_side_rest(s, h, theta, q, half, loose, &chained[0][0], xi, tip, turns, linear, angular);
-    for (int a = 0; a < k; a++)
-      for (int f = 0; f < r; f++) {
-        double second = 0, tiny = s->beta_size[a * r + f];
-        beta[a][f] = 0;
-        for (int i = 0; i < n; i++) {
-          int c = i * x, d = i * x + 1 + f;
-          double n0 = fabs(val[d]) + moved[d];
-          second += 2 * bend[d] * one[a][c] + 2 * moved[d] * two[a][c] + n0 * three[a][c] + three[a][d] * s->near[i] +
-                    2 * two[a][d] * moved[c] + one[a][d] * 2 * bend[c];
-          beta[a][f] += two[a][d] * half[i];
-          tiny += s->n1_size[(a * n + i) * r + f] * (s->near[i] + 1);
-          tiny += moved[d] * one[a][c] + n0 * two[a][c] + two[a][d] * s->near[i] + one[a][d] * moved[c];
-        }
-        beta[a][f] += 0.5 * second + eps * (1 + s->terms / 64.) * tiny;
-      }
-    for (int i = 0; i < N; i++) {
-      double load = 0;
-      for (int a = 0; a < k; a++) {
-        load += (norms[2 * i] * linear[a] + norms[2 * i + 1] * angular[a]) * h[a];
-        for (int f = 0; f < r; f++) load += fabs(A[i][6 + f]) * beta[a][f] * h[a];
-      }
-      for (int c = 0; c < N; c++) {
-        double e = R[i][c] + turned[i][c];
-        for (int j = 0; j < n; j++) e += fabs(B[j][i][c]) * loose[j];
-        load += R[i][c] * straight[c] + e * Phi[c] + fabs(A[i][c]) * 2 * (residual + 1e-11) * (1 + s->tool);
-        D[i][c] = e;
-        if (c < n) D[i][c] += p_sum[i][c], load += 0.5 * p_sum[i][c] * Phi[c];
-      }
-      for (int c = 0; c < N; c++) F[i][c] = load + 1e-15;
-    }
-    if (!enclose(N, eps, D, F, Y, DY)) return;
-    int fits = 1, never = 0;
-    for (int i = 0; i < n; i++) {
-      double away = (0.5 * Phi[i] + Y[i][0]) * (1 + eps);
-      if (!(away <= loose[i])) fits = 0;
-      if (!(away <= allowed[i])) never = 1;
-      guess[i] = fmin(allowed[i], 1.4 * away);
-    }
-    if (fits) break;
-    if (never || pass == 3) return;
-  }
-  double reach[n], limit = INFINITY;
-  for (int i = 0; i < n; i++) {
-    double away = 0.5 * Phi[i] + Y[i][0];
-    loose[i] = away;
-    reach[i] = (straight[i] + away) * (1 + eps) + 9e-16 * fabs(q[i]);
-    limit = fmin(limit, fmin(q[i] - reach[i] - s->lower[i], s->upper[i] - q[i] - reach[i]));
-    out->reach[at * n + i] = reach[i];
-  }
-
-  /* F is the only solution within d* of q_ref */
-  for (int i = 0; i < n; i++) half[i] = straight[i] + wide[i];
-  rest_of(s, &A[0][0], &J_V[0][0], norms, theta, q, half, n_rest, &R[0][0], rounding);
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) {
-      D[i][c] = R[i][c] + turned[i][c] + norms[2 * i] * s->only[c] + norms[2 * i + 1] * s->only[N + c];
-      for (int j = 0; j < n; j++) D[i][c] += fabs(B[j][i][c]) * wide[j];
-      F[i][c] = 1;
-    }
-  if (!enclose(N, eps, D, F, Y, DY)) return;
-
-  /* the margins along F */
-  rest_of(s, &A[0][0], &J_V[0][0], norms, theta, q, reach, n_rest, &R[0][0], rounding);
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) {
-      for (int j = 0; j < n; j++) R[i][c] += fabs(B[j][i][c]) * loose[j];
-      D[i][c] = R[i][c] + turned[i][c];
-    }
-  double dV[r][n][k], rest[r][n], t = s->tool;
   for (int f = 0; f < r; f++)
     for (int i = 0; i < n; i++) {
       rest[f][i] = 0;
       for (int a = 0; a < k; a++) dV[f][i][a] = 0;
       for (int e = 0; e <= f; e++) {
-        rest[f][i] += fabs(G[e][f]) * (n_rest[e * n + i] + rounding[e]);
-        for (int a = 0; a < k; a++) dV[f][i][a] += d1[a][i * x + 1 + e] * G[e][f];
+        rest[f][i] += fabs(G[e][f]) * at->n_rest[i * r + e];
+        for (int a = 0; a < k; a++) dV[f][i][a] += at->dn[(i * r + e) * k + a] * G[e][f];
       }
     }
-  joints(g, q, reach, theta, eta);
+  for (int a = 0; a < k; a++) h[a] = 1;
+  angles_of(g, at->q, reach, theta, eta);
   for (int l = 0; l < P; l++)
     if (!g->revolute[l]) t += fabs(theta[l]) + eta[l];
-  if (!margin_of(g, k, h, &A[0][0], &X[0][0], X_norm, &D[0][0], &R[0][0], &along[0][0][0], &V[0][0], &dV[0][0][0],
-                 &rest[0][0], (t + sqrt(t * t + 4)) / 2, out->leaf + at, out->sigma + at))
-    return;
-  out->limit[at] = limit;
+  double X_norm = spectral(n, r, &X[0][0], &below);
+  return margin_of(g, k, h, A, &X[0][0], X_norm, D, R, at->first, &V[0][0], &dV[0][0][0], &rest[0][0],
+                   (t + sqrt(t * t + 4)) / 2, leaf, sigma);
 }
 
-void cell_bounds(const Cell *s, long K, const double *u, const double *h, const Out *out) {
-  for (long i = 0; i < K; i++) box_of_poses(s, u + i * s->k, h + i * s->k, i, out);
+/* Bound int J delta dt by Lambda |delta| for |delta| <= steps, and add |A| Lambda to D. */
+static int commutator(const Cell *s, const double *norms, const double *steps, double *D) {
+  const Problem *g = s->chain;
+  int n = g->n, N = g->N, P = g->P;
+  double zero[n], o[P], step[P], most[P], H[P], W[P], linear[N], angular[N];
+  double before = 0, beyond = 0, V_2 = 0, sum = 0;
+  for (int i = 0; i < n; i++) zero[i] = 0;
+  angles_of(g, zero, steps, o, step), angles_of(g, zero, s->farthest, o, most);
+  for (int l = 0; l < P; l++) {
+    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
+    double H_R = 0, H_P = 0, L = g->reach[l];
+    for (int p = from; p < to; p++)
+      if (g->revolute[p]) H_R += step[p];
+      else H_P += step[p], L += most[p] + fabs(o[p]);
+    H[l] = g->revolute[l] ? H_R : 0, W[l] = g->revolute[l] ? L * H_R + H_P : H_R;
+    if (g->revolute[l]) *(l < g->k ? &before : &beyond) += step[l];
+    if (l >= g->k) V_2 += (g->revolute[l] ? L : 1) * step[l];
+    sum += H[l] * step[l];
+  }
+  double Omega = before + beyond, away = 1 - Omega, kappa = 0.5 / away;
+  if (!(Omega < 0.9)) return 0;
+  double tau = (1 + kappa * Omega) * sum + fmin(before, beyond);
+  for (int c = 0; c < N; c++) linear[c] = angular[c] = 0;
+  for (int l = 0; l < P; l++)
+    for (int t = g->first[l]; t < g->first[l + 1]; t++) {
+      double f = fabs(g->S[t]) * (1 + 1e-9);
+      linear[g->column[t]] += f * (kappa * V_2 * H[l] + tau / away * (0.5 * W[l] + kappa * V_2 * H[l]));
+      angular[g->column[t]] += f * kappa * tau * H[l];
+    }
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) D[i * N + c] += norms[2 * i] * linear[c] + norms[2 * i + 1] * angular[c];
+  return 1;
+}
+
+static void one_cell_box(const Cell *s, const Lane *at, const double *A, const double *B, long box, const Out *out) {
+  const Problem *g = s->chain;
+  int n = g->n, N = g->N, k = s->space.k;
+  double eps = g->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n];
+  double F[N][N], Z[N][N], DZ[N][N], limit = INFINITY;
+  for (int i = 0; i < N; i++) norms[2 * i] = norm3(A + i * N), norms[2 * i + 1] = norm3(A + i * N + 3);
+  for (int i = 0; i < N * N; i++) {
+    size[i] = 0, R[i] = at->rest[i];
+    for (int a = 0; a < k; a++) size[i] += fabs(at->first[a * N * N + i]);
+  }
+  beside_chart(s, A, norms, B, at->q, at->wide, s->near, R);
+  for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
+  if (!distance(s, at, norms, D, s->near, Y)) return;
+  for (int i = 0; i < n; i++) {
+    if (!(Y[i] <= s->near[i])) return;
+    reach[i] = s->near[i] + Y[i];
+  }
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) F[i][c] = 1;
+  if (!commutator(s, norms, reach, D)) return;
+  if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* F is the only solution within d* of q_ref */
+  for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
+  beside_chart(s, A, norms, B, at->q, at->wide, Y, R);
+  for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
+  if (distance(s, at, norms, D, Y, closer))
+    for (int i = 0; i < n; i++) Y[i] = fmin(Y[i], closer[i]);
+  for (int i = 0; i < n; i++) {
+    reach[i] = (at->wide[i] + Y[i]) * (1 + eps) + 9e-16 * fabs(at->q[i]);
+    limit = fmin(limit, fmin(at->q[i] - reach[i] - s->lower[i], s->upper[i] - at->q[i] - reach[i]));
+  }
+  if (!along_function(s, at, A, D, R, reach, out->leaf + box, out->sigma + box)) return;
+  for (int i = 0; i < n; i++) out->reach[box * n + i] = reach[i];
+  out->limit[box] = limit;
+}
+
+/* ---- LANES boxes ---- */
+
+typedef struct {
+  Model *chart, *screws, *J; /* w, P 6, (6 + r) N */
+  Closure closure;
+} Work;
+
+/* A (J_V) - 1 at q_ref(u): slopes and the rest; and A xi. */
+static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, Lanes *rest, Lanes *step, Lanes *away) {
+  const Problem *g = s->chain;
+  int N = g->N, n = g->n, k = s->space.k, M = s->space.M;
+  for (int i = 0; i < N; i++) {
+    for (int c = 0; c < N; c++) {
+      Lanes e = all(0);
+      for (int m = 0; m < M; m++) {
+        Lanes v = all(0);
+        for (int x = 0; x < N; x++) v += A[i * N + x] * w->J[x * N + c].p[m];
+        if (m == 0) e += absolute(v - (i == c));
+        else if (m <= k) first[((m - 1) * N + i) * N + c] = v;
+        else e += absolute(v);
+      }
+      for (int x = 0; x < N; x++) {
+        const Model *y = w->J + x * N + c;
+        e += absolute(A[i * N + x]) * (y->r + g->eps * size_of(y));
+      }
+      rest[i * N + c] = e;
+    }
+    Lanes sum = all(0);
+    for (int m = 0; m < M; m++) {
+      Lanes v = all(0);
+      for (int x = 0; x < 6; x++) v += A[i * N + x] * w->closure.xi[x].p[m];
+      sum += absolute(v);
+      if (m == 0 && i < n) away[i] = absolute(v);
+    }
+    for (int x = 0; x < 6; x++) {
+      const Model *y = w->closure.xi + x;
+      sum += absolute(A[i * N + x]) * (y->r + g->eps * size_of(y));
+    }
+    step[i] = sum * (1 + g->eps);
+  }
+}
+
+static void some_boxes(const Cell *s, const double *U, const double *half, long at, int count, Work *w, const Out *out) {
+  const Problem *g = s->chain;
+  const Space *sp = &s->space;
+  int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r;
+  Lanes u[k], h[k], A[N * N], first[k * N * N], rest[N * N], step[N], away[n];
+  for (int a = 0; a < k; a++)
+    for (int l = 0; l < LANES; l++) {
+      long box = at + (l < count ? l : 0);
+      u[a][l] = U[box * k + a], h[a][l] = half[box * k + a];
+    }
+  chart_models(s, u, h, w->chart);
+  Model *Q = w->screws + 6 * P; /* n models: q_ref without n_ref between */
+  for (int i = 0; i < n; i++) Q[i] = w->chart[i * x];
+  pose_models(s, u, h, w->closure.p, w->closure.x);
+  chain_models(s, Q, w->screws, &w->closure);
+  for (int i = 0; i < N * N; i++) constant(sp, 0, w->J + i);
+  for (int l = 0; l < P; l++)
+    for (int t = g->first[l]; t < g->first[l + 1]; t++)
+      for (int i = 0; i < 6; i++) {
+        Model *y = w->J + i * N + g->column[t];
+        add(sp, y, g->S[t], w->screws + 6 * l + i, y);
+      }
+  for (int a = 0; a < r; a++)
+    for (int i = 0; i < n; i++) w->J[(6 + a) * N + i] = w->chart[i * x + 1 + a];
+
+  double q[LANES][n], zero[n], theta[P], eta[P], B[LANES][n * N * N], A_[LANES][N * N];
+  int regular[LANES];
+  for (int i = 0; i < n; i++) zero[i] = 0;
+  for (int l = 0; l < LANES; l++) {
+    double J[N][6], dJ[n][N][6], M[N][N], linear[N], angular[N];
+    char turns[n][N];
+    for (int i = 0; i < n; i++) q[l][i] = Q[i].p[0][l];
+    angles_of(g, q[l], zero, theta, eta);
+    columns(g, theta, eta, J, dJ, turns, linear, angular);
+    for (int i = 0; i < N; i++)
+      for (int c = 0; c < N; c++) M[i][c] = w->J[i * N + c].p[0][l];
+    regular[l] = invert(N, M, (double(*)[N])A_[l]);
+    for (int i = 0; i < N * N; i++) A[i][l] = regular[l] ? A_[l][i] : 0;
+    for (int j = 0; j < n; j++)
+      for (int i = 0; i < N; i++)
+        for (int c = 0; c < N; c++) {
+          double e = 0;
+          if (turns[j][c])
+            for (int y = 0; y < 6; y++) e += A_[l][i * N + y] * dJ[j][c][y];
+          B[l][(j * N + i) * N + c] = e;
+        }
+  }
+  after_A(s, w, A, first, rest, step, away);
+
+  double wide[n], step_[N], first_[k * N * N], rest_[N * N], n_c[n * r], dn[n * r * k], n_rest[n * r];
+  for (int l = 0; l < count; l++) {
+    long box = at + l;
+    const Closure *f = &w->closure;
+    Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l],
+                 q[l], wide, step_, first_, rest_, n_c, dn, n_rest};
+    out->split[box] = 0, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
+    double best = -1;
+    for (int a = 0; a < k; a++) {
+      double cost = 0;
+      for (int i = 0; i < n; i++) cost += fabs(Q[i].p[1 + a][l]);
+      if (cost > best) best = cost, out->split[box] = a;
+    }
+    for (int i = 0; i < n; i++) {
+      wide[i] = (size_of(Q + i)[l] - fabs(Q[i].p[0][l]) + Q[i].r[l]) * (1 + 1e-12) + 1e-14 * fabs(q[l][i]);
+      out->Q[box * n + i] = q[l][i], out->away[box * n + i] = away[i][l];
+      for (int a = 0; a < r; a++) {
+        const Model *y = w->chart + i * x + 1 + a;
+        double e = y->r[l];
+        for (int m = 1 + k; m < sp->M; m++) e += fabs(y->p[m][l]);
+        n_c[i * r + a] = y->p[0][l], n_rest[i * r + a] = e;
+        for (int b = 0; b < k; b++) dn[(i * r + a) * k + b] = y->p[1 + b][l];
+      }
+    }
+    if (!regular[l]) continue;
+    for (int i = 0; i < N; i++) step_[i] = step[i][l];
+    for (int i = 0; i < N * N; i++) rest_[i] = rest[i][l];
+    for (int i = 0; i < k * N * N; i++) first_[i] = first[i][l];
+    one_cell_box(s, &lane, A_[l], B[l], box, out);
+  }
+}
+
+int cell_bounds(const Cell *s, long K, const double *U, const double *half, const Out *out) {
+  const Problem *g = s->chain;
+  size_t models = s->w + 6 * g->P + g->n + g->N * g->N;
+  Model *memory = malloc(models * sizeof(Model));
+  Work *w = malloc(sizeof(Work));
+  if (memory && w) {
+    w->chart = memory, w->screws = memory + s->w, w->J = w->screws + 6 * g->P + g->n;
+    for (long i = 0; i < K; i += LANES) some_boxes(s, U, half, i, K - i < LANES ? K - i : LANES, w, out);
+  }
+  int done = memory && w;
+  free(memory), free(w);
+  return done;
 }

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from .leaf_margin_bounds import Bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,18 +17,20 @@ class CellBounds:
 
     Attributes
     ----------
-    leaf : Bounds
-        Lower bound of ``σ_min(Nᵀ n̂_ref)``.
-    limit_margin, center_limit : (K,) arrays
-        A lower bound on the box, −inf where F was not shown to exist, and the value at the centre.
-    found : (K,) array of bool
-        Whether there is a solution at the centre.
+    leaf_margin, sigma_min, limit_margin : (K,) arrays
+        Lower bounds on each box of ``σ_min(Nᵀ n̂_ref)``, of σ_min(J), and of the distance to the
+        joint limits; 0, 0 and −inf where F was not shown to exist.
+    away : (K, n) array
+        About the distance of F from q_ref at the centre.
+    split : (K,) array of int
+        The coordinate along which to halve the box.
     """
 
-    leaf: Bounds
+    leaf_margin: Array
+    sigma_min: Array
     limit_margin: Array
-    center_limit: Array
-    found: NDArray[np.bool_]
+    away: Array
+    split: NDArray[np.int32]
 
     def __repr__(self) -> str:
         return f"<CellBounds of {len(self.limit_margin)} boxes>"

@@ -5,15 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..inverse_function.chart import Chart
+from ..inverse_function.chart import Chart, Points
+from .cell_bounds import CellBounds
 from .cells import CellProof
+from .leaf_margin_bounds import inverses
 
 _BATCH = 1024
+_TRIALS = 48
+"""Boxes evaluated to find the size to begin with."""
+_MOST = 400_000
+"""Boxes to begin with, at most."""
 _SMALLEST = 1e-4
 """Half-width, as a share of the cell's, at which a box counts as undecided."""
 
@@ -64,68 +71,134 @@ def bound_cell(
     leaf, limit
         The leaf margin and the limit margin to prove; −inf for none.
     seconds
-        Time after which it is given up.
+        Processor time after which it is given up.
     report
         Progress callback; gets the proved fraction of the cell.
     """
-    problem, end = CellProof(chart), perf_counter() + seconds
-    k = chart.cell.k
-    low, high = -np.ones((1, k)), np.ones((1, k))
-    least, limit_bound, sigma, boxes = np.inf, np.inf, np.inf, 0
-    at, reason = (np.zeros(k), np.ones(k)), ""
-    while len(low) and not reason:
-        take = slice(max(0, len(low) - _BATCH), None)
-        Uc, half = (low[take] + high[take]) / 2, (high[take] - low[take]) / 2
-        found = problem.bounds(Uc, half * (1 + 1e-12))
-        boxes += len(Uc)
-        done = (found.leaf.leaf_margin > max(leaf, 0.0)) & (found.limit_margin > limit)
+    end = thread_time() + seconds
+    search = _Search(CellProof(chart), max(leaf, 0.0), limit)
+    while len(search.low) and not search.reason:
+        if thread_time() > end:
+            search.stop(-1, search.low, search.high, f"stopped after {seconds:g} s")
+        else:
+            search.advance()
+            report("proving", 1 - search.volume())
+    return search.outcome()
+
+
+class _Search:
+    """Boxes of poses that are not proved yet, and the minimum margins of all others."""
+
+    def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
+        self.problem, self.leaf, self.limit = problem, leaf, limit
+        k = problem.cell.k
+        self.margins = np.array([np.inf, np.inf, np.inf])  # leaf, σ_min, limit
+        self.at, self.reason, self.boxes = (np.zeros(k), np.ones(k)), "", 0
+        self.low, self.high = grid(self._counts())
+
+    def _counts(self) -> Array:
+        """Find how many boxes to begin with along each coordinate: the fewest of which half are
+        proved, with the same movement of the joints along all of them."""
+        k, chart = self.problem.cell.k, self.problem.chart
+        S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
+        points = chart.solve(S, np.zeros((_TRIALS, self.problem.task.r)))
+        moved, _ = chart.derivative(points, np.zeros((_TRIALS, self.problem.task.r, k)))
+        if not points.found.any():
+            return np.ones(k)
+        cost = np.abs(moved[points.found][:, :, :k]).sum(axis=1).mean(axis=0) + 1e-9
+        cost /= cost.max()
+        before, counts = np.zeros(k), np.ones(k)
+        while np.prod(counts) < _MOST:
+            if (counts != before).any():
+                Uc = (np.floor((S + 1) / 2 * counts) + 0.5) * 2 / counts - 1
+                found = self.problem.bounds(Uc, np.tile(1 / counts, (_TRIALS, 1)))
+                self.boxes += _TRIALS
+                if self._proved(found).mean() >= 0.5:
+                    return counts
+            before, cost = counts, cost * 1.12
+            counts = np.maximum(np.ceil(cost), 1.0)
+        return np.ones(k)
+
+    def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
+        return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
+
+    def volume(self) -> float:
+        """Compute the share of the cell that is left."""
+        return float(np.prod((self.high - self.low) / 2, axis=1).sum())
+
+    def advance(self) -> None:
+        """Evaluate the last boxes, and halve those that are not proved."""
+        take = slice(max(0, len(self.low) - _BATCH), None)
+        low, high = self.low[take], self.high[take]
+        Uc, half = (low + high) / 2, (high - low) / 2
+        found = self.problem.bounds(Uc, half * (1 + 1e-12) + 4e-16)
+        self.boxes += len(Uc)
+        done = self._proved(found)
         if done.any():
-            where = int(np.argmin(np.where(done, found.leaf.leaf_margin, np.inf)))
-            if found.leaf.leaf_margin[where] < least:
-                least, at = float(found.leaf.leaf_margin[where]), (Uc[where], half[where])
-            limit_bound = min(limit_bound, float(found.limit_margin[done].min()))
-            sigma = min(sigma, float(found.leaf.sigma_min[done].min()))
-        low, high = low[: take.start], high[: take.start]
-        Uc, half, split = Uc[~done], half[~done], found.leaf.split[~done]
-        margin = np.where(found.found, found.leaf.center, -np.inf)[~done]
-        reason, at = _hopeless(margin, found.center_limit[~done], Uc, half, leaf, limit, at)
-        rows = np.arange(len(Uc))
-        lower, upper = Uc - half, Uc + half
-        first, second = upper.copy(), lower.copy()
-        first[rows, split] = second[rows, split] = Uc[rows, split]
-        low, high = np.concatenate([low, lower, second]), np.concatenate([high, first, upper])
-        report("proving", 1 - float(np.prod((high - low) / 2, axis=1).sum()))
-        if not reason and len(low) and perf_counter() > end:
-            reason, at = (
-                f"stopped after {seconds:g} s",
-                ((low[-1] + high[-1]) / 2, (high[-1] - low[-1]) / 2),
-            )
-    if reason:
-        least, limit_bound, sigma = 0.0, -np.inf, 0.0
-    return CellOutcome(least, limit_bound, sigma, boxes, *at, reason, problem.near)
+            where = int(np.argmin(np.where(done, found.leaf_margin, np.inf)))
+            if found.leaf_margin[where] < self.margins[0]:
+                self.at = Uc[where], half[where]
+            each = np.stack([found.leaf_margin, found.sigma_min, found.limit_margin])
+            self.margins = np.minimum(self.margins, each[:, done].min(axis=1))
+        low, high, split = low[~done], high[~done], found.split[~done]
+        if len(low):
+            self._require_hope(low, high)
+        rows, middle = np.arange(len(low)), (low + high) / 2
+        first, second = high.copy(), low.copy()
+        first[rows, split] = second[rows, split] = middle[rows, split]
+        self.low = np.concatenate([self.low[: take.start], low, second])
+        self.high = np.concatenate([self.high[: take.start], first, high])
+
+    def _require_hope(self, low: Array, high: Array) -> None:
+        """Stop where no halving can help: at a margin of a centre, or at a box too small."""
+        problem, chart, r = self.problem, self.problem.chart, self.problem.task.r
+        points = chart.solve((low + high) / 2, np.zeros((len(low), r)))
+        limits = np.minimum(points.Q - problem.lower, problem.upper - points.Q)
+        away = np.abs(points.Q - points.q_ref) - problem.near
+        for short, name in (
+            (
+                np.where(points.found, 1.0, -1.0),
+                "no configuration exists on this leaf at that pose",
+            ),
+            (center_margin(points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
+            (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
+            (-away.max(axis=1), "F is farther from q_ref there than d*, by {away:.2g} rad or m"),
+            ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
+        ):
+            where = int(np.argmin(short))
+            if short[where] < 0:
+                least = float(short[where])
+                values = {"leaf": least + self.leaf, "limit": least + self.limit, "away": -least}
+                self.stop(where, low, high, name.format(**values))
+                return
+
+    def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
+        """Stop at a box."""
+        self.reason = reason
+        self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
+
+    def outcome(self) -> CellOutcome:
+        """Put together what was found."""
+        leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
+        return CellOutcome(leaf, limit, sigma, self.boxes, *self.at, self.reason, self.problem.near)
 
 
-def _hopeless(
-    margin: Array,
-    limit_bound: Array,
-    Uc: Array,
-    half: Array,
-    leaf: float,
-    limit: float,
-    at: tuple[Array, Array],
-) -> tuple[str, tuple[Array, Array]]:
-    """Say why no halving can help, and where: a margin at a centre, or a box that is too small."""
-    for values, goal, name in ((margin, leaf, "leaf"), (limit_bound, limit, "limit")):
-        bad = values < goal
-        if bad.any():
-            which = int(np.argmin(values))
-            if values[which] == -np.inf:
-                return "no configuration exists on this leaf at that pose", (Uc[which], half[which])
-            return f"the {name} margin there is {values[which]:.4g}", (Uc[which], half[which])
-    small = half.max(axis=1) < _SMALLEST if len(half) else np.zeros(0, bool)
-    if small.any():
-        return "a box too small to halve is undecided", (
-            Uc[int(np.argmax(small))],
-            half[int(np.argmax(small))],
-        )
-    return "", at
+def grid(counts: Array) -> tuple[Array, Array]:
+    """Cut [−1, 1]^k into equal boxes: their corners, low and high, (K, k) each."""
+    edges = [np.linspace(-1, 1, int(count) + 1) for count in counts]
+    low = np.meshgrid(*[e[:-1] for e in edges], indexing="ij")
+    high = np.meshgrid(*[e[1:] for e in edges], indexing="ij")
+    return (
+        np.stack([x.ravel() for x in low], axis=1),
+        np.stack([x.ravel() for x in high], axis=1),
+    )
+
+
+def center_margin(points: Points) -> Array:
+    """Evaluate the leaf margin of a chart at points, (K,): ``1 / ‖X Uᵀ‖`` with ``n_ref = V U`` and
+    X the last r columns of ``J_V⁻¹``."""
+    J_V = np.concatenate([points.J, np.swapaxes(points.n_ref, 1, 2)], axis=1)
+    X = inverses(J_V)[:, :, points.J.shape[1] :]
+    _, U = np.linalg.qr(points.n_ref)
+    size = np.linalg.norm(X @ np.swapaxes(U, 1, 2), ord=2, axis=(1, 2))
+    return np.nan_to_num(1 / size)

@@ -49,7 +49,7 @@ def prove(
         The distance to the joint limits to prove, rad or m. Without it, none; of a cell the
         smallest one that was found, less a tenth and 0.01.
     seconds
-        Time, s, after which the bounds found so far are taken; for a design processor time.
+        Processor time, s, after which the bounds found so far are taken.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 

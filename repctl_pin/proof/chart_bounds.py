@@ -1,75 +1,83 @@
-"""The polynomials q_ref and n_ref of a cell's chart, and bounds of their derivatives on boxes."""
+"""The polynomials q_ref and n_ref of a cell's chart, expanded on boxes, with bounds of the rest."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 
 import numpy as np
 
 from ..arguments import Array, read_only
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
+from .taylor import ORDER
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Polynomials:
-    """q_ref and n_ref of a chart, their slopes, and bounds of the higher ones on the whole cell.
+    """q_ref and n_ref of a chart, to be expanded to degree 3 on boxes.
 
     Attributes
     ----------
     chart : Chart
-    most : list of arrays
-        ``most[d]`` (k, …, k, n, 1 + r), with d axes k: bounds of the d-th derivatives.
-    coefficients : list of arrays
-        ``coefficients[d]`` (k, …, k, N, n, 1 + r): those of the d-th derivatives, d up to 3.
+    parts : (N, M, n, 1 + r) array
+        Coefficients of ``∂^α / α!``, for each of the M monomials of degree up to 3.
+    fourth : (F, k) array of int
+        The exponents α of degree 4.
+    rest : (F, n, 1 + r) array
+        Bounds of ``∂^α / α!`` on the whole cell.
+    sizes : (n, 1 + r) array
+        Bounds of the values and of all these derivatives, added: what rounding is relative to.
     """
 
     chart: Chart
-    most: list[Array]
-    coefficients: list[Array]
+    parts: Array
+    fourth: Array
+    rest: Array
+    sizes: Array
 
     def __repr__(self) -> str:
         return f"<Polynomials of {self.chart.monomials.size} terms>"
 
     @classmethod
     def of(cls, chart: Chart) -> Polynomials:
-        """Bound the derivatives of a chart's polynomials by the absolute values of their terms."""
-        monomials, shape = chart.monomials, chart.coefficients.shape
-        every = [chart.coefficients]
-        for order in range(1, 5):
-            flat = every[-1].reshape(-1, *shape)
-            C = np.stack(
-                [_derivative(monomials, one, j) for one in flat for j in range(monomials.k)]
+        """Differentiate a chart's polynomials, and bound the fourth derivatives by the absolute
+        values of their terms."""
+        monomials = chart.monomials
+        derivatives = Monomials(monomials.k, ORDER + 1)
+        every = {(0,) * monomials.k: chart.coefficients}
+        for i, alpha in enumerate(derivatives.exponents[1:], 1):
+            lower = tuple(derivatives.exponents[derivatives.parent[i]].tolist())
+            every[tuple(alpha.tolist())] = _derivative(
+                monomials, every[lower], int(derivatives.variable[i])
             )
-            every.append(C.reshape(*(monomials.k,) * order, *shape))
-        return cls(chart, [np.abs(C).sum(axis=-3) for C in every], every[:4])
+        scaled = np.stack(
+            [every[tuple(a.tolist())] / _factorial(a) for a in derivatives.exponents], axis=1
+        )
+        low = int(derivatives.starts[ORDER + 1])
+        sizes = np.abs(scaled[:, :low]).sum(axis=(0, 1))
+        rest = np.abs(scaled[:, low:]).sum(axis=0) * (1 + 1e-12)
+        return cls(chart, scaled[:, :low], derivatives.exponents[low:], rest, sizes)
 
-    def sizes(self) -> tuple[Array, Array]:
-        """Add up the bounds on the whole cell: of all derivatives, (n, 1 + r), and of those with
-        respect to each coordinate, (k, n, 1 + r)."""
-        most = self.most[:4]
-        slope = sum(m.sum(axis=tuple(range(1, order))) for order, m in enumerate(most) if order)
-        return np.asarray(most[0] + np.sum(slope, axis=0), float), np.asarray(slope, float)
+    @property
+    def used(self) -> Array:
+        """Number of terms that each derivative has, (M,): the others are 0."""
+        starts, degrees = self.chart.monomials.starts, Monomials(self.chart.monomials.k, ORDER)
+        left = np.maximum(self.chart.monomials.degree - degrees.exponents.sum(axis=1), -1)
+        return np.asarray(starts[left + 1])
 
-    def at(self, Uc: Array) -> tuple[Array, Array, Array]:
-        """Evaluate (q_ref, n_ref), their slopes and curvatures: (K, n, 1 + r), (K, k, …) and (K, k,
-        k, …)."""
-        T, C = self.chart.monomials.values(Uc), self.coefficients
-        values, slopes, curvatures = (np.tensordot(T, c, axes=(1, -3)) for c in C[:3])
-        return values, slopes, curvatures
+    def shifted(self, Uc: Array, half: Array) -> tuple[Array, Array]:
+        """Expand in t, ``u = u_c + h t``, on boxes (K, k) to degree 3: coefficients (K, M, n, 1 +
+        r) in the order of the monomials, and a bound of the rest (K, n, 1 + r)."""
+        P = np.tensordot(self.chart.monomials.values(Uc), self.parts, axes=1)
+        P *= Monomials(Uc.shape[1], ORDER).values(half)[:, :, None, None]
+        powers = np.prod(half[:, None] ** self.fourth, axis=2)
+        return P, np.tensordot(powers, self.rest, axes=1) * (1 + 1e-12)
 
-    def most_in(
-        self, Uc: Array, values: Array, first: Array, second: Array, h: Array
-    ) -> list[Array]:
-        """Bound q_ref, n_ref and their derivatives to the third order in boxes, given their values
-        at the centres."""
-        T = self.chart.monomials.values(Uc)
-        third = np.abs(np.tensordot(T, self.coefficients[3], axes=(1, -3)))
-        third = third + np.einsum("ibcdnx,Kd->Kibcnx", self.most[4], h)
-        two = np.abs(second) + np.einsum("Kibcnx,Kc->Kibnx", third, h)
-        one = np.abs(first) + np.einsum("Kibnx,Kb->Kinx", two, h)
-        return [np.abs(values) + np.einsum("Kinx,Ki->Knx", one, h), one, two, third]
+
+def _factorial(alpha: Array) -> int:
+    return int(np.prod([factorial(int(a)) for a in alpha]))
 
 
 def _derivative(monomials: Monomials, C: Array, j: int) -> Array:

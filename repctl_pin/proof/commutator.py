@@ -15,36 +15,37 @@ from .chain import Chain
 from .screws import between
 
 
-def commutator(chain: Chain, near: Array, farthest: Array) -> Array:
-    """Bound ``∫ J δ dt`` by Λ |δ|, for steps of at most 2 ``near``: the linear and the angular row,
-    (2, N).
+def commutator(chain: Chain, steps: Array, farthest: Array) -> Array:
+    """Bound ``∫ J δ dt`` by Λ |δ|, for steps ``|δ| ≤ steps`` (K, n): the linear and the angular
+    row, (K, 2, N).
 
     Parameters
     ----------
     chain
-    near : (n,) array
-        Both solutions are within this of q_ref.
+    steps : (K, n) array
+        How far two solutions are from each other at most.
     farthest : (n,) array
         Largest value of every joint on the cell, for the prismatic ones.
     """
     S, k, turning = np.abs(chain.S), chain.middle, chain.revolute
-    step = S[:, : chain.n] @ (2 * near)
+    step = steps @ S[:, : chain.n].T  # (K, P)
     slide = np.where(turning, 0.0, S[:, : chain.n] @ farthest + np.abs(chain.o))
-    H, K, L = np.zeros((3, len(step)))  # how much ω_l and v_l change on the way, and |v_l|
-    for joint in range(len(step)):
+    H, W, L = np.zeros((3, *step.shape))  # how much ω_l and v_l change on the way, and |v_l|
+    for joint in range(len(S)):
         among = between(chain, joint)
-        H_R, H_P = step[among[turning[among]]].sum(), step[among[~turning[among]]].sum()
-        L[joint] = chain.reach[joint] + slide[among].sum() if turning[joint] else 1.0
-        H[joint] = H_R if turning[joint] else 0.0
-        K[joint] = L[joint] * H_R + H_P if turning[joint] else H_R
+        H_R = step[:, among[turning[among]]].sum(axis=1)
+        H_P = step[:, among[~turning[among]]].sum(axis=1)
+        L[:, joint] = chain.reach[joint] + slide[among].sum() if turning[joint] else 1.0
+        H[:, joint] = H_R if turning[joint] else 0.0
+        W[:, joint] = L[:, joint] * H_R + H_P if turning[joint] else H_R
     turns = np.where(turning, step, 0.0)
-    before, beyond = turns[:k].sum(), turns[k:].sum()
-    Omega, V_2 = before + beyond, (L * step)[k:].sum()
-    if Omega >= 0.9:
-        return np.full((2, chain.N), 1e30)
-    kappa = 0.5 / (1 - Omega)  # φ ≤ κ Σ H_l |δ_l|
-    alpha = (1 + kappa * Omega) * (H @ step)
-    tau = alpha + min(before, beyond)
-    angular = kappa * tau * H
-    linear = kappa * H * V_2 + tau * (0.5 * K + kappa * H * V_2) / (1 - Omega)
-    return np.asarray(np.stack([linear @ S, angular @ S]), float)
+    before, beyond = turns[:, :k].sum(axis=1), turns[:, k:].sum(axis=1)
+    Omega, V_2 = before + beyond, (L * step)[:, k:].sum(axis=1)
+    away = 1 - np.where(Omega < 0.9, Omega, np.nan)
+    kappa = 0.5 / away  # φ ≤ κ Σ H_l |δ_l|
+    tau = (1 + kappa * Omega) * (H * step).sum(axis=1) + np.minimum(before, beyond)
+    angular = (kappa * tau)[:, None] * H
+    linear = (kappa * V_2)[:, None] * H
+    linear += (tau / away)[:, None] * (0.5 * W + (kappa * V_2)[:, None] * H)
+    found = np.nan_to_num(np.stack([linear @ S, angular @ S], axis=1), nan=1e30)
+    return np.asarray(found * (1 + 1e-9), float)

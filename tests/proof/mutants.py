@@ -141,11 +141,107 @@ POTENTIALS = {
 """What is wrong with V's remainder, in potentials.py or leaf_margin_bounds.py."""
 
 
+TAYLOR = {
+    "no products of degree 1 and 3": ("a[..., 1] * b[..., 3] + a[..., 2]", "a[..., 2]"),
+    "no squares of degree 2": ("(b[..., 2] + b[..., 3])\n", "b[..., 3]\n"),
+    "no products of degree 2 and 3": (
+        "a[..., 2] * (b[..., 2] + b[..., 3])",
+        "a[..., 2] * b[..., 2]",
+    ),
+    "no products of degree 3 and 1": ("a[..., 3] * (b[..., 1] + ", "a[..., 3] * ("),
+    "half of degree 3": ("beyond + a[..., 3]", "beyond + 0.5 * a[..., 3]"),
+    "the left rest dropped": ("self.r * two + self.r", "self.r"),
+    "the right rest dropped": ("one * other.r + ", ""),
+    "both rests dropped": (" + self.r * other.r +", " +"),
+    "a rest dropped in a sum": ("(self.r + other.r)", "self.r"),
+    "a rest not scaled": ("self.r * np.abs(factor)", "self.r"),
+    "a negative factor": ("(np.abs(A) @ self.r", "(A @ self.r"),
+    "a sine of the other sign": ("[s, c, -s / 2, -c / 6]", "[s, c, s / 2, -c / 6]"),
+    "a cosine's third term": ("-c / 2, s / 6]", "-c / 2, -s / 6]"),
+    "half of the sine's rest": ("-s / 2, -c / 6], 1 / 24", "-s / 2, -c / 6], 1 / 48"),
+    "half of the cosine's rest": ("-c / 2, s / 6], 1 / 24", "-c / 2, s / 6], 1 / 48"),
+    "no rest of a series": ("fourth * d.most**4", "0 * d.most"),
+    "a smaller fourth derivative": ("np.arange(1.0, 9 + m)", "np.arange(1.0, 10 + m)"),
+}
+"""What is wrong with Taylor models: a piece of taylor.py, and what is put in its place."""
+
+
+CELLS = {
+    "half of the slopes beside the chart": ("R = np.einsum(", "R = 0.5 * np.einsum("),
+    "no slopes beside the chart": ("R = np.einsum(", "R = 0 * np.einsum("),
+    "no linear remainder": ("* linear[:, None]\n        R +=", "* 0\n        R +="),
+    "no angular remainder": ("* angular[:, None]\n        eta", "* 0\n        eta"),
+    "no products of both half-widths": ("in (wide + g, wide)", "in (g, 0 * g)"),
+    "the sine taken for the angle": ("np.maximum(more, 1.0) * (1 + 1e-12)", "1.0"),
+    "the angular part not turned": ("+ turned * angle\n", "\n"),
+    "the angle's linear part": ("(more - 1) * w * p + e * angle", "e * angle"),
+    "the product of both ways": ("(more - 1) * w * p + e * angle", "(more - 1) * w * p"),
+    "the linear part not turned": ("turned * (e + p * angle + e * angle) + ", ""),
+    "e not turned": ("turned * (e + p * angle", "turned * (p * angle"),
+    "the moment not turned": ("turned * (e + p * angle + e * angle)", "turned * e"),
+    "the middle link not moved": (" + moved * angle", ""),
+}
+"""What is wrong with a cell's bounds: a piece of cells.py, and what is put in its place."""
+
+CHAIN = {
+    "the base on the other side": ("o = o - _combined(R, chain.p", "o = o + _combined(R, chain.p"),
+    "joints towards the base turn forwards": ("R, o, -theta[", "R, o, theta["),
+    "the frame's place forgotten": ("_applied(R_b, pose[0]) - p2", "_applied(R_b, pose[0])"),
+    "the moment of the other sign": ("moment = e + cross", "moment = e - cross"),
+    "the rotation back": ("cross(a, b) for", "cross(b, a) for"),
+    "twice the rotation": (".scaled(0.5), np", ", np"),
+    "turned the other way": ("[c * x + s * y, c * y - s * x", "[c * x - s * y, c * y + s * x"),
+}
+"""What is wrong with a chain's models: a piece of taylor_chain.py, and what is put in its place."""
+
+_CELL, _TAYLOR = "cell_bounds.c", "taylor.c"
+CELL_C = {
+    "no products of degree 1 and 3": (_TAYLOR, "r = a[1] * b[3] + a[2]", "r = a[2]"),
+    "no squares of degree 2": (_TAYLOR, "a[2] * (b[2] + b[3])", "a[2] * b[3]"),
+    "no products of degree 3": (_TAYLOR, " + a[3] * (b[1] + b[2] + b[3]);", ";"),
+    "the right rest dropped": (_TAYLOR, "one * y->r + ", ""),
+    "the left rest dropped": (_TAYLOR, "x->r * two + ", ""),
+    "no rest of a series": (_TAYLOR, "r = fourth * most", "r = 0 * most"),
+    "the rest of a sum": (_TAYLOR, "fabs(a) * x->r + fabs(b) * y->r", "fabs(a) * x->r"),
+    "no fourth derivatives": (_CELL, "out[c].r += v *", "out[c].r += 0 * v *"),
+    "the tilt of the other sign": (_CELL, "{0, b[2], -b[1],", "{0, -b[2], b[1],"),
+    "joints towards the base turn forwards": (_CELL, "if (sign < 0) scale", "if (0) scale"),
+    "the frame's place forgotten": (_CELL, "add(g, e + i, -1, f->tip + i, e + i);", ";"),
+    "no rest in J": (
+        _CELL,
+        "* (y->r + g->eps * size_of(y));\n      }\n      rest",
+        "* 0;\n      }\n      rest",
+    ),
+    "no higher degrees in J": (_CELL, "else e += absolute(v);", ""),
+    "no slopes beside the chart": (_CELL, "e += fabs(B[(j * N + i) * N + c]) * near[j];", ";"),
+    "no remainder of screws": (_CELL, "norms[2 * i] * (two_v[c] - one_v[c] * (1 - 1e-12))", "0"),
+    "no angular remainder": (
+        _CELL,
+        " + norms[2 * i + 1] * (two_w[c] - one_w[c] * (1 - 1e-12));",
+        ";",
+    ),
+    "the way not turned": (
+        _CELL,
+        "linear += turned * (at->e + at->p * angle + at->e * angle) +",
+        "linear +=",
+    ),
+    "the middle link not moved": (_CELL, " + moved * angle;", ";"),
+    "no linear part of it": (_CELL, "at->step[i] + norms[2 * i] * linear", "at->step[i]"),
+    "no uniqueness": (_CELL, "if (!commutator(s, norms, reach, D)) return;", "return;"),
+    "half the distance between solutions": (
+        _CELL,
+        "reach[i] = s->near[i] + Y[i];",
+        "reach[i] = 9;",
+    ),
+}
+"""What is wrong with a cell's kernel: the file, a piece of it, and what is put in its place."""
+
+
 def source(name: str, piece: str, instead: str) -> str:
     """Read a file of the package, with one piece replaced."""
     text = files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
-    assert text.count(piece) == 1, f"{piece!r} is there {text.count(piece)} times"
-    return text.replace(piece, instead)
+    assert not piece or text.count(piece) == 1, f"{piece!r} is there {text.count(piece)} times"
+    return text.replace(piece, instead) if piece else text
 
 
 def wrong(monkeypatch: pytest.MonkeyPatch, name: str, piece: str, instead: str) -> ModuleType:

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import sectors
 from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin.inverse_function import CellDesign, InverseFunction
 from repctl_pin.inverse_function.chart import Chart
-from repctl_pin.proof.cells import CellProof
+from repctl_pin.inverse_function.turning import reduced
+from repctl_pin.proof.cell_kernel import Kernel, library
+from repctl_pin.proof.cells import CellProof, limits_of
 from repctl_pin.redundancy import leaf_margin, nullspace
 
 
@@ -51,7 +54,7 @@ def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
     Uc = rng.uniform(width - 1, 1 - width, (count, k))
     half = width * rng.uniform(0.3, 1, Uc.shape)
     bounds, Q, reach = problem.enclosed(Uc, half)
-    good = bounds.leaf.leaf_margin > 0
+    good = bounds.leaf_margin > 0
     used = 0.0
     for trial in range(12):
         way = np.sign(rng.standard_normal(Uc.shape)) if trial % 2 else rng.uniform(-1, 1, Uc.shape)
@@ -61,9 +64,9 @@ def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
         assert (inside <= 1 + 1e-9).all()
         assert (np.abs(points.Q - points.q_ref)[good] <= problem.near).all()
         N = np.array([nullspace(task.jacobian(q)) for q in points.Q])
-        assert (leaf_margin(N, points.n_ref) >= bounds.leaf.leaf_margin - 1e-9).all()
+        assert (leaf_margin(N, points.n_ref) >= bounds.leaf_margin - 1e-9).all()
         sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
-        assert (sigma >= bounds.leaf.sigma_min - 1e-9).all()
+        assert (sigma >= bounds.sigma_min - 1e-9).all()
         assert (task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9).all()
     assert used > 0.5
     return float(good.mean())
@@ -136,6 +139,51 @@ def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
     )
     with pytest.raises(rp.InputError, match="position tasks yet"):
         rp.prove(found)
+
+
+def test_a_sector_is_proved_at_every_angle_and_spin() -> None:
+    """Over its reduced coordinates: the symmetric ones need no boxes."""
+    design = sectors.found("one orientation")
+    asked = design.evaluation.limit_margin_worst - 0.05
+    proof = rp.prove(design, margin=0.6, limit_margin=asked)
+    assert proof, proof.reason
+    assert len(proof.worst) == design.function.chart.cell.k < design.cell.k
+    chart, whole, rng = design.function.chart, design.cell, np.random.default_rng(0)
+    U = rng.uniform(-1, 1, (400, whole.k))
+    Q = design.function.batch(U)
+    p, R = whole.placements(U)
+    for q, place, turn in zip(Q[:20], p, R, strict=False):
+        x = design.task.placement(q)
+        np.testing.assert_allclose(x.translation, place, atol=1e-9)
+        np.testing.assert_allclose(x.rotation, turn, atol=1e-9)
+    others = whole.limit_margin(Q)[:, 1:]  # the first joint goes as far as it can
+    assert others.min() >= proof.limit_margin - 1e-9
+    points = chart.solve(rng.uniform(-1, 1, (400, chart.cell.k)), np.zeros((400, 1)))
+    N = np.array([nullspace(J) for J in points.J])
+    assert leaf_margin(N, points.n_ref).min() >= proof.leaf_margin
+    assert not rp.prove(design, margin=0, limit_margin=asked + 0.2)
+
+
+def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None:
+    sector = reduced(sectors.sector_of(angle=1.0), rp.Pseudoinverse(sectors.panda()))
+    assert sector.removed
+    lower, upper = limits_of(sector)
+    np.testing.assert_allclose(lower - sector.task.lower, [1.0, *np.zeros(6)])
+    np.testing.assert_allclose(sector.task.upper - upper, [1.0, *np.zeros(6)])
+
+
+def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(places: CellDesign) -> None:
+    """d* below the distance of F, or so large that F may not be the only solution within it."""
+    chart = places.function.chart
+    Uc, half = np.zeros((8, 3)), np.full((8, 3), 0.01)
+    for compiled in (True, False):
+        problem = CellProof(chart, compiled)
+        assert (problem.bounds(Uc, half).leaf_margin > 0).all()
+        for near in (1e-9, 0.2):
+            problem.near = np.full(7, near)
+            if compiled and problem._kernel is not None:
+                problem._kernel = Kernel(problem, library())
+            assert (problem.bounds(Uc, half).leaf_margin == 0).all()
 
 
 @pytest.mark.slow

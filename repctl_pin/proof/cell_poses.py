@@ -1,0 +1,120 @@
+"""Poses of a cell or a sector in a form that can be bounded: turns, a linear shift and an
+exponential."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arguments import Array, read_only
+from ..inverse_function.cell import Cell
+from ..inverse_function.rotations import skew
+from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from .taylor import TaylorModel
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Poses:
+    r"""``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``, φ and ψ linear in u.
+
+    Attributes
+    ----------
+    o, a : (3,) arrays
+        Point and direction of the axis.
+    d, R0 : (3,) and (3, 3) arrays
+    D, Omega : (3, k) arrays
+    angle, spin : (k,) arrays
+        φ and ψ per coordinate; 0 in a cell that is no sector.
+    """
+
+    o: Array
+    a: Array
+    d: Array
+    R0: Array
+    D: Array
+    Omega: Array
+    angle: Array
+    spin: Array
+
+    def __repr__(self) -> str:
+        return f"<Poses of {self.D.shape[1]} coordinates>"
+
+    @classmethod
+    def of(cls, cell: Cell) -> Poses:
+        """Read the coordinates of a cell or a sector that belong to u."""
+        k, R0, p0 = cell.k, cell.placement.rotation, cell.placement.translation
+        D, Omega = np.zeros((2, 3, k))
+        turns = np.zeros((6, k))
+        if isinstance(cell, Sector):
+            outward, _, along = cell.directions
+            ways = {RADIUS: outward, HEIGHT: along}
+            tilts = {3: R0[:, 0], 4: R0[:, 1]}
+            o, a = cell.axis
+        else:
+            rows = cell.task.rows[: len(cell.half_width)]
+            ways = {i: np.eye(3)[row] for i, row in enumerate(rows)}
+            tilts = {len(rows) + i: np.eye(3)[i] for i in range(len(cell.widths) - len(rows))}
+            o, a = np.zeros(3), np.array([0.0, 0.0, 1.0])
+        for i, which in enumerate(cell.moved):
+            width = cell.widths[which]
+            if which in ways:
+                D[:, i] = width * ways[which]
+            elif which in tilts:
+                Omega[:, i] = width * tilts[which]
+            else:
+                turns[which, i] = width
+        return cls(o, a, p0 - o, R0, D, Omega, turns[ANGLE], turns[SPIN])
+
+    def at(self, Uc: Array, half: Array) -> tuple[TaylorModel, TaylorModel]:
+        """Model p (K, 3) and the columns of R (K, 3, 3) on boxes Uc ± half (K, k), in ``t``."""
+        R = self._exponential(Uc, half)  # (K, column, 3)
+        p = self._linear(self.D, Uc, half) + TaylorModel.constant(
+            Uc.shape[1], np.tile(self.d, (len(Uc), 1))
+        )
+        if self.spin.any():
+            s, c = self._linear(self.spin[None], Uc, half).sine_cosine()
+            x, y = R[:, 0], R[:, 1]
+            R = _columns([x * c + y * s, y * c - x * s, R[:, 2]])
+        if self.angle.any():
+            s, c = self._linear(self.angle[None], Uc, half).sine_cosine()
+            p, R = self._turned(p, s, c), _columns([self._turned(R[:, i], s, c) for i in range(3)])
+        return p + TaylorModel.constant(Uc.shape[1], np.tile(self.o, (len(Uc), 1))), R
+
+    def _turned(self, x: TaylorModel, s: TaylorModel, c: TaylorModel) -> TaylorModel:
+        """Rotate vectors about the axis, by ``x + s a × x + (1 − c) a × (a × x)``."""
+        hat = skew(self.a)
+        return x + s * x.combined(hat) + (x - c * x).combined(hat @ hat)
+
+    def _exponential(self, Uc: Array, half: Array) -> TaylorModel:
+        """Model ``exp(ω̂) R_0 = (c + s ω̂ + d ω ωᵀ) R_0``, by columns: (K, 3, 3)."""
+        k, K = Uc.shape[1], len(Uc)
+        columns = [np.tile(self.R0[:, i], (K, 1)) for i in range(3)]
+        fixed = _columns([TaylorModel.constant(k, x) for x in columns])
+        if not self.Omega.any():
+            return fixed
+        omega = self._linear(self.Omega, Uc, half)
+        square = omega * omega
+        z = square.combined(np.ones((1, 3)))
+        c, s, d = z.exponential()
+        parts = []
+        for i in range(3):
+            along = omega.combined(self.R0[:, i][None])
+            x = c * fixed[:, i] + s * omega.combined(-skew(self.R0[:, i])) + d * (along * omega)
+            parts.append(x)
+        return _columns(parts)
+
+    @staticmethod
+    def _linear(rows: Array, Uc: Array, half: Array) -> TaylorModel:
+        k = Uc.shape[1]
+        base = TaylorModel.constant(k, Uc @ rows.T)
+        P = base.P.copy()
+        P[..., 1 : 1 + k] = rows * half[:, None]
+        return TaylorModel(k, P, 1e-15 * (1 + np.abs(P).sum(axis=-1)))
+
+
+def _columns(models: list[TaylorModel]) -> TaylorModel:
+    """Stack vectors (K, 3) to (K, column, 3)."""
+    P = np.stack([x.P for x in models], axis=1)
+    return TaylorModel(models[0].k, P, np.stack([x.r for x in models], axis=1))

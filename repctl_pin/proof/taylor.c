@@ -1,0 +1,156 @@
+/* Taylor models of degree 3 on LANES boxes at a time: the same mathematics as taylor.py. */
+
+#include <stdlib.h>
+
+#define LANES 8
+#define MOST 84 /* monomials of six variables */
+#define ROUND 2e-14
+
+typedef double Lanes __attribute__((vector_size(8 * LANES), aligned(8)));
+typedef long long Bits __attribute__((vector_size(8 * LANES), aligned(8)));
+
+typedef struct {
+  int k, M;
+  const int *left, *right, *first, *starts; /* products, products, M + 1, 5 */
+} Space;
+
+typedef struct {
+  Lanes p[MOST], r, n[4]; /* coefficients, bound of the rest, sums of absolute values of each degree */
+} Model;
+
+static inline Lanes all(double x) { return (Lanes){0} + x; }
+
+static inline Lanes absolute(Lanes x) { return (Lanes)((Bits)x & 0x7fffffffffffffffLL); }
+
+static inline Lanes largest(Lanes x, double least) {
+  for (int l = 0; l < LANES; l++) x[l] = fmax(x[l], least);
+  return x;
+}
+
+static inline Lanes root(Lanes x) {
+  for (int l = 0; l < LANES; l++) x[l] = sqrt(x[l]);
+  return x;
+}
+
+static inline Lanes size_of(const Model *x) { return x->n[0] + x->n[1] + x->n[2] + x->n[3]; }
+
+static inline Lanes most_of(const Model *x) { return (size_of(x) + x->r) * (1 + ROUND); }
+
+static void finish(const Space *g, Model *x) {
+  for (int d = 0; d < 4; d++) {
+    Lanes s = all(0);
+    for (int m = g->starts[d]; m < g->starts[d + 1]; m++) s += absolute(x->p[m]);
+    x->n[d] = s;
+  }
+}
+
+static void constant(const Space *g, double value, Model *x) {
+  for (int m = 1; m < g->M; m++) x->p[m] = all(0);
+  x->p[0] = all(value), x->r = x->n[1] = x->n[2] = x->n[3] = all(0);
+  x->n[0] = all(fabs(value));
+}
+
+/* a x + b y */
+static void add_scaled(const Space *g, double a, const Model *x, double b, const Model *y, Model *out) {
+  Lanes r = fabs(a) * x->r + fabs(b) * y->r;
+  r = r * (1 + ROUND) + ROUND * (fabs(a) * size_of(x) + fabs(b) * size_of(y));
+  for (int m = 0; m < g->M; m++) out->p[m] = a * x->p[m] + b * y->p[m];
+  out->r = r;
+  finish(g, out);
+}
+
+/* x + b y */
+static void add(const Space *g, const Model *x, double b, const Model *y, Model *out) {
+  add_scaled(g, 1, x, b, y, out);
+}
+
+static void scale(const Space *g, double a, Model *x) { add_scaled(g, a, x, 0, x, x); }
+
+/* a' x for three models */
+static void combine(const Space *g, const double *a, const Model *x, Model *out) {
+  Model y;
+  add_scaled(g, a[0], x, a[1], x + 1, &y);
+  add_scaled(g, 1, &y, a[2], x + 2, out);
+}
+
+static void product(const Space *g, const Model *x, const Model *y, Model *out) {
+  const Lanes *a = x->n, *b = y->n;
+  Lanes one = size_of(x), two = size_of(y);
+  Lanes r = a[1] * b[3] + a[2] * (b[2] + b[3]) + a[3] * (b[1] + b[2] + b[3]);
+  r = (r + one * y->r + x->r * two + x->r * y->r + ROUND * one * two) * (1 + ROUND);
+  for (int m = 0; m < g->M; m++) {
+    Lanes s = all(0);
+    for (int l = g->first[m]; l < g->first[m + 1]; l++) s += x->p[g->left[l]] * y->p[g->right[l]];
+    out->p[m] = s;
+  }
+  out->r = r;
+  finish(g, out);
+}
+
+/* Sum f_i d^i, d what x differs from its centre by, and fourth |d|^4. */
+static void series(const Space *g, const Model *x, const Lanes *f, double fourth, double round, Model *out) {
+  Model d = *x, square, cube;
+  d.p[0] = d.n[0] = all(0);
+  product(g, &d, &d, &square), product(g, &square, &d, &cube);
+  Lanes most = most_of(&d), r = fourth * most * most * most * most + round;
+  const Model *parts[3] = {&d, &square, &cube};
+  for (int i = 0; i < 3; i++) {
+    Lanes a = absolute(f[1 + i]);
+    r += a * parts[i]->r + 4 * ROUND * a * size_of(parts[i]);
+  }
+  for (int m = 0; m < g->M; m++) out->p[m] = f[1] * d.p[m] + f[2] * square.p[m] + f[3] * cube.p[m];
+  out->p[0] = f[0], out->r = r * (1 + 4 * ROUND);
+  finish(g, out);
+}
+
+static void sine_cosine(const Space *g, const Model *x, Model *sine, Model *cosine) {
+  Lanes s, c;
+  for (int l = 0; l < LANES; l++) s[l] = sin(x->p[0][l]), c[l] = cos(x->p[0][l]);
+  Lanes f[4] = {s, c, -0.5 * s, -c / 6}, e[4] = {c, -s, -0.5 * c, s / 6};
+  series(g, x, f, 1. / 24, ROUND, sine), series(g, x, e, 1. / 24, ROUND, cosine);
+}
+
+/* cos sqrt z, sin sqrt z / sqrt z and (1 - cos sqrt z) / z at z from 0 to pi^2: sums of (-z)^i / (2 i + m)! */
+static void exponential(const Space *g, const Model *z, Model *out) {
+  Lanes x = largest(z->p[0], 0);
+  double fourth = 1. / 40320;
+  for (int m = 0; m < 3; m++) {
+    Lanes f[4];
+    for (int j = 0; j < 4; j++) {
+      double term = j % 2 ? -1 : 1;
+      for (int i = 2; i <= 2 * j + m; i++) term /= i;
+      Lanes total = all(0), power = all(1);
+      for (int i = j; i < 24; i++) { /* binomial(i, j) (-1)^i z^(i - j) / (2 i + m)! */
+        total += term * power, power *= x;
+        term *= -(i + 1.) / (i + 1 - j) / ((2. * i + m + 1) * (2. * i + m + 2));
+      }
+      f[j] = total;
+    }
+    series(g, z, f, fourth, 1e-12, out + m);
+    fourth /= 9 + m;
+  }
+}
+
+/* Turn the columns x and y in their plane. */
+static void plane(const Space *g, const Model *sine, const Model *cosine, Model *x, Model *y) {
+  Model a, b, c, d;
+  product(g, cosine, x, &a), product(g, sine, y, &b), product(g, cosine, y, &c), product(g, sine, x, &d);
+  add(g, &a, 1, &b, x), add(g, &c, -1, &d, y);
+}
+
+static void cross_models(const Space *g, const Model *a, const Model *b, Model *out) {
+  Model x, y;
+  for (int i = 0; i < 3; i++) {
+    int j = (i + 1) % 3, l = (i + 2) % 3;
+    product(g, a + j, b + l, &x), product(g, a + l, b + j, &y), add(g, &x, -1, &y, out + i);
+  }
+}
+
+/* R x, R by columns */
+static void apply_models(const Space *g, Model (*R)[3], const Model *x, Model *out) {
+  Model y;
+  for (int i = 0; i < 3; i++) {
+    product(g, &R[0][i], x, out + i);
+    for (int c = 1; c < 3; c++) product(g, &R[c][i], x + c, &y), add(g, out + i, 1, &y, out + i);
+  }
+}

@@ -1,0 +1,192 @@
+r"""Taylor models: polynomials of degree 3 with a bound of what they leave out (Makino and Berz).
+
+A model of f on a box is ``(P, r)`` with ``|f(u_c + h t) − P(t)| ≤ r`` for all t in
+``[−1, 1]^k``. Rounding is in r: a sum of up to M products is off by less than ``(M + 2) u`` of the
+sum of absolute values, and ``_ROUND`` is several times that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array, read_only
+from ..inverse_function.monomials import Monomials
+
+ORDER = 3
+_ROUND = 2e-14
+"""Rounding of one operation, relative to the sum of the absolute values of the terms."""
+
+_ENTIRE = 24
+"""Terms of the series of exp's coefficients: z is below π²."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Products:
+    """Which products of monomials make which monomial, up to degree 3 of k variables.
+
+    Attributes
+    ----------
+    left, right : (L,) arrays of int
+        The factors, sorted by the monomial that they make.
+    first : (M,) array of int
+        Where the products of each monomial begin.
+    starts : (5,) array of int
+        Where the monomials of each degree begin.
+    """
+
+    left: NDArray[np.int32]
+    right: NDArray[np.int32]
+    first: NDArray[np.int32]
+    starts: NDArray[np.int32]
+
+    def __repr__(self) -> str:
+        return f"<Products of {len(self.first)} monomials>"
+
+
+@cache
+def products(k: int) -> Products:
+    """List the products of monomials of k variables whose degree is at most 3."""
+    monomials = Monomials(k, ORDER)
+    at = {tuple(row): i for i, row in enumerate(monomials.exponents)}
+    rows = [
+        (at[tuple(a + b)], i, j)
+        for i, a in enumerate(monomials.exponents)
+        for j, b in enumerate(monomials.exponents)
+        if a.sum() + b.sum() <= ORDER
+    ]
+    made, left, right = np.array(sorted(rows), np.int32).T
+    first = np.searchsorted(made, np.arange(monomials.size)).astype(np.int32)
+    return Products(left, right, first, monomials.starts.astype(np.int32))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class TaylorModel:
+    """Functions on K boxes: coefficients P (K, …, M) of k variables, and bounds r (K, …)."""
+
+    k: int
+    P: Array
+    r: Array
+
+    def __repr__(self) -> str:
+        return f"<TaylorModel of {self.k} variables, {self.r.shape}>"
+
+    @classmethod
+    def constant(cls, k: int, values: Array) -> TaylorModel:
+        """Make the model of constants (K, …)."""
+        P = np.zeros((*np.shape(values), products(k).starts[-1]))
+        P[..., 0] = values
+        return cls(k, P, np.zeros(np.shape(values)))
+
+    @property
+    def norms(self) -> Array:
+        """Sums of the absolute values of the coefficients of each degree, (K, …, 4)."""
+        return np.asarray(np.add.reduceat(np.abs(self.P), products(self.k).starts[:-1], axis=-1))
+
+    @property
+    def most(self) -> Array:
+        """Bound of the absolute value, (K, …)."""
+        return np.asarray((np.abs(self.P).sum(axis=-1) + self.r) * (1 + _ROUND))
+
+    @property
+    def reach(self) -> Array:
+        """Bound of the distance from the value at the centre, (K, …)."""
+        return np.asarray((np.abs(self.P[..., 1:]).sum(axis=-1) + self.r) * (1 + _ROUND))
+
+    def __getitem__(self, at: Any) -> TaylorModel:
+        return TaylorModel(self.k, self.P[(*at, slice(None))], self.r[at])
+
+    def __add__(self, other: TaylorModel) -> TaylorModel:
+        P = self.P + other.P
+        r = (self.r + other.r) * (1 + _ROUND) + _ROUND * np.abs(P).sum(axis=-1)
+        return TaylorModel(self.k, P, r)
+
+    def __neg__(self) -> TaylorModel:
+        return TaylorModel(self.k, -self.P, self.r)
+
+    def __sub__(self, other: TaylorModel) -> TaylorModel:
+        return self + -other
+
+    def scaled(self, factor: Array | float) -> TaylorModel:
+        """Multiply by numbers (K, …)."""
+        P = self.P * np.asarray(factor)[..., None]
+        r = self.r * np.abs(factor) * (1 + _ROUND) + _ROUND * np.abs(P).sum(axis=-1)
+        return TaylorModel(self.k, P, r)
+
+    def combined(self, A: Array) -> TaylorModel:
+        """Combine the last axis of models linearly: ``y_i = Σ_j A_ij x_j``, A (…, i, j)."""
+        P, r = A @ self.P, (np.abs(A) @ self.r[..., None])[..., 0] * (1 + _ROUND)
+        sizes = np.abs(self.P).sum(axis=-1)
+        return TaylorModel(self.k, P, r + _ROUND * (np.abs(A) @ sizes[..., None])[..., 0])
+
+    def __mul__(self, other: TaylorModel) -> TaylorModel:
+        pairs = products(self.k)
+        P = self.P[..., pairs.left] * other.P[..., pairs.right]
+        P = np.add.reduceat(P, pairs.first, axis=-1)
+        a, b = self.norms, other.norms
+        beyond = a[..., 1] * b[..., 3] + a[..., 2] * (b[..., 2] + b[..., 3])
+        beyond = beyond + a[..., 3] * (b[..., 1] + b[..., 2] + b[..., 3])
+        one, two = a.sum(axis=-1), b.sum(axis=-1)
+        r = beyond + one * other.r + self.r * two + self.r * other.r + _ROUND * one * two
+        return TaylorModel(self.k, P, r * (1 + _ROUND))
+
+    def sine_cosine(self) -> tuple[TaylorModel, TaylorModel]:
+        """Evaluate sine and cosine: Taylor's series at the centre, ``|d|⁴ / 24`` left out."""
+        s, c = np.sin(self.P[..., 0]), np.cos(self.P[..., 0])
+        return self._series([s, c, -s / 2, -c / 6], 1 / 24), self._series(
+            [c, -s, -c / 2, s / 6], 1 / 24
+        )
+
+    def _series(self, factors: list[Array], fourth: float, rounding: float = _ROUND) -> TaylorModel:
+        """Evaluate ``Σ f_i d^i`` with d the difference from the centre, and add fourth |d|⁴."""
+        P = self.P.copy()
+        P[..., 0] = 0.0
+        d = TaylorModel(self.k, P, self.r)
+        square = d * d
+        cube = square * d
+        found = d.scaled(factors[1]) + square.scaled(factors[2]) + cube.scaled(factors[3])
+        P = found.P.copy()
+        P[..., 0] += factors[0]
+        r = found.r + (fourth * d.most**4 + rounding) * (1 + _ROUND)
+        return TaylorModel(self.k, P, r)
+
+    def exponential(self) -> list[TaylorModel]:
+        """Evaluate ``cos √z, sin √z / √z, (1 − cos √z) / z`` at z, from 0 to π²: entire functions
+        ``Σ (−z)^i / (2 i + m)!``, whose fourth derivatives are largest at 0."""
+        z, found = np.maximum(self.P[..., 0], 0.0), []
+        for m in range(3):
+            factors = entire(z, m)
+            fourth = 1 / np.prod(np.arange(1.0, 9 + m))
+            found.append(self._series(factors, fourth, 1e-12))
+        return found
+
+
+def entire(z: Array, m: int) -> list[Array]:
+    """Evaluate ``Σ (−z)^i / (2 i + m)!`` and its derivatives over 1, 1, 2 and 6, at z."""
+    found = []
+    for j in range(4):
+        total, term = np.zeros_like(z), (-1.0) ** j / np.prod(np.arange(1.0, 2 * j + m + 1))
+        power = np.ones_like(z)
+        for i in range(j, _ENTIRE):  # binomial(i, j) (−1)^i z^(i − j) / (2 i + m)!
+            total = total + term * power
+            power = power * z
+            term *= -(i + 1) / (i + 1 - j) / ((2 * i + m + 1) * (2 * i + m + 2))
+        found.append(total)
+    return found
+
+
+def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Evaluate a × b of models (…, 3)."""
+    one, two = [1, 2, 0], [2, 0, 1]
+    return a[..., one] * b[..., two] - a[..., two] * b[..., one]
+
+
+def stacked(models: list[TaylorModel]) -> TaylorModel:
+    """Stack models (…) along a new last axis."""
+    P = np.stack([x.P for x in models], axis=-2)
+    return TaylorModel(models[0].k, P, np.stack([x.r for x in models], axis=-1))

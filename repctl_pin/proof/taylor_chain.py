@@ -1,0 +1,157 @@
+"""Taylor models of a chain at joints that are models themselves: its screws in the middle link's
+frame, and the displacement to a pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arguments import Array, read_only
+from .chain import Chain
+from .taylor import TaylorModel, cross
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Closure:
+    """A chain's screws and its displacement to a pose, on K boxes.
+
+    Attributes
+    ----------
+    J : TaylorModel
+        (K, 6, N), in the middle link's frame.
+    xi : TaylorModel
+        ``(e + p × s, s)`` (K, 6), with p and e the place of the frame and the way to the pose's,
+        and s the sine of the rotation to it times its axis.
+    sizes : (3, K) array
+        Bounds of |p|, |e| and |s|.
+    near : (K,) array of bool
+        Whether the rotation is by less than a quarter turn at the centre.
+    """
+
+    J: TaylorModel
+    xi: TaylorModel
+    sizes: Array
+    near: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        return f"<Closure of {self.J}>"
+
+
+def closure_of(
+    chain: Chain, pose: tuple[TaylorModel, TaylorModel], Q: TaylorModel, eps: float
+) -> Closure:
+    """Model a chain at joints Q (K, n), and what is between its frame and a pose: p (K, 3), and R
+    by columns (K, 3, 3)."""
+    theta = Q.combined(chain.S[:, : chain.n])
+    theta = theta + TaylorModel.constant(Q.k, np.tile(chain.o, (len(Q.r), 1)))
+    screws: list[TaylorModel] = [theta] * len(chain.p)
+    R2, p2 = _outward(chain, theta, screws)
+    R_b, o_b = _inward(chain, theta, screws)
+    J = TaylorModel.constant(Q.k, np.zeros((len(Q.r), 6, chain.N)))
+    P, r = J.P.copy(), J.r.copy()
+    for joint, column in zip(*np.nonzero(chain.S), strict=True):
+        part = screws[joint].scaled(chain.S[joint, column])
+        P[:, :, column] += part.P
+        r[:, :, column] += part.r
+    e = o_b + _applied(R_b, pose[0]) - p2
+    s, trace = _rotation(R2, [_applied(R_b, pose[1][:, i]) for i in range(3)])
+    moment = e + cross(p2, s)
+    xi = TaylorModel(
+        Q.k,
+        np.concatenate([moment.P, s.P], axis=1),
+        np.concatenate([moment.r, s.r], axis=1) + eps * (1 + _length(p2))[:, None],
+    )
+    sizes = np.stack([_length(x) for x in (p2, e, s)]) + eps
+    return Closure(TaylorModel(Q.k, P, r), xi, sizes, trace > 1)
+
+
+_Columns = list[TaylorModel]
+
+
+def _outward(
+    chain: Chain, theta: TaylorModel, screws: list[TaylorModel]
+) -> tuple[_Columns, TaylorModel]:
+    """Go from the middle link to the frame: its columns and place, and the screws on the way."""
+    R, o = _identity(theta), _fixed(theta, -chain.shift)
+    for joint in range(chain.middle, len(chain.p)):
+        o = o + _combined(R, chain.p[joint])
+        R = [_combined(R, column) for column in chain.R[joint].T]
+        screws[joint] = _screw(chain, joint, R, o)
+        R, o = _moved(chain, joint, R, o, theta[:, joint : joint + 1])
+    return R, o
+
+
+def _inward(
+    chain: Chain, theta: TaylorModel, screws: list[TaylorModel]
+) -> tuple[_Columns, TaylorModel]:
+    """Go from the middle link to the base: its columns and place, and the screws on the way."""
+    R, o = _identity(theta), _fixed(theta, -chain.shift)
+    for joint in range(chain.middle - 1, -1, -1):
+        screws[joint] = _screw(chain, joint, R, o)
+        R, o = _moved(chain, joint, R, o, -theta[:, joint : joint + 1])
+        R = [_combined(R, column) for column in chain.R[joint]]
+        o = o - _combined(R, chain.p[joint])
+    return R, o
+
+
+def _screw(chain: Chain, joint: int, R: _Columns, o: TaylorModel) -> TaylorModel:
+    axis = _fixed(o, chain.a[joint]) if chain.level[joint] else _combined(R, chain.a[joint])
+    zero = axis.scaled(0.0)
+    v, w = (cross(o, axis), axis) if chain.revolute[joint] else (axis, zero)
+    return TaylorModel(o.k, np.concatenate([v.P, w.P], axis=1), np.concatenate([v.r, w.r], axis=1))
+
+
+def _moved(
+    chain: Chain, joint: int, R: _Columns, o: TaylorModel, theta: TaylorModel
+) -> tuple[_Columns, TaylorModel]:
+    """Move by one joint; theta: (K, 1)."""
+    if not chain.revolute[joint]:
+        return R, o + theta * _combined(R, chain.a[joint])
+    s, c = theta.sine_cosine()
+    B = basis(chain.a[joint])
+    x, y, z = (_combined(R, column) for column in B.T)
+    turned = [c * x + s * y, c * y - s * x, z]
+    return [_combined(turned, row) for row in B], o
+
+
+def basis(axis: Array) -> Array:
+    """Make a rotation whose third column is a unit vector."""
+    if axis[2] ** 2 > 1 - 1e-30:
+        return np.diag([1.0, np.sign(axis[2]), np.sign(axis[2])])
+    other = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(other, axis)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def _rotation(R: _Columns, goal: _Columns) -> tuple[TaylorModel, Array]:
+    """Model the sine of the rotation from R to the goal times its axis, ``½ Σ R_i × goal_i``, and
+    evaluate the trace at the centre."""
+    parts = [cross(a, b) for a, b in zip(R, goal, strict=True)]
+    trace = sum((a.P[..., 0] * b.P[..., 0]).sum(axis=1) for a, b in zip(R, goal, strict=True))
+    return (parts[0] + parts[1] + parts[2]).scaled(0.5), np.asarray(trace)
+
+
+def _combined(R: _Columns, x: Array) -> TaylorModel:
+    """Evaluate R x for a constant vector."""
+    return R[0].scaled(x[0]) + R[1].scaled(x[1]) + R[2].scaled(x[2])
+
+
+def _applied(R: _Columns, x: TaylorModel) -> TaylorModel:
+    """Evaluate R x."""
+    return R[0] * x[:, 0:1] + R[1] * x[:, 1:2] + R[2] * x[:, 2:3]
+
+
+def _fixed(like: TaylorModel, x: Array) -> TaylorModel:
+    return TaylorModel.constant(like.k, np.tile(x, (len(like.r), 1)))
+
+
+def _identity(like: TaylorModel) -> _Columns:
+    return [_fixed(like, e) for e in np.eye(3)]
+
+
+def _length(x: TaylorModel) -> Array:
+    return np.asarray(np.linalg.norm(x.most, axis=1) * (1 + 1e-12))

@@ -1,0 +1,129 @@
+"""Taylor models: each bound holds, is attained where a single term is left out, and a wrong one is
+noticed; and those of a chain hold in Arb's ball arithmetic."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+from cell_functions import cell_of, chart_of
+from mutants import TAYLOR, wrong
+
+from repctl_pin.inverse_function.chart import Chart
+from repctl_pin.inverse_function.monomials import Monomials
+from repctl_pin.proof import chart_bounds, taylor
+
+T = np.linspace(-1, 1, 201)[:, None]
+
+
+def power(module: ModuleType, degree: int, size: float, middle: float = 0.0, r: float = 0.0):
+    """The model of ``middle + size t^degree``, one variable, and of what differs from it by r."""
+    P = np.zeros((1, 4))
+    P[0, 0] = middle
+    P[0, degree] += size
+    return module.TaylorModel(1, P, np.array([r])), middle + size * T[:, 0] ** degree + r
+
+
+def off(model: object, true: np.ndarray) -> float:
+    """The largest ratio of an actual difference to the bound."""
+    values = Monomials(1, 3).values(T) @ model.P[0]
+    return float(np.abs(true - values).max() / model.r[0])
+
+
+def ratios(module: ModuleType) -> list[float]:
+    """Ratios of products, sums and functions whose bounds are attained, or nearly so."""
+    found = []
+    for i in range(4):
+        for j in range(4):
+            a, f = power(module, i, 0.7)
+            b, g = power(module, j, 0.3)
+            if i + j > 3:
+                found.append(off(a * b, f * g))
+            a, f = power(module, i, 0.7, 0.0, 0.1)
+            found.append(off(a * b, f * g))
+            found.append(off(b * a, f * g))
+            found.append(off(a + b, f + g))
+            found.append(off(b + a, f + g))
+            found.append(off(a - b, f - g))
+            b, g = power(module, j, 0.3, 0.0, 0.2)
+            found.append(off(a * b, f * g))
+            found.append(off(a.scaled(-3.0), -3 * f))
+    for middle in (0.0, 0.8, np.pi / 2, 3.0):
+        a, f = power(module, 1, 0.05, middle)
+        s, c = a.sine_cosine()
+        found += [off(s, np.sin(f)), off(c, np.cos(f))]
+    for middle, size in ((0.021, 0.02), (0.8, 0.3), (8.0, 1.5)):
+        z, f = power(module, 1, size, middle)
+        w = np.sqrt(f)
+        for model, true in zip(
+            z.exponential(), (np.cos(w), np.sin(w) / w, (1 - np.cos(w)) / f), strict=True
+        ):
+            found.append(off(model, true))
+    P = np.array([[[0.1, 0.2, 0.0, 0.0], [0.3, 0.0, 0.1, 0.0]]])
+    x = module.TaylorModel(1, P, np.array([[0.1, 0.2]]))
+    A = np.array([[[2.0, -1.0]]])
+    y = x.combined(A)
+    true = Monomials(1, 3).values(T) @ (A[0] @ P[0]).T
+    found.append(float(np.abs(true[:, 0] + 0.4 - (Monomials(1, 3).values(T) @ y.P[0, 0])).max()))
+    found[-1] /= float(y.r[0, 0])
+    return found
+
+
+def test_every_bound_of_a_taylor_model_is_attained() -> None:
+    found = ratios(taylor)
+    assert max(found) <= 1 + 1e-9
+    assert np.sort(found)[len(found) // 10] > 0.5
+
+
+@pytest.mark.parametrize("mutant", TAYLOR)
+def test_a_wrong_taylor_model_is_noticed(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = wrong(monkeypatch, "taylor.py", *TAYLOR[mutant])
+    assert max(ratios(module)) > 1 + 1e-6
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.9])
+def test_a_chart_of_degree_4_leaves_out_what_is_bounded(factor: float) -> None:
+    monomials, cell = Monomials(3, 4), cell_of()
+    C = np.zeros((monomials.size, 7, 2))
+    C[int(np.flatnonzero((monomials.exponents == [3, 1, 0]).all(axis=1))[0])] = 1.0
+    chart = Chart(cell, monomials, C)
+    half = np.array([[0.4, 0.5, 0.1]])
+    P, rest = chart_bounds.Polynomials.of(chart).shifted(np.zeros((1, 3)), half)
+    q, _ = chart.reference(half)
+    used = float(q[0, 0] - P[0, :, 0, 0].sum()) / (factor * float(rest[0, 0, 0]))
+    assert (used <= 1) == (factor == 1.0) and used > 0.99
+
+
+@pytest.mark.parametrize("count", [8, pytest.param(250, marks=pytest.mark.slow)])
+def test_taylor_models_of_a_chain_hold_in_ball_arithmetic(count: int) -> None:
+    """A corner of random boxes of a cell of poses: J, and the displacement to the pose."""
+    pytest.importorskip("flint")
+    from arb_closure import closure_in_balls
+
+    from repctl_pin.proof.cells import CellProof
+    from repctl_pin.proof.taylor_chain import closure_of
+
+    q = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
+    problem = CellProof(chart_of(cell_of(rotation=0.2, half_width=0.05), q), compiled=False)
+    rng, k = np.random.default_rng(0), 6
+    Uc = rng.uniform(-0.7, 0.7, (count, k))
+    h = 10.0 ** rng.uniform(-7, -0.6, (count, 1)) * rng.uniform(0.2, 1, (count, k))
+    t = np.sign(rng.standard_normal((count, k)))
+    reference, _ = problem._models(Uc, h)
+    along = closure_of(problem.chain, problem.poses.at(Uc, h), reference, problem.eps)
+    T = Monomials(k, 3).values(t)
+    for i in range(count):
+        J, xi = closure_in_balls(problem, Uc[i], h[i], t[i])
+        sums = [[float_sum(along.J.P[i, a, c], T[i]) for c in range(7)] for a in range(6)]
+        for a in range(6):
+            for c in range(7):
+                slack = along.J.r[i, a, c] + problem.eps * 4
+                assert abs(J[a][c] - sums[a][c]) <= slack
+            assert abs(xi[a] - float_sum(along.xi.P[i, a], T[i])) <= along.xi.r[i, a]
+
+
+def float_sum(P: np.ndarray, T: np.ndarray) -> object:
+    from flint import arb
+
+    return sum((arb(float(c)) * arb(float(x)) for c, x in zip(P, T, strict=True)), arb(0))
