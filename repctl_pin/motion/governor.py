@@ -308,9 +308,9 @@ class Governor:
     def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
         """Direct the frame so that the joints approach those of the target, along the leaf."""
         assert self._joints.found is not None
-        apart = self._joints.found - now.q
-        size = float(np.abs(apart).max())
-        if size < _CLOSE and np.abs(apart - g).max() < _ALIKE * size:
+        distance = self._joints.found - now.q
+        size = float(np.abs(distance).max())
+        if size < _CLOSE and np.abs(distance - g).max() < _ALIKE * size:
             self._by_joints = False
             return way, g
         direction = leaf_direction(self._inverse, now.q, self._joints.found)
