@@ -6,7 +6,7 @@ import csv
 import io
 import re
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from ..files import read_bytes, write_whole
 
 FORMATS = (".csv", ".npz", ".parquet")
 _LARGEST = 4_000_000_000
+_BLOCK = 2**14
 _WHOLE = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
 
 Column = NDArray[Any]
@@ -118,6 +119,8 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
             quotechar='"',
             ndmin=2 if one else 1,
         )
+    except InputError:
+        raise
     except UnicodeDecodeError:
         raise InputError(f"cannot read {file}: the file is not UTF-8 text") from None
     except (ValueError, csv.Error) as error:
@@ -192,17 +195,24 @@ def _are_whole(values: Column) -> bool:
     return bool(np.isfinite(values).all() and (values == np.rint(values)).all())
 
 
-def _csv_text(columns: Mapping[str, Column]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
+def _csv_text(columns: Mapping[str, Column]) -> bytes:
     flat: dict[str, Column] = {}
     for name, values in columns.items():
         wide = values.reshape(len(values), -1)
         keys = [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(wide.shape[1])]
         flat |= dict(zip(keys, wide.T, strict=True))
-    writer.writerow(flat)
-    writer.writerows(zip(*(values.tolist() for values in flat.values()), strict=True))
-    return out.getvalue()
+    size = len(next(iter(flat.values())))
+    parts = [_lines_of([tuple(flat)])]
+    for k in range(0, size, _BLOCK):  # text of all rows at once would take four times its size
+        block = (values[k : k + _BLOCK].tolist() for values in flat.values())
+        parts.append(_lines_of(zip(*block, strict=True)))
+    return b"".join(parts)
+
+
+def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue().encode("utf-8", "replace")
 
 
 def _of_npz(file: Path, data: bytes) -> dict[str, Column]:
