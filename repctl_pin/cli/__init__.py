@@ -44,11 +44,11 @@ _COMMANDS = (
     design,
     cell,
     follow,
+    audit,
     check,
     animate,
     export,
     relabel,
-    audit,
     ros2,
     robots,
     inspect,
@@ -61,12 +61,12 @@ _EXAMPLES = """examples:
   repctl study xarm7 --task position --path square:0.2 --plane yz
   repctl design panda --degree auto             the nearest repeatable one
   repctl cell panda --half-width 0.1 --half-angle 0.3   F for a box
+  repctl audit joints.csv --robot my_arm.urdf   does a log creep?
   repctl check panda --weight inertia           is it repeatable? its drift
   repctl follow design.json --csv motion.csv    one cycle, ready for a robot
   repctl animate panda --live                   both arms in the browser
   repctl export design.json --to folder         the same in C
   repctl relabel demos.csv panda                one configuration per pose
-  repctl audit joints.csv --robot my_arm.urdf   does a log creep?
   repctl ros2 control.json --ros-args …         the same as a ROS 2 node
   repctl robots                                 every arm in the catalogue
   repctl inspect my_arm.urdf                    what a file holds

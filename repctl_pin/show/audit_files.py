@@ -18,9 +18,9 @@ from .plots.motions import plain, png, quiet, titled
 from .text.audit_answer import audit_sentence, part_of
 
 _STEPS = 48
-"""Samples of each cycle on the page."""
+"""Samples of each cycle on the page; of more than as many cycles, half of them."""
 
-_CYCLES = 48
+_CYCLES = 240
 """Maximum number of cycles on the page."""
 
 _COLOURS = (BLUE, GREEN, PURPLE, INK)
@@ -58,12 +58,13 @@ def audit_page(audit: Audit) -> str:
     """
     task, visits = audit.task, audit.visits
     ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
-    rows = [_between(audit, end) for end in ends]
+    steps = _STEPS if len(ends) <= _STEPS else _STEPS // 2
+    rows = [_between(audit, end, steps) for end in ends]
     q = np.vstack([rows[0][:1], *(cycle[1:] for cycle in rows)])
     mean = float(np.median(np.diff(visits.t)))
     t = np.linspace(0, mean * len(ends), len(q))
     drift = np.linalg.norm(visits.q[ends] - visits.q[0], axis=1)
-    motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), _STEPS)
+    motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), steps)
     label = "the recorded motion"
     track = Playback(label, VERMILLION, task.to_robot(q), motion.cycles, drift, task.unit, t)
     said = "".join(span.text for span in audit_sentence(audit)).replace("\u00a0", " ")
@@ -76,10 +77,10 @@ def audit_page(audit: Audit) -> str:
     )
 
 
-def _between(audit: Audit, end: int) -> Array:
+def _between(audit: Audit, end: int, steps: int) -> Array:
     """Take the log from one visit to the next, at equal times: (steps + 1, n)."""
     visits, log = audit.visits, audit.log
-    t = np.linspace(visits.t[end - 1], visits.t[end], _STEPS + 1)
+    t = np.linspace(visits.t[end - 1], visits.t[end], steps + 1)
     q = np.stack([np.interp(t, log.t, column) for column in log.q.T], axis=1)
     q[0], q[-1] = visits.q[end - 1], visits.q[end]
     return q
