@@ -206,7 +206,7 @@ CELL_C = {
     "no fourth derivatives": (_CELL, "out[c].r += v *", "out[c].r += 0 * v *"),
     "the tilt of the other sign": (_CELL, "{0, b[2], -b[1],", "{0, -b[2], b[1],"),
     "joints towards the base turn forwards": (_CELL, "if (sign < 0) scale", "if (0) scale"),
-    "the frame's place forgotten": (_CELL, "add(g, e + i, -1, f->tip + i, e + i);", ";"),
+    "the frame's place forgotten": (_CELL, ", add(g, e + i, -1, f->tip + i, e + i);", ";"),
     "no rest in J": (
         _CELL,
         "* (y->r + g->eps * size_of(y));\n      }\n      rest",
@@ -227,12 +227,6 @@ CELL_C = {
     ),
     "the middle link not moved": (_CELL, " + moved * angle;", ";"),
     "no linear part of it": (_CELL, "at->step[i] + norms[2 * i] * linear", "at->step[i]"),
-    "no uniqueness": (_CELL, "if (!commutator(s, norms, reach, D)) return;", "return;"),
-    "half the distance between solutions": (
-        _CELL,
-        "reach[i] = s->near[i] + Y[i];",
-        "reach[i] = 9;",
-    ),
 }
 """What is wrong with a cell's kernel: the file, a piece of it, and what is put in its place."""
 

@@ -16,7 +16,7 @@ from mutants import CELL_C, CELLS, CHAIN, source, wrong
 from sectors import sector_of
 
 import repctl_pin as rp
-from repctl_pin.c_library import VECTOR_FLAGS, loaded_library
+from repctl_pin.c_library import loaded_library
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.monomials import Monomials
 from repctl_pin.proof import cell_kernel, cells, taylor_chain
@@ -305,7 +305,7 @@ def test_a_wrong_term_in_c_is_noticed() -> None:
             source(one, piece, instead) if one == file else source(one, "", "")
             for one in cell_kernel.SOURCES
         ]
-        path = loaded_library("\n".join(texts), VECTOR_FLAGS)
+        path = loaded_library("\n".join(texts), ("-std=c99", "-O1", "-fPIC", "-shared"))
         changed, _, other = cell_kernel.Kernel(right, ctypes.CDLL(path)).bounds(U, h)
         same = np.allclose(reach, other, rtol=1e-5, atol=1e-7, equal_nan=True)
         same &= np.allclose(bounds.leaf_margin, changed.leaf_margin, rtol=1e-5)
