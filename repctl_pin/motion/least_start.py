@@ -122,8 +122,8 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 
 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
-    """Find the least closed motion from a start, beside another and beside that of J⁺: the slower
-    of the two; None if both fail."""
+    """Find the closed motion of minimum joint speed from a start, beside another and beside that of
+    J⁺: the slower of the two; None if both fail."""
     found: list[Motion] = []
     if task.limit_margin(q).min() >= 0:
         for beside in {guess, None}:
