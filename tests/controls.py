@@ -3,8 +3,9 @@ bases, potentials."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,12 @@ def no_compiler() -> str:
     except NoCompilerError as error:
         return str(error)
     return ""
+
+
+def some(names: Iterable[str], *default: str) -> list[Any]:
+    """Make the parameters of a test: the default names, and the others as slow ones."""
+    slow = pytest.mark.slow
+    return [name if name in default else pytest.param(name, marks=slow) for name in names]
 
 
 NEEDS_C = pytest.mark.skipif(bool(no_compiler()), reason=no_compiler() or "there is a C compiler")

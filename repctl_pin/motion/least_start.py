@@ -122,8 +122,8 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 
 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
-    """Find the slowest closed motion from a start, beginning once with ``guess`` and once with J⁺:
-    the faster of what both find; None if both fail."""
+    """Find the closed motion of minimum joint speed from a start, by searches that begin with
+    ``guess`` and with the motion of J⁺: the better of the two; None if both fail."""
     found: list[Motion] = []
     if task.limit_margin(q).min() >= 0:
         for beside in {guess, None}:

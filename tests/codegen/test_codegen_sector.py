@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from controls import NEEDS_C, own_cache  # noqa: F401
+from controls import NEEDS_C, own_cache, some  # noqa: F401
 from sectors import WIDTHS, found
 from test_codegen import AGREE, disagreement
 from test_codegen_builds import STRICT, needed, run
@@ -13,7 +13,7 @@ from test_codegen_builds import STRICT, needed, run
 import repctl_pin as rp
 
 
-@pytest.mark.parametrize("name", WIDTHS)
+@pytest.mark.parametrize("name", some(WIDTHS, "pose", "axis", "xy"))
 def test_sectors_in_c(name: str, tmp_path: Path) -> None:
     needed("gcc")
     rp.export_c(found(name).function, tmp_path, "tool_arm")

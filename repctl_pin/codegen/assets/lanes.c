@@ -33,7 +33,7 @@ static void arm_turns_@lanes(const double *angle, double *sine, double *cosine)
 
 /*
  * Solve f(x) = goal and n_ref^T (x - q_ref) = leaf from a nearby x, by Newton's method without exchanges of rows; after
- * a short step the factors are kept. state is 1.0 where x is exact to 1e-13, -1.0 where another method is needed.
+ * a short step the factors are kept. state is 1.0 where x is exact to rounding, -1.0 where another method is needed.
  */
 static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], const double *leaf, double x[][@lanes],
                               double state[@lanes])
@@ -51,7 +51,7 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
 @angle
         }
         arm_turns_@lanes(angle[0], sine[0], cosine[0]);
-        if (longest > 1e-3) {
+        if (longest > 1e-4) {
             for (l = 0; l < @lanes; l++) {
 @whole
 @labels
@@ -74,7 +74,7 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
         left = 0;
         for (l = 0; l < @lanes; l++) {
             if (!(size[l] < 0.1)) state[l] = -1.0;
-            if (state[l] == 0.0 && size[l] * size[l] < 1e-13 * before[l]) state[l] = 1.0;
+            if (state[l] == 0.0 && size[l] * size[l] < 1e-14 * before[l]) state[l] = 1.0;
             if (state[l] == 0.0) {
                 left = 1;
                 if (size[l] > longest) longest = size[l];
