@@ -420,7 +420,10 @@ def the_target_is_dragged(driver: Any, view: rp.Viewer) -> None:
     time.sleep(0.1)
     moved = view.offset.copy()
     assert moved[0] > 0 and np.abs(moved[1:]).max() < 1e-3 * moved[0]
-    driver.execute_script(drag, seen[0] + 100, seen[1], 10)
+    captures = (  # no real pointer has this number
+        "Element.prototype.setPointerCapture = Element.prototype.releasePointerCapture = () => {};"
+    )
+    driver.execute_script(captures + drag, seen[0] + 100, seen[1], 10)
     time.sleep(0.1)
     assert np.array_equal(view.offset, moved)
 
