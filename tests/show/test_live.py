@@ -354,6 +354,8 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
         driver.get(view.url)
         wait_until_drawn(driver, "the live page")
         until(lambda: driver.execute_script("return repctl.received"))
+        # as a slow machine has it, or the size of a picture changes between two
+        driver.execute_script("repctl.viewer.renderer.setPixelRatio(0.75)")
         before = picture_now(driver)
         view.show(Q0, Q0 + [0.6, -0.6, -0.5])
         until(lambda: driver.execute_script("return repctl.received") > 1)
