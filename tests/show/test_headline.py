@@ -11,6 +11,7 @@ import repctl_pin as rp
 from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page import read_surface
 from repctl_pin.show.text import Headline, MotionSummary, Outcome, headline_of, metres
+from repctl_pin.show.text.headline import stopped_words
 from repctl_pin.show.text.parts import part_name
 
 USUAL = Outcome(MotionSummary("J⁺", 0.3, 1.0, body_distance=0.13), "elbow", "link4", 0.321)
@@ -81,6 +82,15 @@ def test_a_lost_path_is_not_called_back() -> None:
     sentence, notes = words(headline_of([lost, CLOSED], 10))
     assert sentence.startswith("Under the usual control the hand leaves its path in cycle 3: 2 cm")
     assert "back" not in sentence and "joint speed" not in notes
+    turned = replace(USUAL, summary=replace(USUAL.summary, path_loss=(3, 1e-12, 0.31)))
+    assert "in cycle 3: 0.31 rad off" in words(headline_of([turned, CLOSED], 10))[0]
+
+
+def test_a_stopped_motion_is_said_first() -> None:
+    why = stopped_words("J⁺", "the Jacobian loses rank")
+    told = words(headline_of([CLOSED], 10, [why]))[0]
+    assert told.startswith("Usual control stopped: the Jacobian loses rank. The hand is back.")
+    assert words(headline_of([], 0, [why]))[0] == f"{why} "
 
 
 def test_limits_bodies_and_where_it_leads() -> None:
