@@ -181,8 +181,10 @@ def _sector(cell: Sector) -> dict[str, object]:
 
 
 def _unwound(one: Symmetry, r: int) -> str:
-    """Write the part of F that a symmetry adds to q_ref of its joint, and the whole turns that
-    bring it near to q."""
+    """Write the C lines that shift q_ref of a symmetry's joint: by ± y, then by whole turns.
+
+    The whole turns make q_ref the nearest to q.
+    """
     q_ref, turn = f"both[{(1 + r) * one.joint}]", number(2 * np.pi)
     turns = f"rint((q[{one.joint}] - {q_ref}) / {turn})"
     shift = f"    {q_ref} += {one.sign}.0 * y[{one.coordinate}];\n"
@@ -190,7 +192,10 @@ def _unwound(one: Symmetry, r: int) -> str:
 
 
 def _slope(one: Symmetry, r: int) -> str:
-    """Write the slope of h along a symmetric coordinate."""
+    """Write the C line that adds ∂h/∂y for the coordinate y that a symmetry removes from u.
+
+    F is linear in y, so ∂h/∂y is ``−sign · n_ref`` at the symmetry's joint.
+    """
     n = f"both[{(1 + r) * one.joint + 1} + j]"
     return f"        d[{one.coordinate}] -= {one.sign}.0 * {n};\n"
 

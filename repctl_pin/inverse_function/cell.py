@@ -482,7 +482,10 @@ class Cell:
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Measure all m coordinates, m and rad, of placements (K, m)."""
+        """Convert placements to all m coordinates (K, m), held ones too.
+
+        They are in m and rad, and 0 in the middle of the cell.
+        """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
         Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]

@@ -72,16 +72,19 @@ class Margin:
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Smallest of the margins at points (K,); infinite where the function does not exist."""
+        """Find the smallest margin at points (K,); infinite where the function does not exist."""
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Differentiate the smallest of them with respect to u, at points: (K, k)."""
+        """Differentiate the smallest margin with respect to u, at points: (K, k)."""
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
 
     def slopes(self, Q: Array, D: Array) -> Array:
-        """Differentiate at every row of Q (K, n) along the p columns of D (K, n, p): (K, P, p)."""
+        """Differentiate the P margins along p joint directions, by differences: (K, P, p).
+
+        The directions at each row of Q (K, n) are the columns of D (K, n, p).
+        """
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
         ends = [
@@ -103,7 +106,7 @@ class Margin:
         s = here.copy()
 
         def look(label: Array, Q: Array) -> Array:
-            """Keep the leaves of a label (K, r) where they are better; their configurations."""
+            """Keep a label (K, r) where its leaf has a larger margin; return its configurations."""
             nonlocal most, best, s
             points = chart.solve(at.U, label, Q, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
@@ -212,17 +215,18 @@ class Minimised(Protocol):
     """A quantity along a candidate function that a search minimises."""
 
     def least(self, at: Points) -> Array:
-        """Evaluate it: (K,); infinite where the function does not exist."""
+        """Evaluate the quantity at points (K,); infinite where the function does not exist."""
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Differentiate it with respect to u: (K, k)."""
+        """Differentiate the quantity with respect to u, at points: (K, k)."""
 
 
 def searched(candidate: CandidateFunction, margin: Minimised, U: Array) -> Array:
-    """Descend from poses U (K, k) to smaller margins inside the cell; all poses visited (L, k).
+    """Descend from poses U (K, k) to smaller margins inside the cell.
 
-    The ends come last. A step goes down the gradient, without its components that point out of the
-    cell. Poses at which the function does not exist are among those visited.
+    Return all poses visited (L, k), the ends of the descents last. A step goes down the gradient,
+    without its components that point out of the cell. Poses at which the function does not exist
+    are among those visited.
     """
     here = candidate.at(U)
     here = here.chosen(here.found)

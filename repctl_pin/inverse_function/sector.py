@@ -93,11 +93,11 @@ class Sector(Cell):
     axis: Array
     """(2, 3): point, m, and unit direction of the axis."""
     free: tuple[int, ...]
-    """Coordinates as far as the joints go."""
+    """Coordinates that go as far as the joints do."""
     symmetries: tuple[Symmetry, ...]
     """Symmetries of the arm along coordinates that are not held."""
     removed: tuple[Symmetry, ...]
-    """Those whose coordinates are left out of u, at 0."""
+    """Symmetries whose coordinates are left out of u, at 0."""
 
     def __init__(
         self,
@@ -165,13 +165,16 @@ class Sector(Cell):
     # --------------------------------------------------------------------------------
 
     def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
-        """Leave symmetric coordinates out of u, at 0; some of them go as far as the joints do."""
+        """Make the sector whose u leaves out the coordinates of symmetries, which stay at 0.
+
+        Coordinates in ``free`` go as far as the joints do.
+        """
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
 
     @property
     def whole(self) -> Sector:
-        """The sector in all its coordinates."""
+        """The sector whose u includes the coordinates of all symmetries."""
         return self._changed(removed=()) if self.removed else self
 
     @property
@@ -259,7 +262,10 @@ class Sector(Cell):
         return p, round_about @ R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Measure all m coordinates, m and rad, of placements (K, m)."""
+        """Convert placements to all m coordinates (K, m), held ones too.
+
+        They are in m and rad, and 0 in the middle of the cell.
+        """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
         phi = np.arctan2(y, x)
@@ -380,7 +386,7 @@ class Sector(Cell):
         return text
 
     def symmetry(self) -> str:
-        """Write what is used of the symmetries of the arm, in words."""
+        """Write which symmetries of the arm are used."""
         names = self.task.joint_names
         words = {
             ANGLE: "{} turns the whole arm about the axis",

@@ -85,9 +85,9 @@ class Governor:
     Attributes
     ----------
     q : (n,) array
-        The commanded joints.
+        Commanded configuration.
     leaf : (r,) array
-        Level c of the leaf on which they stay.
+        Level c of the leaf on which q stays.
 
     Raises
     ------
@@ -146,21 +146,21 @@ class Governor:
 
     @property
     def q(self) -> Array:
-        """The commanded joints (n,)."""
+        """Commanded configuration (n,)."""
         return self._started().history[-1].copy()
 
     @property
     def leaf(self) -> Array:
-        """Level c (r,) of the leaf on which the commanded joints stay."""
+        """Level c (r,) of the leaf on which the commanded configuration stays."""
         return self._started().solver.leaf.copy()
 
     def start(self, q: ArrayLike) -> None:
-        """Begin, or begin again, at rest at a configuration; its leaf is kept from now on.
+        """Start or restart at rest at a configuration, whose leaf is kept from now on.
 
         Parameters
         ----------
         q : (n,) array
-            The robot's joints, at rest: the position that the robot was commanded to, or measured.
+            Configuration of the robot, at rest: the last one commanded, or the measured one.
 
         Raises
         ------
@@ -194,7 +194,7 @@ class Governor:
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
     ) -> tuple[Array, Status]:
-        """Go on by one tick.
+        """Compute the next configuration to command, once per tick of the control loop.
 
         Parameters
         ----------
@@ -208,8 +208,9 @@ class Governor:
         Returns
         -------
         q : (n,) array
-            The next joints to command.
+            Next configuration to command.
         status : Status
+            Outcome of the tick.
 
         Raises
         ------
@@ -233,7 +234,7 @@ class Governor:
         return q, self._status
 
     def _usable(self, target: pin.SE3 | None, twist: Array | None) -> bool:
-        """Whether the numbers are finite and not absurd, and a rotation is one."""
+        """Whether an input is finite, below 1e6, and its rotation matrix is a rotation."""
         if twist is not None and not (np.abs(twist) < _HUGE).all():
             return False
         if target is None:
@@ -251,7 +252,7 @@ class Governor:
     # ---- the law -------------------------------------------------------------------------------
 
     def _replan(self, target: pin.SE3 | None, twist: Array | None) -> Status:
-        """Look for a better plan than the rest of the last one, which is a stop."""
+        """Look for a plan that makes progress; without one, the last plan continues to its stop."""
         if target is None or target != self._heard[0]:
             self._stuck, self._by_joints = 0, False
         try:
@@ -264,7 +265,7 @@ class Governor:
         return self._drive(now, Goal(frame_twist(now.task, now.place, rate), 1.0, False))
 
     def _approach(self, now: Now, target: pin.SE3) -> Status:
-        """Move towards a target for a stride, or come to rest there."""
+        """Plan motion towards a target until the next plan is due, or a stop at the target."""
         planner = self._planner
         landed = planner.plan.lands and target == self._landing
         if landed:  # only in ticks without a plan
@@ -299,14 +300,14 @@ class Governor:
         return status
 
     def _is_there(self, q: Array) -> bool:
-        """Whether the joints at a target are those of the target; if not, take the way there."""
+        """Whether q at the target's pose is the target's configuration; if not, move there next."""
         joints = self._joints
         if joints.found is not None and np.abs(q - joints.found).max() > _SAME:
             self._by_joints = True
         return joints.known and not self._by_joints
 
     def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
-        """Direct the frame so that the joints approach those of the target, along the leaf."""
+        """Find the frame's direction along which q approaches the target's configuration."""
         assert self._joints.found is not None
         distance = self._joints.found - now.q
         size = float(np.abs(distance).max())
@@ -318,8 +319,10 @@ class Governor:
         return way, now.joint_rates(way)
 
     def _other_way(self, target: pin.SE3) -> bool:
-        """Take the way of the joints, as the straight line is blocked; tell whether they are still
-        looked for."""
+        """Move towards the target's configuration from now on, as the straight line is blocked.
+
+        Return whether that configuration is still being computed.
+        """
         self._joints.look_for(target)
         if not self._joints.known:
             return True
@@ -328,7 +331,7 @@ class Governor:
         return False
 
     def _drive(self, now: Now, goal: Goal) -> Status:
-        """Go on in a direction for a stride, as fast as the limits allow."""
+        """Plan motion in a direction until the next plan is due, as fast as the limits allow."""
         if not goal.way.any():
             return self._reached(now, goal.way)
         most = fastest(self._bounds, now, goal.way)
@@ -349,7 +352,7 @@ class Governor:
         return Status.SLOWED if goal.lands else self._reached(now, goal.way)
 
     def _reached(self, now: Now, twist: Array) -> Status:
-        """Tell whether the twist is the one asked for."""
+        """Compare the frame's twist with the requested one: OK if they are equal, else SLOWED."""
         away = np.abs(now.joint_rates(twist - now.twist))
         return Status.OK if (away <= _REACHED * self._bounds.velocity).all() else Status.SLOWED
 
@@ -364,7 +367,7 @@ def _own_joints(task: Task) -> Task:
 
 
 def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
-    """Take a target or a twist, which may hold numbers that are not finite."""
+    """Convert a target or a twist, whose numbers need not be finite."""
     if target is not None and twist is not None:
         raise InputError("target and twist are mutually exclusive; give one of them")
     goal = None if target is None else pin.SE3(as_placement(target))

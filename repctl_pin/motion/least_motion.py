@@ -96,7 +96,7 @@ def least_closed_motion(
 
 
 def _plain(cost: ClosedMotionCost, start: Array) -> Array:
-    """Follow the path by Newton's method with J⁺: (K + 1, n), which need not close."""
+    """Follow the path by Newton's method with J⁺: a motion (K + 1, n) that need not close."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
         Q.append(solve_ik(cost.task, Q[-1], target, tolerance=1e-10, limits=False))
@@ -104,7 +104,11 @@ def _plain(cost: ClosedMotionCost, start: Array) -> Array:
 
 
 def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
-    """Close a motion (K + 1, n) by shares of its gap along the self-motions, in stages: (K, n)."""
+    """Deform a motion (K + 1, n) on the path until it ends where it began: one cycle (K, n).
+
+    Each stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and
+    moves the configurations back to the path along J⁺.
+    """
     for _ in range(_STAGES):
         gap = Q[-1] - Q[0]
         size = float(np.abs(gap).max())

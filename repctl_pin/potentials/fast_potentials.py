@@ -18,7 +18,7 @@ MOST_ENTRIES = 50_000
 
 @dataclass(frozen=True)
 class InPlace:
-    """Closures that evaluate r potentials into preallocated arrays, for one thread.
+    """Functions that evaluate r potentials into preallocated arrays, for one thread.
 
     Attributes
     ----------
@@ -34,16 +34,17 @@ class InPlace:
 
 @runtime_checkable
 class FastPotentials(Potentials, Protocol):
-    """Potentials that make their own closures."""
+    """Potentials with an allocation-free evaluation of their own."""
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+        """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
 
 
 def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
-    """Make the closures of potentials: their own, or :func:`plain` ones.
+    """Create functions that evaluate potentials into arrays V_T (r, n) and e (r,).
 
-    ``slope`` writes Vᵀ into V_T (r, n), ``gap`` writes c − h into e (r,).
+    ``slope`` writes Vᵀ into V_T, ``gap`` writes c − h into e. Potentials with a method ``in_place``
+    create them; for all others, :func:`plain` does.
     """
     return (
         potentials.in_place(V_T, e)
@@ -53,7 +54,7 @@ def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
 
 
 def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
-    """Make closures that call the potentials' methods."""
+    """Create functions that write the ``gradient`` and ``value`` of any potentials into arrays."""
     here = np.zeros(V_T.shape[1])
 
     def slope(q: Array) -> None:
@@ -69,7 +70,10 @@ def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
 
 
 def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
-    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), over all its orders."""
+    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), in equal parts.
+
+    Each distinct order of the indices ``places`` gets one part.
+    """
     arrangements = _orders(tuple(places))
     for place in arrangements:
         at: tuple[Any, ...] = (slice(None), *place)
@@ -139,7 +143,7 @@ class Homogeneous:
         return w, z
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+        """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
         z = np.ones(self.n + 1)
         u, center, subtract, degree = z[1:], self.center, np.subtract, float(self.degree)
         stages = []

@@ -35,7 +35,7 @@ NO_BETTER = "none of the default starts keeps the joint limits and the bodies ap
 
 
 class _Solved(NamedTuple):
-    """A problem, its design, and what is wrong with the design's first cycle."""
+    """A problem, its design, and the violations and extra speed of the design's first cycle."""
 
     problem: Problem
     design: Design
@@ -65,13 +65,13 @@ def design_for(
     desired
         Desired inverse G_d.
     make
-        Designs in a region.
+        Function that makes a design for a region.
     width
         Radius of the tube around the motion; by default 0.1 rad or 0.05 m.
     seed
         Random seed of the nodes.
     say
-        Called with the step that begins.
+        Function that is called with the name of each step when it begins.
 
     Returns
     -------
@@ -125,13 +125,16 @@ def timed_cycle(
 
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
-    """Say by how much Ω was shrunk, if it was."""
+    """Write a note on how far Ω was shrunk; none if it was not."""
     share = f"Ω was shrunk to {design.shrunk:.0%} of its half-width"
     return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
 
 
 def half_width_within(region: Region) -> str:
-    """Write the half-width, in two digits, of the largest cube inside the bounds of a region."""
+    """Format the smallest half-width of a region's bounds, rounded down to two digits.
+
+    An error message on a singular Ω suggests it: a cube of this half-width lies within the bounds.
+    """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)
     return f"{np.floor(width / digit) * digit:.2g}"

@@ -1,4 +1,4 @@
-"""Taylor models of a chain at joints that are models themselves: its screws in the middle link's
+"""Taylor models of a chain whose joint positions are Taylor models: its screws in the middle link's
 frame, and the displacement to a pose."""
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class Closure:
     J : TaylorModel
         (K, 6, N), in the middle link's frame.
     xi : TaylorModel
-        ``(e + p × s, s)`` (K, 6), with p and e the place of the frame and the way to the pose's,
-        and s the sine of the rotation to it times its axis.
+        ``(e + p × s, s)`` (K, 6), with p the position of the frame, e the displacement to that of
+        the pose, and s the axis of the rotation to the pose times the sine of its angle.
     sizes : (3, K) array
         Bounds of |p|, |e| and |s|.
     near : (K,) array of bool
@@ -43,8 +43,10 @@ class Closure:
 def closure_of(
     chain: Chain, pose: tuple[TaylorModel, TaylorModel], Q: TaylorModel, eps: float
 ) -> Closure:
-    """Model a chain at joints Q (K, n), and what is between its frame and a pose: p (K, 3), and R
-    by columns (K, 3, 3)."""
+    """Compute models of a chain's screws at Q (K, n), and of the displacement to a pose.
+
+    The pose is p (K, 3), and R (K, 3, 3) by columns; ``eps`` is the relative rounding error.
+    """
     theta = Q.combined(chain.S[:, : chain.n])
     theta = theta + TaylorModel.constant(Q.k, np.tile(chain.o, (len(Q.r), 1)))
     screws: list[TaylorModel] = [theta] * len(chain.p)
@@ -74,7 +76,10 @@ _Columns = list[TaylorModel]
 def _outward(
     chain: Chain, theta: TaylorModel, screws: list[TaylorModel]
 ) -> tuple[_Columns, TaylorModel]:
-    """Go from the middle link to the frame: its columns and place, and the screws on the way."""
+    """Compute the frame's rotation (three columns) and position, relative to the middle link.
+
+    The screws of the joints between the two are written into ``screws``.
+    """
     R, o = _identity(theta), _fixed(theta, -chain.shift)
     for joint in range(chain.middle, len(chain.p)):
         o = o + _combined(R, chain.p[joint])
@@ -87,7 +92,10 @@ def _outward(
 def _inward(
     chain: Chain, theta: TaylorModel, screws: list[TaylorModel]
 ) -> tuple[_Columns, TaylorModel]:
-    """Go from the middle link to the base: its columns and place, and the screws on the way."""
+    """Compute the base's rotation (three columns) and position, relative to the middle link.
+
+    The screws of the joints between the two are written into ``screws``.
+    """
     R, o = _identity(theta), _fixed(theta, -chain.shift)
     for joint in range(chain.middle - 1, -1, -1):
         screws[joint] = _screw(chain, joint, R, o)
@@ -107,7 +115,7 @@ def _screw(chain: Chain, joint: int, R: _Columns, o: TaylorModel) -> TaylorModel
 def _moved(
     chain: Chain, joint: int, R: _Columns, o: TaylorModel, theta: TaylorModel
 ) -> tuple[_Columns, TaylorModel]:
-    """Move by one joint; theta: (K, 1)."""
+    """Move a frame, columns R and position o, by one joint's position theta (K, 1)."""
     if not chain.revolute[joint]:
         return R, o + theta * _combined(R, chain.a[joint])
     s, c = theta.sine_cosine()

@@ -32,16 +32,18 @@ _LISTED = 3
 
 @dataclass(frozen=True)
 class Gap:
-    """Frames of one session, without a break, that have no new joints.
+    """Range of consecutive frames of one session that could not be relabelled.
 
     Attributes
     ----------
     session : str
+        Name of the session.
     start, end : float
         Time of the first and of the last frame, s; numbers of the frames if there are no times.
     frames : int
+        Number of frames.
     why : str
-        ``outside the cell`` or ``beyond the limits``.
+        Reason: ``outside the cell`` or ``beyond the limits``.
     """
 
     session: str
@@ -63,20 +65,20 @@ class Relabeled:
     design : CellDesign
         The cell and its function; ``design.function(pose, leaf=leaf)`` labels other poses alike.
     leaf : (r,) array
-        c of the new joints, rad or m.
+        Level c of the new configurations, rad or m.
     recorded_leaves : (K, r) array or None
-        c of the recorded joints, rad or m; NaN outside the cell.
+        Level c of every recorded configuration, rad or m; NaN outside the cell.
     joints : (K, n) array
-        New joints, rad or m; NaN where there are none.
+        New configurations, rad or m; NaN for frames that could not be relabelled.
     found : (K,) array of bool
-        Whether a frame has new joints, rad or m.
+        True for frames that were relabelled.
     gaps : tuple of Gap
-        Time ranges of the others.
+        Time ranges of the frames that could not be relabelled.
     ambiguity : Ambiguity
-        Misfit of a smooth fit of joints over poses, at the frames with new joints: of the recorded
-        joints, if there are any, and of the new ones.
+        Misfit of a smooth fit of configurations over poses, at the relabelled frames: of the
+        recorded configurations, if there are any, and of the new ones.
     margins_before, margins_after : (K,) array or None
-        Joint-limit margin of the recorded and of the new joints, rad or m.
+        Joint-limit margin of the recorded and of the new configurations, rad or m.
 
     Examples
     --------
@@ -99,18 +101,18 @@ class Relabeled:
 
     @property
     def residual_before(self) -> float:
-        """Ambiguity of the recorded joints, rad or m; NaN without any."""
+        """Ambiguity of the recorded configurations, rad or m; NaN if none were recorded."""
         residuals = self.ambiguity.residuals
         return residuals[0] if len(residuals) > 1 else float("nan")
 
     @property
     def residual_after(self) -> float:
-        """Ambiguity of the new joints, rad or m."""
+        """Ambiguity of the new configurations, rad or m."""
         return self.ambiguity.residuals[-1]
 
     @property
     def moved(self) -> Array:
-        """New joints less recorded ones, (K, n), rad or m; NaN where there are none."""
+        """New minus recorded configurations (K, n), rad or m; NaN where either is missing."""
         if self.recording.joints is None:
             return np.full_like(self.joints, np.nan)
         return self.joints - self.recording.joints
@@ -147,10 +149,10 @@ class Relabeled:
         return "\n".join([f"{task.robot.name} {task.frame}, {task.kind} task", *lines])
 
     def save(self, file: str | Path) -> Path:
-        """Write the recording with the new joints, as .csv, .npz or .parquet.
+        """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
-        Other columns of a file that was read are kept, without velocities and accelerations of the
-        joints. Frames without new joints are NaN.
+        Other columns of a file that was read are kept, except velocities and accelerations of the
+        joints. Frames that could not be relabelled have NaN as their configuration.
 
         Raises
         ------
@@ -211,9 +213,10 @@ def relabel(
 ) -> Relabeled:
     """Give every recorded pose of a cell one configuration: ``q = F(x; c)``.
 
-    Recorded joints depend on where each session started and on the motion before, so that equal
-    poses have different joints. The new ones depend on the pose alone. The cell is the box, or the
-    sector around the base, that holds the frames, and c is the median of the recorded joints'.
+    Recorded configurations depend on where each session started and on the motion before, so that
+    equal poses have different configurations. The new ones depend on the pose alone. The cell is
+    the box, or the sector around the base, that holds the frames. By default the level c is near
+    the median of the recorded ones.
 
     Parameters
     ----------
@@ -222,8 +225,9 @@ def relabel(
     design
         Function of a cell to use, instead of one over the cell that holds the frames.
     leaf : (r,) array, optional
-        c, rad or m. By default the median of the recorded joints' c; if the limits or a frame would
-        be lost there, the nearest c towards 0 where they are not.
+        Level c, rad or m. By default the c nearest to the median of the recorded levels, towards 0,
+        that relabels as many frames as c = 0 and keeps as large a joint-limit margin, or 0.05; 0
+        without recorded configurations.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -232,7 +236,7 @@ def relabel(
     Returns
     -------
     Relabeled
-        Joints and report; see ``summary()`` and ``save()``.
+        New configurations and report; see ``summary()`` and ``save()``.
 
     Raises
     ------
@@ -357,7 +361,7 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[Gap, ...]:
-    """List the frames without new joints as ranges: one session, one reason, without a break."""
+    """List the ranges of consecutive frames of a session not relabelled for one reason."""
     kind = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
     kind, session = kind[order], recording.session[order]
@@ -377,7 +381,7 @@ def _gaps(
 
 
 def _columns(relabeled: Relabeled) -> dict[str, Column]:
-    """Make the columns of a file with the new joints."""
+    """Make the columns of a file with the new configurations."""
     recording, Q = relabeled.recording, relabeled.joints
     joints = dict(zip(recording.task.joint_names, Q.T, strict=True))
     if recording.source is None:

@@ -181,13 +181,13 @@ class Bodies:
 
 
 def _listed(pairs: list[Pair]) -> str:
-    """List the first few pairs of links."""
+    """Format pairs of links as text for a note: the first three, and the number of the others."""
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
     return few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
 
 
 def bodies_of(task: Task) -> Bodies:
-    """Create the bodies of a task, once."""
+    """Return the bodies of a task, which the first call creates."""
     with _MADE_LOCK:
         if task not in _MADE:
             _MADE[task] = Bodies(task)

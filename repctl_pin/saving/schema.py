@@ -21,7 +21,7 @@ Rows = list[list[float]]
 
 
 class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """A part of which there are several kinds, distinguished by ``kind``."""
+    """Part of a file that comes in several kinds; its key ``kind`` names the kind."""
 
 
 class PolynomialFile(_Part, tag="polynomial"):
@@ -45,7 +45,7 @@ class FourierFile(_Part, tag="fourier"):
 
 
 class JoinedFile(_Part, tag="joined"):
-    """Bases one after another."""
+    """Several bases of potentials, concatenated in this order."""
 
     parts: list[PolynomialFile | FourierFile | JoinedFile]
 
@@ -95,7 +95,7 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Plain(msgspec.Struct, forbid_unknown_fields=True):
-    """A part of which there is one kind."""
+    """Part of a file that comes in one kind only, so it has no key ``kind``."""
 
 
 class Check(Plain):
@@ -162,7 +162,7 @@ class Figures(Plain):
 
 
 class ProofFile(Plain):
-    """What was proved, see :class:`repctl_pin.Proof`; null: no limits, or nothing was asked for."""
+    """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no minimum given."""
 
     what: str
     proved: bool
@@ -215,7 +215,7 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
-    """Describe a certificate; unset where there is none."""
+    """Convert a certificate to its part of a file; unset if there is none."""
     if proof is None:
         return msgspec.UNSET
     return described(
@@ -226,7 +226,7 @@ def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
-    """Make a certificate again."""
+    """Make a certificate from its part of a file; None if there is none."""
     if isinstance(data, msgspec.UnsetType):
         return None
     values = msgspec.structs.asdict(data)

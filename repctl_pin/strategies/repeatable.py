@@ -230,7 +230,7 @@ class RepeatableInverse:
         damping: float = 0.0,
         outside: Outside = "ignore",
     ) -> Step:
-        """Take the step of :meth:`step`, and report its damping and its scale.
+        """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
         Returns
         -------

@@ -21,7 +21,7 @@ AN_INVERSE = (
 @dataclass(frozen=True, eq=False)
 @read_only
 class Step:
-    """One step of a control loop, and what was done to it.
+    """One step of a control loop: the next configuration, and how the step was damped and scaled.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class OnLeaves(Strategy, Protocol):
         velocity_limit: ArrayLike | None = None,
         damping: float = 0.0,
     ) -> Array:
-        """Take the next q (n,), feeding back the task error and c − h(q)."""
+        """Compute the next q (n,), with feedback of the task error and c − h(q)."""
 
     def damped_step(
         self,
@@ -108,4 +108,4 @@ class OnLeaves(Strategy, Protocol):
         velocity_limit: ArrayLike | None = None,
         damping: float = 0.0,
     ) -> Step:
-        """Take the same step, and report its damping and its scale."""
+        """Compute the next q as :meth:`step` does, and report the step's damping and scale."""
