@@ -34,8 +34,8 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         "0 under the repeatable one."
     )
     assert (
-        notes
-        == "It takes 0.3 % more joint speed. Joint limits kept. Links 13 cm apart or more, in both."
+        notes == "The repeatable one takes 0.3 % more joint speed. Joint limits kept. "
+        "Links 13 cm apart or more, in both."
     )
     exact = [span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact]
     assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]
@@ -108,8 +108,13 @@ def test_limits_bodies_and_where_it_leads() -> None:
         USUAL, summary=replace(USUAL.summary, body_distance=0.013), near=("link3", "link5")
     )
     told = headline_of([close, CLOSED], 10)
-    assert "link3 and link5 come as near as 1.3 cm." in words(told)[1]
+    assert "link3 and link5 come as near as 1.3 cm under the usual control." in words(told)[1]
     assert [n.tone for n in told.notes if "near" in n.text] == ["near"]
+    also = replace(
+        CLOSED, summary=replace(CLOSED.summary, body_distance=0.013), near=("link3", "link5")
+    )
+    (near,) = (n.text for n in headline_of([close, also], 10).notes if "near" in n.text)
+    assert near == "link3 and link5 come as near as 1.3\u00a0cm, in both."
 
 
 @pytest.mark.slow

@@ -147,6 +147,10 @@ def _under(one: Outcome) -> str:
     return _UNDER.get(one.summary.label, one.summary.label)
 
 
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
 def off_of(one: Outcome) -> Span:
     """Write how far the part that is farthest off is; ``good`` for 0, ``bad`` from 1 cm up."""
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
@@ -190,10 +194,13 @@ def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
     said: list[Span] = []
     if len(outcomes) > 1 and first.speed > 0 and not (first.path_loss or last.path_loss):
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
+        subject = _capital(_under(outcomes[-1]))
         said.append(
-            Span("It takes no more joint speed.")
+            Span(f"{subject} takes no more joint speed.")
             if cost.startswith("0")
-            else Span(f"It takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed.")
+            else Span(
+                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed."
+            )
         )
     return [*said, *_limits(outcomes), *_leads(outcomes), *_bodies(outcomes)]
 
@@ -237,11 +244,24 @@ def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
     ]
     free = [one for one in known if not one.summary.collision_cycle]
     near = [one for one in free if (one.summary.body_distance or 0.0) < NEAR]
-    for one in near:
-        value = metres(one.summary.body_distance or 0.0).replace(" ", "\u00a0")
-        said.append(Span(f"{' and '.join(one.near)} come as near as {value}.", "near"))
+    texts = [_near_words(one) for one in near]
+    if len(near) == 2 and texts[0] == texts[1]:
+        said.append(Span(f"{texts[0]}, in both.", "near"))
+    elif len(outcomes) > 1:
+        said += [
+            Span(f"{text} under {_under(one)}.", "near")
+            for text, one in zip(texts, near, strict=True)
+        ]
+    else:
+        said += [Span(f"{text}.", "near") for text in texts]
     if said or len(free) < len(outcomes):
-        return list(dict.fromkeys(said))
+        return said
     least = min(one.summary.body_distance or 0.0 for one in free)
     value = metres(least).replace(" ", "\u00a0")
     return [Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")]
+
+
+def _near_words(one: Outcome) -> str:
+    """Write which two links come near to each other, and how near."""
+    value = metres(one.summary.body_distance or 0.0).replace(" ", "\u00a0")
+    return f"{' and '.join(one.near)} come as near as {value}"

@@ -5,6 +5,7 @@ import { inMetres, inWords } from "./numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 export const SCALE = 0.1; // m, which bars reach at least up to
+const NOTHING = 1e-6; // m, below which a bar is a hairline
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
@@ -69,7 +70,7 @@ export class Chart {
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide, tall = Math.max(2, foot - level(arm.data.off[c][1]));
+        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(off > NOTHING ? 2 : 0.5, foot - level(off));
         draw.fillStyle = finished ? arm.data.color : tone("--empty");
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
         const { broken } = arm.data;
