@@ -115,8 +115,12 @@ class TaskPath:
             positive(self.period, "the period", "s")
         if not callable(self.rotation):
             object.__setattr__(self, "rotation", rotation_matrix(self.rotation))
-        elif self.spin is None:
-            object.__setattr__(self, "spin", angular_velocity(self._turned, self.breaks))
+        else:
+            function(
+                self.rotation, "rotation", "a rotation matrix, or a function of s that returns one"
+            )
+            if self.spin is None:
+                object.__setattr__(self, "spin", angular_velocity(self._turned, self.breaks))
         _check(self)
 
     def placement(self, s: float) -> pin.SE3:

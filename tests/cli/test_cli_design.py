@@ -61,7 +61,7 @@ def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
     ):
         assert word in captured.out
     width, height = size_of(tmp_path / "here" / "design.png")
-    assert width > 1500 and height > 400
+    assert width > 1200 and height > 400
     assert {p.name for p in (tmp_path / "here").iterdir()} == {"design.png", "design.json"}
 
 

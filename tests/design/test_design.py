@@ -662,7 +662,7 @@ def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
     figure = design_figure(design, design_map(design, points=5), degrees, baselines, title="title")
     ax = figure.axes[0]
     assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])
-    levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", "-.")]
+    levels = [line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", ":")]
     assert np.allclose(levels, [b.evaluation.cost for b in baselines])
     assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()
 

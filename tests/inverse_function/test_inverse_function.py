@@ -425,7 +425,7 @@ def test_what_a_design_says_of_itself() -> None:
     )
     assert said["coverage"] == "100.00%" and f"{j.limit_margin:.3g}" in said["limit margin"]
     assert (
-        f"{j.body_distance:.3g}" in said["body distance"]
+        f"{100 * j.body_distance:.3g} cm" in said["body distance"]
         and "no" not in said["body distance"].split()
     )
     free = replace(design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf))

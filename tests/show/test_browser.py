@@ -453,9 +453,9 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
         planar=True,
     )
     watch = (
-        "window.seen = []; (function look() { requestAnimationFrame(look);"
-        "if (window.repctl && repctl.ready && seen.at(-1) !== repctl.time) "
-        "seen.push(repctl.time); })()"
+        "window.shown = []; (function look() { requestAnimationFrame(look);"
+        "if (window.repctl && repctl.ready && shown.at(-1) !== repctl.time) "
+        "shown.push(repctl.time); })()"
     )
     watching = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": watch})
     driver.get("about:blank")
@@ -463,7 +463,7 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
     wait_until_drawn(driver, "the page")
     deadline, seen = time.monotonic() + 60, [2.0]
     while all(t == int(t) for t in seen):  # whole cycles, then all moments
-        seen = driver.execute_script("return seen")
+        seen = driver.execute_script("return shown")
         assert time.monotonic() < deadline, seen
         time.sleep(0.1)
     driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", watching)
