@@ -13,6 +13,7 @@ from repctl_pin.codegen.cell_function import elimination_order
 from repctl_pin.inverse_function.reference import fitted, rays
 from repctl_pin.redundancy.inverses import inverse_condition_number
 
+pytestmark = pytest.mark.as_shipped
 EXACT = 1e-12
 ARMS = (
     ("panda", "panda_hand_tcp", "pose"),
