@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
@@ -67,3 +68,15 @@ def driver(chromium: Any) -> Iterator[Any]:
     chromium.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     chromium.get_log("browser")
+
+
+@pytest.fixture
+def blank_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write one pixel in place of each figure, except where a test is marked ``pictures``."""
+    if request.node.get_closest_marker("pictures") is not None:
+        return
+    pixel = base64.b64decode(
+        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+    )
+    for module in ("plots.motions", "study_files", "report"):
+        monkeypatch.setattr(f"repctl_pin.show.{module}.png", lambda *_args, **_options: pixel)

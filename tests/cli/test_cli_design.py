@@ -35,6 +35,7 @@ def size_of(png: Path) -> tuple[int, int]:
     return width, height
 
 
+@pytest.mark.pictures
 def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     arguments = [
         "design",

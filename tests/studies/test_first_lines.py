@@ -197,6 +197,7 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
         rp.study("planar4r", start=planar.q0, path=planar.path, **QUICK)
 
 
+@pytest.mark.pictures
 def test_files_name_their_run_and_it_is_the_control_files_checksum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

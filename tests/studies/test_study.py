@@ -228,6 +228,7 @@ def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 
+@pytest.mark.pictures
 def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
     files = write_study(small, tmp_path / "out")
     assert [f.name for f in files] == ["animation.html", "drift.png", "joints.png", "motion.csv"]
