@@ -334,7 +334,7 @@ def _locked(
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:
-    """Compute the values of s between the steps of one cycle, from 0 to 1, all corners included."""
+    """Compute the values of s at which one cycle's steps begin and end, with all corners."""
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))
     return np.concatenate(

@@ -39,20 +39,20 @@ _NEAR, _REACHED = 1e-10, 1e-6
 the joint speeds, as a fraction of their limits, at a twist that counts as reached."""
 
 _SAME = 1e-7
-"""Maximum distance, rad or m, of the joints of an arm at a target from the target's configuration
-at which both count as equal."""
+"""Maximum distance of q from the target's configuration, rad or m, at which an arm at the target
+counts as being in that configuration."""
 
 _CLOSE, _ALIKE = 0.3, 0.1
-"""The frame returns to the straight line to a target if the target's configuration is nearer than
-the first number, rad or m, and the line leads there, at first order, up to the second number as a
-fraction of that distance."""
+"""Conditions to return to the straight line to a target: maximum distance of q from the target's
+configuration, rad or m, and maximum error of the line's first-order motion of the joints to it, as
+a fraction of that distance."""
 
 _STUCK, _SLOW = 25, 0.02
 """Number of plans without progress after which the straight line is left, and the fraction of the
 speed limits below which all joint speeds count as no progress."""
 
 _HUGE = 1e6
-"""Magnitude from which distances and speeds of an input are refused, m, m/s or rad/s."""
+"""Magnitude from which positions and speeds of an input are refused, m, m/s or rad/s."""
 
 _BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 

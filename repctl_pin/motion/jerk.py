@@ -43,8 +43,8 @@ _TIGHTENED = 2
 after that, time is stretched."""
 
 _WELL_KEPT = 1.01
-"""Fraction of a limit that may be used between the stages without tightening. Time is stretched
-instead, for jerk by a third of the excess."""
+"""Used fraction of a limit between the stages up to which the limit is not tightened; time is then
+stretched, for jerk by a third of the excess."""
 
 _NEARLY_USED = 0.4
 """A row of the linear program is used from the start if its slack is less than this fraction of its
@@ -123,7 +123,7 @@ class JerkSegment(Segment):
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: Limits) -> float:
-        """Factor by which time must be stretched for the limits between the stages; 1 if none."""
+        """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
         return most_used(limits, *self.derivatives(self.between()))
 
 

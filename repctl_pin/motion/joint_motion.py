@@ -69,7 +69,7 @@ class JointMotion:
 
     @property
     def first_closes(self) -> bool:
-        """Test whether the first cycle ends where it began in joint space; see :attr:`closes`."""
+        """Test whether the first cycle ends in its start configuration; see :attr:`closes`."""
         return bool(self._gaps[1] < CLOSED)
 
     @property

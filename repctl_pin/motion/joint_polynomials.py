@@ -173,7 +173,7 @@ class LeafInterpolation:
     Attributes
     ----------
     left : int
-        Number of evaluations that are left in this tick; negative if it was not enough.
+        Number of evaluations that are left in this tick; negative if there were too few.
     outside : bool
         Whether the last failure was a node outside the region.
     """
@@ -184,7 +184,7 @@ class LeafInterpolation:
         self.leaf = np.zeros(inverse.task.r)
 
     def failure(self) -> Status:
-        """Return the status for the reason for which the last motion was not added."""
+        """Return the status that explains why the last motion was not added."""
         if self.left < 0:
             return Status.SLOWED
         return Status.OUTSIDE if self.outside else Status.SINGULAR
@@ -196,7 +196,8 @@ class LeafInterpolation:
     def add(self, plan: Plan, motion: FrameMotion, degree: int, count: int = 1) -> int:
         """Append a motion of the frame to a plan, in ``count`` or more polynomials.
 
-        Returns their number, or 0 if the motion cannot be followed; the plan is of no use then.
+        Returns their number, or 0 if the motion cannot be followed; the plan must then be
+        discarded.
         """
         begin, T, done = plan.time, motion.duration, 0.0
         width = T / count

@@ -16,7 +16,7 @@ from .motion import Motion
 from .solve_ik import solve_ik
 
 _STAGES = 100
-"""Maximum number of stages in which the motion of J⁺ is closed."""
+"""Maximum number of stages in which the motion of J⁺ is deformed until it closes."""
 
 
 @one_blas_thread()

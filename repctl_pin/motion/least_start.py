@@ -33,8 +33,8 @@ _ROUNDS = 3
 start, then the best one found so far."""
 
 _IMPROVED = 4
-"""Number of motions with the lowest joint speeds whose starts are then freed; and again, of those
-among them that have the required margin."""
+"""Number of motions of lowest joint speed whose starts are then freed; as many again of those that
+have the required margin."""
 
 
 class LeastStart(NamedTuple):
@@ -64,8 +64,7 @@ def least_start(
     """Search the self-motions of a start for the start that needs minimum joint speed.
 
     The motion from that start has at least half of the largest joint-limit margin found, and no
-    bodies collide in it. The motions
-    have few points per cycle, enough to compare starts.
+    bodies collide in it. The motions have few points per cycle, enough to compare starts.
 
     Parameters
     ----------

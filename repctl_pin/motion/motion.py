@@ -96,7 +96,7 @@ class Motion(JointMotion):
     def slowed(self, factor: float) -> Motion:
         """Return the motion with its duration multiplied by ``factor``.
 
-        This holds for controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
+        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
         """
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)

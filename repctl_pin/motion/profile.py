@@ -26,7 +26,7 @@ STAGES = 450
 2 %."""
 
 LEAST_STAGES = 50
-"""Minimum number of stages between two stops."""
+"""Minimum number of stages (grid points of the profile) between two stops."""
 
 
 @dataclass(frozen=True, eq=False)

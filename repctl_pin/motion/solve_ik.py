@@ -163,7 +163,7 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Suggest a different unit or origin, if the whole path can be reached with it; else ''."""
+    """Suggest a different unit or origin, if the whole path can be reached with it; else empty."""
     points = np.array([path.point(s) for s in knots])
     if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(
         task, start, path, points / 1000

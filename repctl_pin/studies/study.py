@@ -310,7 +310,7 @@ def _followed(
 def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with the design's inverse, and return its row.
 
-    If it stops on a path that J⁺ can follow, the reason given is the design.
+    If it stops on a path that J⁺ can follow, the row's reason names the design as the cause.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -322,7 +322,7 @@ def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, An
 def edge_warning(
     row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> list[str]:
-    """Write a warning if a start that differs by 1e-6 along the self-motion ends cycle 1 elsewhere.
+    """Write a warning if a start that differs by 1e-6 along the self-motion moves differently.
 
     The list has one text, or none if the motions stay close together. ``row`` is the result of
     ``strategy`` from q0.
