@@ -1,4 +1,4 @@
-"""Search for the best leaf of a closed path: the start with the largest smallest margin."""
+"""Search along a self-motion for the start whose leaf has the best margins on a closed path."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ from .self_motion import self_motions, self_moved
 from .solve_ik import solve_ik
 
 _STRIDE = 0.1
-"""Step of the walk along the self-motion, rad; for prismatic joints in arm lengths."""
+"""Step length of the search along the self-motion, rad; for prismatic joints in arm lengths."""
 
 _FINEST = 0.01
-"""Smallest step of the pattern search, in the same units."""
+"""Smallest step of the pattern search, rad; for prismatic joints in arm lengths."""
 
 _LOST = 1e-3
-"""Tracking error and drift from which a cycle counts as failed, in arm lengths and rad."""
+"""Tracking error, in arm lengths, or drift, in rad or arm lengths, above which a cycle counts as
+failed."""
 
 _UNIT_DISTANCE = 0.1
-"""Body distance with relative margin 1, in arm lengths."""
+"""Body distance, in arm lengths, that has the relative margin 1."""
 
 _ALIKE = 0.01
-"""Relative margins that differ by less count as equal."""
+"""Difference of relative margins below which they count as equal."""
 
 _BODY_POINTS = 32
 """Number of points per cycle at which body distances are computed."""
@@ -47,13 +48,13 @@ _DIRECTIONS = 8
 """Number of random directions of the self-motion for r > 1."""
 
 _LEAST_LEAF_MARGIN = 0.1
-"""Minimum leaf margin of a leaf that is preferred to the given one."""
+"""Leaf margin that suffices for a start to replace the given one, even if that one has more."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Candidate:
-    """A start, with the margins of one cycle from it.
+    """A start configuration, with the margins of one cycle from it.
 
     Attributes
     ----------
@@ -72,7 +73,7 @@ class Candidate:
     leaf_margin : float
         Minimum σ_min(Nᵀ V̂) over the cycle.
     distance : float
-        Relative distance ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
+        Relative distance from the desired inverse, ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
     motion : Motion
         Motion of the cycle; ``motion.outside`` is its share outside Ω if a region was given.
     """
@@ -88,7 +89,7 @@ class Candidate:
 
     @property
     def binds(self) -> str:
-        """Active margin, the smallest one: ``limits``, ``bodies`` or ``leaf``."""
+        """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``."""
         return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
 
     @property
@@ -98,10 +99,12 @@ class Candidate:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """Sort key: fewest violation kinds, then smallest relative margins.
+        """Sort key, larger is better: fewest kinds of violations, then the largest smallest margin.
 
-        Equal smallest margins are followed by the next one: otherwise two wrist links that are
-        always close to each other would hide the margins of the other joints."""
+        If the smallest relative margins of two candidates are equal, their next smallest ones are
+        compared: otherwise two wrist links that are always close to each other would hide the
+        margins of the other joints.
+        """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
         return -broken, *relative_margins.tolist(), self.margin
@@ -114,7 +117,7 @@ class BestLeaf:
     Attributes
     ----------
     best, given : Candidate or None
-        The best start found, and the given one; None if the given leaf allows no full cycle.
+        The best start found, and the given one; ``given`` is None if its leaf allows no full cycle.
         ``best.motion.rms_speed`` is its joint speed.
     tried : int
         Number of starts evaluated.
@@ -137,11 +140,11 @@ class BestLeaf:
 
     @property
     def q0(self) -> Array:
-        """Start configuration on the best leaf (n,)."""
+        """Start configuration (n,) on the best leaf."""
         return self.best.q0
 
     def summary(self) -> str:
-        """Summarise the given and the best start."""
+        """Summarise the margins of the given and of the best start in text."""
         first = f"best of {self.tried} leaves of {self.best.motion.path.name}"
         return f"{first}\n  given start  {_line(self.given)}\n  best start   {_line(self.best)}"
 
@@ -157,15 +160,15 @@ def best_leaf(
     steps: int = 96,
     seed: int = 0,
 ) -> BestLeaf:
-    """Search the self-motion of the start for the leaf with the largest margins or least speed.
+    """Search the self-motion of the start for the leaf of best margins or lowest speed.
 
     With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
     body distances and leaf margin can be checked before the robot moves. Starts are sampled along
     the self-motion of the given one, in both directions (for r > 1 in several), within the joint
-    limits; the best is then refined by a pattern search. It has no more violations than the given
-    one, and its limit margin is never smaller. With a region, starts whose cycle stays inside it
-    are preferred; without one a cycle can go far outside Ω, where the inverse is no longer close to
-    G_d.
+    limits; the best is then refined by a pattern search. The result has no more kinds of violations
+    than the given start and, for ``by="limits"``, never a smaller limit margin. With a region,
+    starts whose cycle stays inside it are preferred; without one a cycle can go far outside Ω,
+    where the inverse is no longer close to G_d.
 
     Parameters
     ----------
@@ -180,8 +183,9 @@ def best_leaf(
     desired
         Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
     by
-        ``"limits"`` for the largest smallest margin; ``"speed"`` for minimum joint speed (rms) of
-        the leaves with at least half of its joint-limit margin, and without collisions.
+        ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
+        speed (rms) over the leaves without collisions that have at least half of the joint-limit
+        margin reached so.
     steps
         Number of steps per cycle.
     seed
@@ -190,8 +194,8 @@ def best_leaf(
     Returns
     -------
     BestLeaf
-        The best start found and the given one, each with its cycle, its margins, the active one,
-        and its distance.
+        The best start found and the given one, each with the motion of one cycle, its
+        margins, the name of the smallest one, and its distance from G_d.
 
     Raises
     ------
@@ -223,7 +227,7 @@ def best_leaf(
     tried, seen = 1, [] if given is None or given.motion.outside else [given]
 
     def allowed(starts: Iterable[Array | None]) -> Iterator[Candidate]:
-        """Yield the starts with a full cycle inside the region, clear of singularities."""
+        """Yield the starts with a full cycle inside the region and a sufficient leaf margin."""
         nonlocal tried
         for q in starts:
             tried += 1
@@ -235,7 +239,7 @@ def best_leaf(
                 yield candidate
 
     def refined(best: Candidate, better: Callable[[Candidate, Candidate], bool]) -> Candidate:
-        """Improve the best start by a pattern search."""
+        """Improve the best start by a pattern search along the null vectors."""
         size = _STRIDE / 2
         while size >= _FINEST:
             before = best
@@ -272,7 +276,7 @@ def best_leaf(
 
 
 def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
-    """Step from q along each null vector, both ways; None where a step leaves the limits."""
+    """Generate configurations one step from q along ± each null vector; None beyond limits."""
     N, L = nullspace(task.jacobian(q)), joint_scale(task, q)
     for n in N.T:
         for sign in (1, -1):
@@ -287,7 +291,7 @@ def _evaluated(
     region: Bounded | None,
     steps: int,
 ) -> Candidate | None:
-    """Follow one cycle from a start and evaluate its margins; None if it fails."""
+    """Follow one cycle from a start and evaluate its margins; None if the cycle fails."""
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
@@ -323,7 +327,7 @@ def _evaluated(
 
 
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
-    """Directions of the self-motion of the start: for r > 1 the basis N and random ones."""
+    """Choose null vectors to search along: the columns of N, and random ones if r > 1."""
     N = nullspace(task.jacobian(start))
     if task.r == 1:
         return list(N.T)

@@ -1,4 +1,4 @@
-"""Newton's method, in null coordinates, for the closed motion of minimum joint speed on a path."""
+"""Newton's method in the null space, for the closed motion of minimum joint speed on a path."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from ..robot.task import Task
 from ..solvers import newton_rows, solve_block_tridiagonal
 
 LONGEST = 0.3
-"""Longest step of any joint, rad or m."""
+"""Maximum step of any joint, rad or m."""
 
 _FLAT = 1e-8
-"""Largest entry of a step, rad or m, after which the descent ends."""
+"""Largest entry of a Newton step, rad or m, below which the descent ends."""
 
 _SURE = 1e-5
-"""Largest entry of a step, rad or m, that is taken without a line search."""
+"""Largest entry of a Newton step, rad or m, up to which it is taken without a line search."""
 
 _ROUNDING = 1e-14
-"""Predicted decrease, relative to the cost, after which the descent ends."""
+"""Predicted decrease, relative to the cost, below which the descent ends."""
 
 _ITERATIONS = 100
-"""Maximum number of steps of one descent."""
+"""Maximum number of Newton steps of one descent."""
 
 _DAMPING = 1e-6
-"""Weight of a step itself, for null directions in which the cost is constant: a tool's own axis."""
+"""Weight of the squared step in Newton's matrix, for null directions in which the cost is constant,
+such as a rotation about the tool's own axis."""
 
 _INSIDE = 1e-6
-"""Margin that is always kept to the joint limits, rad or m."""
+"""Margin to the joint limits, rad or m, that is added to the requested one."""
 
 _STIFFEST = 1e9
-"""Largest weight of a violated limit, relative to the motion's own cost."""
+"""Penalty weight ``stiffness`` of violated limits from which the search fails."""
 
 _NEAR = "the motion comes near a singularity, or there are too few steps"
 
@@ -45,11 +46,14 @@ _NEAR = "the motion comes near a singularity, or there are too few steps"
 @dataclass(frozen=True, eq=False)
 @read_only
 class ClosedMotionCost:
-    """Augmented Lagrangian of the discrete motion, for the K configurations of one cycle.
+    """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²`` with ``e_k`` the excess of ``T q_k + λ_k / ρ_k``
-    over the joint limits. ``first`` is the first k whose configuration is free, ``margin`` is kept
-    to the limits."""
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
+    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k
+    the multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the
+    point's share of the cycle. ``first`` is the index of the first configuration that is free: 0,
+    or 1 if the start is fixed.
+    """
 
     task: Task
     targets: list[Placement]
@@ -64,7 +68,7 @@ class ClosedMotionCost:
     def of(
         cls, task: Task, path: TaskPath, grid: Array, *, free_start: bool, margin: float = 0.0
     ) -> ClosedMotionCost:
-        """Make the cost at the points of a path, without multipliers."""
+        """Create the cost at the points s = ``grid`` of a path, with multipliers 0."""
         targets = [path.placement(float(s)) for s in grid[:-1]]
         lengths = np.diff(grid)
         return cls(
@@ -79,7 +83,10 @@ class ClosedMotionCost:
         )
 
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
-        """Excess over the joint limits (K, n), of the shifted joint positions or of their own."""
+        """Excess of joint positions over the joint limits less the margin: (K, n), 0 inside.
+
+        If ``shifted``, the positions are those in the augmented Lagrangian, shifted by λ_k / ρ_k.
+        """
         lower, upper, _ = self.task.joint_limits
         joints = self.task.joints(Q)
         if shifted:
@@ -95,16 +102,17 @@ class ClosedMotionCost:
         return float(self.weights @ chords + stiff @ beyond) / 2
 
     def moved(self, Q: Array) -> Array | None:
-        """Move configurations (K, n) along J⁺ onto the path; None if one does not get there."""
+        """Move configurations (K, n) along J⁺ onto the path; None if one of them fails."""
         moved = on_path(self.task, self.targets[self.first :], Q[self.first :])
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
-        """Compute a step of Newton's method in the null coordinates, and its predicted decrease.
+        """Compute a Newton step (K, n) along the null space, and its predicted decrease.
 
-        Along the fibre ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so that Newton's matrix has the
-        blocks ``−λᵀ (H N) N`` with ``λ = J⁺ᵀ ∇`` beside Gauss–Newton's. Unless exact, only their
-        convex parts are used, which makes it positive definite.
+        Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so that Newton's matrix is the
+        Gauss–Newton matrix plus the blocks ``−λᵀ (H N) N`` with ``λ = J⁺ᵀ ∇``, ∇ the gradient of
+        the cost. Unless ``exact``, only the convex parts of these blocks are used, and the matrix
+        is positive definite.
 
         Raises
         ------
@@ -144,13 +152,13 @@ def _inverses(J: Array) -> tuple[Array, Array]:
 
 
 def _convex(blocks: Array) -> Array:
-    """Drop the negative eigenvalues of symmetric blocks (K, r, r)."""
+    """Replace the negative eigenvalues of symmetric blocks (K, r, r) by 0."""
     values, vectors = np.linalg.eigh(blocks)
     return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
 def on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
-    """Move configurations (K, n) along J⁺ to their targets; None if one does not get there."""
+    """Move configurations (K, n) along J⁺ to their target placements; None if one of them fails."""
 
     def correction(Q: Array, rows: NDArray[np.intp]) -> Array:
         errors = task.errors(Q, [targets[k] for k in rows])
@@ -164,7 +172,15 @@ def on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
 
 
 def _descended(cost: ClosedMotionCost, Q: Array) -> Array:
-    """Minimise the cost by Newton's method with a line search, made convex where it must be."""
+    """Minimise the cost from Q (K, n) by Newton's method with a line search: (K, n).
+
+    Where Newton's matrix is not positive definite, its convex approximation is used.
+
+    Raises
+    ------
+    SingularityError
+        If the descent does not converge.
+    """
     value = cost.value(Q)
     for _ in range(_ITERATIONS):
         try:
@@ -186,7 +202,9 @@ def _descended(cost: ClosedMotionCost, Q: Array) -> Array:
 
 
 def within_limits(cost: ClosedMotionCost, Q: Array) -> Array:
-    """Minimise within the joint limits by the method of multipliers, from Q (K, n) on the path.
+    """Minimise the cost within the joint limits by the method of multipliers: (K, n).
+
+    The search begins at Q (K, n), which is on the path.
 
     Raises
     ------

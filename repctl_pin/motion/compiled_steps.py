@@ -21,17 +21,18 @@ from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strat
 from ..strategies.pseudoinverse import WELL_CONDITIONED
 
 Steps = Callable[[int, int, Array, Array], int]
-"""Function (step, end, Q, Qdot) that fills both from a step on; returns the first one not done."""
+"""Function (step, end, Q, Qdot) that writes the rows of both arrays from ``step`` on, and returns
+the first step that it has not done."""
 
 _MOST = 64
-"""Maximum number of joints; their matrices are on the stack."""
+"""Maximum number of joints in C, where their matrices are on the stack."""
 
 _AT_ONCE = 50_000
-"""Number of steps after which Ctrl-C is looked for."""
+"""Number of steps per call of the C function; Ctrl-C is handled between calls."""
 
 
 class _Law(ctypes.Structure):
-    """The struct Law of runge_kutta.c."""
+    """Input of the C function: the struct Law of runge_kutta.c."""
 
     _fields_ = (
         [(name, ctypes.c_int) for name in ("P", "n", "m", "stages", "steps", "r", "degree")]
@@ -53,20 +54,22 @@ def compiled_steps(
     h: ArrayLike,
     most: Array,
 ) -> Steps | None:
-    """Make the function that integrates a strategy; None for a strategy or task not known in C.
+    """Make the function that integrates a strategy in C; None if that is not possible.
+
+    It requires a compiler, and a strategy and a task that runge_kutta.c supports.
 
     Parameters
     ----------
     strategy
         Controller.
     tableau
-        Nodes c and weights b.
+        Nodes c and weights b of the Runge–Kutta method.
     xdot : (steps, stages, m) array
         Task velocities of the steps of a cycle.
     h : (steps,) array
-        Their durations, s.
+        Durations of the steps, s.
     most : (n,) array
-        Joint motion per step before which the function stops.
+        Joint motion per step, rad or m, at which the function stops before the step.
     """
     task = strategy.task
     parts = _parts_of(strategy)
@@ -110,7 +113,7 @@ def _run(
 
 
 def _parts_of(strategy: Strategy) -> tuple[dict[str, float], dict[str, Array]] | None:
-    """Collect the numbers of a strategy's law; None if it is not in C."""
+    """Collect the scalars and arrays of a strategy's control law for C; None if unsupported."""
     kind = type(strategy)
     speed = {"sufficient": WELL_CONDITIONED**2}
     if kind is Pseudoinverse:

@@ -60,17 +60,17 @@ def csv_text(
 ) -> str:
     """Format motions of one task as CSV, in s, rad or m, rad/s or m/s.
 
-    Cycles count from 0, in fractions.
+    The column ``cycle`` counts cycles from 0, in fractions.
 
     Parameters
     ----------
     motions
-        One motion, or several by the names of their strategies; a timed motion has accelerations,
-        and no cycles.
+        One motion, or several by the names of their strategies; a timed motion has columns for
+        accelerations, and none for cycles.
     most
         Maximum number of rows per cycle, cycle ends included; by default all rows, with all digits.
     run
-        Name of the run for an additional last column.
+        Text of an additional last column that names the run.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def csv_text(
 
 
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
-    """Format the rows of a motion: cycle, time, positions, velocities."""
+    """Format the rows of a motion as text: cycle, time, positions, velocities."""
     rows = rows_of(motion, most or motion.steps)
     q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
     table = np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot])
@@ -174,9 +174,10 @@ def _recorded(
     where: str,
     asked: int | None,
 ) -> Recorded:
-    """Create a motion from its rows.
+    """Create the motion of one strategy from its rows: (line number, cycle, values) each.
 
-    The number of cycles is the given one, else the last row's, else 1."""
+    The number of cycles is ``asked``, else the last row's value of ``cycle``, else 1.
+    """
     line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
@@ -197,7 +198,13 @@ def _recorded(
 
 
 def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:
-    """Select the columns of joints."""
+    """Select the joint columns of a header.
+
+    Raises
+    ------
+    InputError
+        If a column is unknown or occurs twice, or there is no joint column.
+    """
     _refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}

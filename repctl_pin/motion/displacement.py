@@ -1,4 +1,4 @@
-"""Displacement of bodies between two placements, and the cycle in which a drifting joint leaves its
+"""Displacement of bodies between two placements, and prediction of when a drifting joint leaves its
 range."""
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from ..arguments import Array
 from .joint_motion import JointMotion
 
 MOST_CYCLES = 100
-"""A joint that leaves its range only after as many more cycles does not count as leaving it."""
+"""Maximum number of further cycles for which it is predicted that a joint leaves its range."""
 
 
 def displacements(
     before: Array, after: Array, bodies: Sequence[Array]
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Find how far each body has moved between two placements: the way of its farthest point.
+    """Compute how far each body moves between two placements: the maximum over its points.
 
-    A point p of a body moves by ``D p̃`` with ``D = T′ − T`` and ``p̃ = (p, 1)``. Its way ‖D p̃‖ is a
-    convex function of p, so that the farthest point of a polytope is one of its corners.
+    A point p of a body moves by ``D p̃`` with ``D = T′ − T`` and ``p̃ = (p, 1)``. Its length
+    ‖D p̃‖ is a convex function of p, so that its maximum over a polytope is at a corner.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def displacements(
     way : (T, S) array
         Displacement of each body, m.
     which : (T, S) array of int
-        Number of the corner that is farthest off.
+        Index of the corner that moves farthest.
     """
     D = (after - before)[..., :3, :]  # (T, S, 3, 4)
     way = np.empty(D.shape[:2])
@@ -52,8 +52,9 @@ def displacements(
 
 
 def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
-    """Predict the cycle in which a joint leaves its range, if every cycle adds the displacement of
-    the last one.
+    """Predict the cycle in which a drifting joint leaves its range.
+
+    Every further cycle is assumed to add the joint displacement of the last one.
 
     Parameters
     ----------
@@ -63,8 +64,8 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     Returns
     -------
     (int, str) or None
-        The cycle, counted from 1, and the joint; None if a joint is beyond its range already, or
-        none leaves it within another 100 cycles.
+        The cycle, counted from 1, and the joint's name; None if the motion closes, a joint is
+        outside its range already, or none leaves its range within another 100 cycles.
     """
     if motion.first_violation is not None or motion.closes:
         return None

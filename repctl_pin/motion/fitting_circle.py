@@ -22,11 +22,12 @@ _SMALL = (0.005, 0.003, 0.002, 0.001)
 _SHORT = 0.05
 _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
-"""Minimum joint-limit margin, rad or m."""
+"""Minimum joint-limit margin along a circle, rad or m."""
 _INSIDE = 0.999
-"""Maximum of the region's ratio along a circle; it is larger between the sampled points."""
+"""Maximum of the region's ratio at the sampled points of a circle; below 1, because the ratio can
+be larger between them."""
 _LOOKS = 12
-"""Points per cycle at which collisions are checked."""
+"""Number of points per cycle at which collisions are checked."""
 
 
 def fitting_circle(
@@ -40,15 +41,16 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    It keeps well away from singularities, and avoids collisions if a circle does. By default the
-    controller is J⁺, the radius the largest round one up to a seventh of the reach, and the plane
-    horizontal if possible, else upright. The position of the start on the circle is searched for.
+    The circle keeps well away from singularities; one without collisions is preferred. By default
+    the controller is J⁺, the radius the largest from a list of round numbers up to a seventh of
+    the reach, and the plane horizontal if possible, else vertical. Four positions of the start on
+    the circle are tried.
 
     Raises
     ------
     InputError
-        If there is none. Without a radius, circles down to 1 cm are tried, and down to 1 mm inside
-        a region and for very short arms.
+        If no such circle is found. Without a radius, circles down to 1 cm are tried, and down to 1
+        mm inside a region and for very short arms.
     """
     planes = (plane,) if plane is not None else planes_of(task)
     limit = 0.14 * arm_length(task, q0)
@@ -86,7 +88,7 @@ def fitting_circle(
 
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
-    """Make a circle with its spec; the start lies at an angle from the plane's first axis."""
+    """Create a circle with its spec; the start lies at ``degrees`` from the plane's first axis."""
     path = circle(
         task, q0, radius, normal=cast(Normal, plane), start_angle=float(np.deg2rad(degrees))
     )
@@ -94,20 +96,20 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
 
 
 def dexterity_at(task: Task, q: Array) -> float:
-    """Evaluate ``σ_min / σ_max`` of J, lengths in units of the reach: 0 at a singularity."""
+    """Evaluate ``σ_min / σ_max`` of J at q, lengths in units of the reach; 0 at a singularity."""
     J = task.jacobian(q).copy()
     J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
     return float(inverse_condition_number(J))
 
 
 def planes_of(task: Task) -> tuple[str, ...]:
-    """List the planes of a path for a kind of task, in the order to try."""
+    """List the planes in which a task can follow a path, in the order in which to try them."""
     if task.kind in ("xy", "xz", "yz"):
         return (task.kind,)
     return ("xy", "yz", "xz")
 
 
 def _digits(value: float) -> str:
-    """Write a number in as few digits as give the same float."""
+    """Write a number with as few digits as reproduce the same float."""
     text = f"{value:.15g}"
     return text if float(text) == value else repr(float(value))

@@ -29,31 +29,34 @@ INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 }
 
 _INSIDE = 1e-12
-"""Distance from a grid point at which a twist is evaluated, cycles; on the step's side of a
-corner."""
+"""Distance from a grid point, in cycles, at which its twist is evaluated, so that at a corner it is
+the twist on the step's side."""
 
 _JUMP = 1.0
 """Joint motion per step from which the integration counts as failed, rad; for prismatic joints in
-lengths of the arm or of the path."""
+lengths of the arm or of the path, whichever is larger."""
 
 _MOST = 100_000_000
 """Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
 
 Advance = Callable[[int, Array], tuple[Array, Array, float]]
-"""Function (step of the cycle, q) → next q, q̇ at the start of the step (on a leaf: its mean),
-damping used."""
+"""Function (step of the cycle, q) → (next q, q̇ at the start of the step, damping used); on a leaf,
+q̇ is the mean over the step."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """Integration method: from each step of a cycle to the next.
+    """Integration method of :func:`follow`: functions that take its steps.
 
     Attributes
     ----------
     advance : Advance
+        Takes one step.
     at_end : function q → q̇ at the end of the motion, optional
-    compiled : function (joint motion per step (n,)) → the same in C, or None
-        Its steps stop before any that a test of :func:`_run` could refuse.
+        By default, q̇ there is that of the last step.
+    compiled : function (joint motion per step (n,)) → Steps or None
+        Makes the function that takes the steps in C; None if there is none. It stops before any
+        step that :func:`_run` could refuse.
     """
 
     advance: Advance
@@ -199,7 +202,7 @@ def _run(
     q: Array,
     cycles: int,
 ) -> tuple[Array, Array, float]:
-    """Run all steps; return joint positions and velocities (T + 1, n), and the maximum damping."""
+    """Take all steps from q: positions and velocities (T + 1, n), and the maximum damping."""
     n_steps, used = len(points), 0.0
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
@@ -245,7 +248,7 @@ def _integrated(
     integrator: str,
     feedback: float,
 ) -> Method:
-    """Create the step of a Runge–Kutta method."""
+    """Create the integration method that is an explicit Runge–Kutta method."""
     task = strategy.task
     nodes, weights = INTEGRATORS[integrator]
 
@@ -304,7 +307,7 @@ def _locked(
     period: float,
     lock: LeafLock,
 ) -> Method:
-    """Create the step from point to point on a leaf; its velocity is the mean."""
+    """Create the integration method from point to point on a leaf; q̇ is the mean of a step."""
     corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
     if lock.leaf is None:
         c = strategy.leaf(q)
@@ -331,7 +334,7 @@ def _locked(
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:
-    """Compute the values of s of one cycle's steps, all corners included."""
+    """Compute the values of s at which one cycle's steps begin and end, with all corners."""
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))
     return np.concatenate(

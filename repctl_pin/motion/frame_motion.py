@@ -11,11 +11,13 @@ import pinocchio as pin
 from ..arguments import Array
 
 _SERIES = 0.05
-"""θ² below which the coefficients of SO(3) are evaluated by their series."""
+"""θ², rad², below which the coefficients of ω and ω̇ are evaluated by their series."""
 
 
 class FrameMotion(NamedTuple):
-    """``p(t) = p₀ + φ_v(t)``, ``R(t) = exp(φ_ω(t)) R₀`` with ``φ(t) = Σ_k C[k] t^k``.
+    """Motion of a frame, polynomial in time of degree 5.
+
+    ``p(t) = p₀ + φ_v(t)``, ``R(t) = exp(φ_ω(t)) R₀`` with ``φ(t) = Σ_k C[k] t^k``.
 
     Attributes
     ----------
@@ -24,7 +26,7 @@ class FrameMotion(NamedTuple):
     C : (6, 6) array
         Coefficients of 1, t, …, t⁵, one row each: (v, ω), base axes.
     duration : float
-        s.
+        Duration, s.
     """
 
     start: pin.SE3
@@ -32,7 +34,7 @@ class FrameMotion(NamedTuple):
     duration: float
 
     def placement(self, t: float) -> pin.SE3:
-        """Evaluate the placement at a time."""
+        """Evaluate the placement at a time from 0 to the duration."""
         C = self.C
         phi = ((((C[5] * t + C[4]) * t + C[3]) * t + C[2]) * t + C[1]) * t
         return pin.SE3(pin.exp3(phi[3:]) @ self.start.rotation, self.start.translation + phi[:3])
@@ -50,16 +52,20 @@ class FrameMotion(NamedTuple):
 def change_of_acceleration(
     start: pin.SE3, twist: Array, rate: Array, later: Array, time: float
 ) -> FrameMotion:
-    """Begin with a twist and its rate; change the rate linearly to another."""
+    """Create a motion that begins with a twist and its derivative ``rate``, (6,) each.
+
+    The derivative changes linearly and reaches ``later`` after ``time``, s.
+    """
     C = np.zeros((6, 6))
     C[1], C[2], C[3] = twist, rate / 2, (later - rate) / (6 * time)
     return FrameMotion(start, C, time)
 
 
 def brake(start: pin.SE3, twist: Array, rate: Array, time: float) -> FrameMotion:
-    """Bring a twist and its rate to 0: cubic in time.
+    """Create a motion that brings a twist and its derivative ``rate`` to 0 in the time T.
 
-    ``ξ(u) = ξ₀ (1 − 3u² + 2u³) + T ξ̇₀ (u − 2u² + u³)``, u = t / T."""
+    The twist is a cubic: ``ξ(u) = ξ₀ (1 − 3u² + 2u³) + T ξ̇₀ (u − 2u² + u³)``, u = t / T.
+    """
     C = np.zeros((6, 6))
     C[1], C[2] = twist, rate / 2
     C[3] = -twist / time**2 - 2 * rate / (3 * time)
@@ -68,7 +74,7 @@ def brake(start: pin.SE3, twist: Array, rate: Array, time: float) -> FrameMotion
 
 
 def landing(start: pin.SE3, twist: Array, rate: Array, way: Array, time: float) -> FrameMotion:
-    """Come to rest after a displacement: quintic in time."""
+    """Create a motion that comes to rest after a displacement ``way`` (6,): quintic in time."""
     D = way - time * twist - time**2 / 2 * rate
     V, A = -twist - time * rate, -rate
     C = np.zeros((6, 6))
@@ -80,16 +86,17 @@ def landing(start: pin.SE3, twist: Array, rate: Array, way: Array, time: float) 
 
 
 def straight(start: pin.SE3, way: Array) -> FrameMotion:
-    """Move by a displacement at a constant twist, in a unit of time."""
+    """Create a motion over a displacement (6,) at a constant twist, which takes 1 s."""
     C = np.zeros((6, 6))
     C[1] = way
     return FrameMotion(start, C, 1.0)
 
 
 def _angular(w: Array, w1: Array, w2: Array) -> tuple[Array, Array]:
-    """Convert a rotation vector and its two derivatives to ω and ω̇.
+    """Convert a rotation vector w and its derivatives w′ and w″ to ω and ω̇; θ = ‖w‖.
 
-    ``ω = w′ + a w×w′ + b w×(w×w′)`` with ``a = (1 − cos θ)/θ²``, ``b = (θ − sin θ)/θ³``."""
+    ``ω = w′ + a w×w′ + b w×(w×w′)`` with ``a = (1 − cos θ)/θ²``, ``b = (θ − sin θ)/θ³``.
+    """
     s = float(w @ w)
     if s < _SERIES:
         a = 1 / 2 - s / 24 + s**2 / 720 - s**3 / 40320

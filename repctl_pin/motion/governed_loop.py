@@ -1,4 +1,4 @@
-"""Stepwise real-time simulation on a closed path, moved through a governor."""
+"""Real-time simulation of controllers on a closed path, one of which moves through a governor."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .status import Status
 from .timing import presumed_acceleration
 
 _RUN_UP = 0.4
-"""Time before the start of the path at which the arms leave, s: there the governor still speeds
-up."""
+"""Time before the start of the path at which the simulation begins, s; within it, the governor
+reaches the speed of the path."""
 
 _ASSUMED_SPEED = 2.0
-"""Speed, per s, of a joint that has no speed limit."""
+"""Assumed speed limit, rad/s or m/s, of a joint that has none."""
 
 _STOPPED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 
@@ -31,7 +31,8 @@ class GovernedLoop(Loop):
     """Simulation of controllers on a closed path, the last of which moves through a governor.
 
     A :class:`Governor` follows the target with the last controller, which is a repeatable inverse,
-    within the limits of speed and acceleration. The others follow the placement that it reaches.
+    within the limits of speed and acceleration. The other controllers follow the placement of the
+    frame that it reaches.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class GovernedLoop(Loop):
         super().__init__(strategies, path, q0, period=period)
 
     def _begin(self, start: Array) -> None:
-        """Begin at rest some time before the path's start, and run up to it."""
+        """Begin at rest at a point of the path before its start, and move on to the start."""
         run_up = min(round(_RUN_UP / self.dt), self.steps // 4)
         before = self._inverse.solve(self._targets[-run_up], start)
         super()._begin(before)
@@ -77,7 +78,7 @@ class GovernedLoop(Loop):
             self._step(np.zeros(3))
 
     def _advance(self, offset: Array) -> bool:
-        """Advance the target; the governor follows it, and the others follow the governor."""
+        """Advance the target for the governor, which the other controllers follow."""
         ahead = (self._at + 1) % self.steps
         place = self._targets[ahead]
         q, status = self._governor.step(pin.SE3(place.rotation, place.translation + offset))
@@ -89,6 +90,6 @@ class GovernedLoop(Loop):
         return True
 
     def _step(self, wish: Array) -> None:
-        """Take one step; out of reach is what the governor stops before."""
+        """Take one step; ``out_of_reach`` is True if the governor stops or a controller fails."""
         super()._step(wish)
         self.out_of_reach = self._stopped

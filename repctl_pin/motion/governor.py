@@ -1,4 +1,4 @@
-"""Limits kept at run time: joints on a leaf towards any target, never without a known stop."""
+"""Limits kept at run time: motion on a leaf to any target, with a known stop at every tick."""
 
 from __future__ import annotations
 
@@ -31,25 +31,28 @@ from .target_joints import TargetJoints
 from .timing import limits_of
 
 _SLOWER, _FASTER, _SLOWEST = 0.7, 1.1, 1e-3
-"""Factors of the speed after a plan that ends outside, and after one that does not; its minimum."""
+"""Factor of the speed after a plan that violates a limit, factor after a plan that does not, and
+minimum of their product."""
 
 _NEAR, _REACHED = 1e-10, 1e-6
-"""Distance of the joints to a target that is reached, rad or m; share of the speed limits within
-which a twist is reached."""
+"""Maximum distance of the joints from a target that counts as reached, rad or m. Maximum error of
+the joint speeds, as a fraction of their limits, at a twist that counts as reached."""
 
 _SAME = 1e-7
-"""Distance of the joints at a target to those of the target, rad or m."""
+"""Maximum distance of q from the target's configuration, rad or m, at which an arm at the target
+counts as being in that configuration."""
 
 _CLOSE, _ALIKE = 0.3, 0.1
-"""Distance to the joints of a target, rad or m, and share of it by which a straight line may miss
-them at first order, within which the straight line is taken again."""
+"""Conditions to return to the straight line to a target: maximum distance of q from the target's
+configuration, rad or m, and maximum error of the line's first-order motion of the joints to it, as
+a fraction of that distance."""
 
 _STUCK, _SLOW = 25, 0.02
-"""Number of plans without progress after which another way is taken, and the share of the speed
-limits that is none."""
+"""Number of plans without progress after which the straight line is left, and the fraction of the
+speed limits below which all joint speeds count as no progress."""
 
 _HUGE = 1e6
-"""Numbers beyond it are no distances or speeds."""
+"""Magnitude from which positions and speeds of an input are refused, m, m/s or rad/s."""
 
 _BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 
@@ -57,14 +60,14 @@ _Input = tuple[pin.SE3 | None, Array | None]
 
 
 class Governor:
-    """Move the joints towards any target or by any twist, and keep all limits on every sample.
+    """Online motion generator: moves to any target, or by any twist, within all limits.
 
-    The commanded joints stay on one leaf, and the first, second and third differences of their
-    samples, divided by dt, dt² and dt³, never exceed the limits. A sample is sent only if from it a
-    stop is known that keeps the limits, too: every few ticks a new plan is made, a short motion
-    towards the target and a stop after it, and all its samples are checked before the first one is
-    sent. Where no such plan is found, the stop of the last one is followed. So whatever the input
-    is, and if the ticks of a robot are missed, there is always a way to rest.
+    The commanded configuration stays on one leaf, and the first, second and third differences of
+    its samples, divided by dt, dt² and dt³, never exceed the limits of speed, acceleration and
+    jerk. Every few ticks a new plan is made: a short motion towards the target, and a stop after
+    it. All samples of a plan are checked before the first one is sent. If no new plan keeps the
+    limits, the previous plan is followed to its stop. So a stop within the limits is known at
+    every tick, whatever the input is, and also if the robot misses ticks.
 
     Parameters
     ----------
@@ -155,7 +158,7 @@ class Governor:
         return self._started().solver.leaf.copy()
 
     def start(self, q: ArrayLike) -> None:
-        """Start or restart at rest at a configuration, whose leaf is kept from now on.
+        """Start or restart at rest at a configuration; the motion stays on its leaf.
 
         Parameters
         ----------
@@ -202,8 +205,8 @@ class Governor:
             Placement of the frame to move to, as fast as the limits allow, on a straight line with
             a rotation about one axis, if the arm begins at rest.
         twist : (6,) array, optional
-            Velocity (v, ω) of the frame instead, base axes, m/s and rad/s. Without both, the arm
-            stops.
+            Velocity (v, ω) of the frame, base axes, m/s and rad/s, instead of a target. Without
+            target and twist, the arm stops.
 
         Returns
         -------
@@ -252,7 +255,7 @@ class Governor:
     # ---- the law -------------------------------------------------------------------------------
 
     def _replan(self, target: pin.SE3 | None, twist: Array | None) -> Status:
-        """Look for a plan that makes progress; without one, the last plan continues to its stop."""
+        """Look for a new plan, and return the status; without one, the last plan continues."""
         if target is None or target != self._heard[0]:
             self._stuck, self._by_joints = 0, False
         try:
@@ -265,7 +268,7 @@ class Governor:
         return self._drive(now, Goal(frame_twist(now.task, now.place, rate), 1.0, False))
 
     def _approach(self, now: Now, target: pin.SE3) -> Status:
-        """Plan motion towards a target until the next plan is due, or a stop at the target."""
+        """Plan the next motion towards a target, or the stop at it, and return the status."""
         planner = self._planner
         landed = planner.plan.lands and target == self._landing
         if landed:  # only in ticks without a plan
@@ -300,14 +303,21 @@ class Governor:
         return status
 
     def _is_there(self, q: Array) -> bool:
-        """Whether q at the target's pose is the target's configuration; if not, move there next."""
+        """Whether q, which has the target's pose, is the target's configuration F(x; c).
+
+        If it is not, the motion towards that configuration follows.
+        """
         joints = self._joints
         if joints.found is not None and np.abs(q - joints.found).max() > _SAME:
             self._by_joints = True
         return joints.known and not self._by_joints
 
     def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
-        """Find the frame's direction along which q approaches the target's configuration."""
+        """Choose the displacements of the frame (6,) and of the joints (n,) to plan along.
+
+        They lead towards the target's configuration; ``way`` and ``g`` are those of the straight
+        line, which are returned if they lead there, too.
+        """
         assert self._joints.found is not None
         distance = self._joints.found - now.q
         size = float(np.abs(distance).max())
@@ -321,7 +331,7 @@ class Governor:
     def _other_way(self, target: pin.SE3) -> bool:
         """Move towards the target's configuration from now on, as the straight line is blocked.
 
-        Return whether that configuration is still being computed.
+        Returns True while that configuration is still being computed.
         """
         self._joints.look_for(target)
         if not self._joints.known:
@@ -331,7 +341,7 @@ class Governor:
         return False
 
     def _drive(self, now: Now, goal: Goal) -> Status:
-        """Plan motion in a direction until the next plan is due, as fast as the limits allow."""
+        """Plan the next motion along a displacement, at maximum speed, and return the status."""
         if not goal.way.any():
             return self._reached(now, goal.way)
         most = fastest(self._bounds, now, goal.way)
@@ -352,13 +362,13 @@ class Governor:
         return Status.SLOWED if goal.lands else self._reached(now, goal.way)
 
     def _reached(self, now: Now, twist: Array) -> Status:
-        """Compare the frame's twist with the requested one: OK if they are equal, else SLOWED."""
+        """Compare the frame's twist with the requested one: OK if equal, else SLOWED."""
         away = np.abs(now.joint_rates(twist - now.twist))
         return Status.OK if (away <= _REACHED * self._bounds.velocity).all() else Status.SLOWED
 
 
 def _own_joints(task: Task) -> Task:
-    """Refuse a task in other joint coordinates."""
+    """Return a task; raise InputError if it has joint coordinates other than the robot's."""
     if task.coordinates is not None:
         raise InputError(
             "the governor's limits are of the robot's own joints; use the original task"
@@ -367,7 +377,7 @@ def _own_joints(task: Task) -> Task:
 
 
 def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
-    """Convert a target or a twist, whose numbers need not be finite."""
+    """Convert a target to SE3 or a twist to an array (6,); their numbers need not be finite."""
     if target is not None and twist is not None:
         raise InputError("target and twist are mutually exclusive; give one of them")
     goal = None if target is None else pin.SE3(as_placement(target))
@@ -382,7 +392,7 @@ def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
 
 
 def _same(one: _Input, other: _Input) -> bool:
-    """Whether two inputs are the same."""
+    """Whether two inputs (target, twist) are equal; no input is equal to the twist 0."""
     if other[0] is not None:
         return one[0] is not None and bool(one[0] == other[0])
     before, now = (np.zeros(6) if x[1] is None else x[1] for x in (one, other))

@@ -1,4 +1,4 @@
-"""Law of the governor: how fast to move, and how to accelerate, from the state at a tick."""
+"""Law of the governor: speed and acceleration of the next plan, from the state at a tick."""
 
 from __future__ import annotations
 
@@ -13,28 +13,30 @@ from ..robot.task import Task
 from .joint_polynomials import Plan
 
 SPEED, ACCELERATION, JERK = 0.985, 0.95, 0.8
-"""Shares of the limits that plans aim at; the rest is for what changes along the path."""
+"""Fractions of the limits of speed, acceleration and jerk that plans aim at; the remainder is for
+the change of G along the path."""
 
 BRAKING = 0.75
-"""Share of the acceleration limits with which the arm slows down before targets and limits."""
+"""Fraction of the acceleration limits used to slow down before targets and joint limits."""
 
 REGULAR = 0.01
-"""Minimum sine of the angle between a row of J and the span of the other rows of J_V where a plan
-ends: nearer to a singularity, an arm at rest could not leave it."""
+"""Minimum :func:`regularity` of the configuration in which a plan ends; nearer to a singularity, an
+arm at rest could not leave it."""
 
 TINY = 1e-300
-"""In place of 0 in divisions."""
+"""Replacement for 0 in divisions."""
 
 _EDGE = 1e-12
-"""Rounding of a joint position, rad or m."""
+"""Tolerance for rounding errors of a joint position, rad or m."""
 
 
 class Bounds(NamedTuple):
-    """Limits of the commanded joints: (n,) each, rad or m; jerk infinite without.
+    """Limits of the commanded joints, and the time steps of the governor.
 
     Attributes
     ----------
     velocity, acceleration, jerk, lower, upper : (n,) arrays
+        Limits, rad or m, and per s, s² and s³; jerk is inf if it is not limited.
     dt : float
         Time step, s.
     stride : float
@@ -51,18 +53,22 @@ class Bounds(NamedTuple):
 
 
 class Now(NamedTuple):
-    """State at the beginning of a plan: ``q̈ = G ξ̇ + bend``.
+    """State of the arm at the beginning of a plan.
+
+    On the leaf, ``q̈ = G ẍ + bend`` for a task acceleration ẍ.
 
     Attributes
     ----------
     task : Task
+        Task of the governor.
     place : pinocchio.SE3
         Placement of the frame.
     q, qdot, bend : (n,) arrays
+        Joint positions, velocities, and accelerations at a constant twist.
     G, G_ahead : (n, m) arrays
-        The inverse at q, and two strides ahead.
+        The inverse at q, and where q will be after two strides.
     twist, rate, later : (6,) arrays
-        The frame's twist ξ, its derivative, and that of the last plan after a stride.
+        The frame's twist ξ, its derivative ξ̇, and ξ̇ of the last plan one stride later.
     """
 
     task: Task
@@ -77,16 +83,20 @@ class Now(NamedTuple):
     later: Array
 
     def joint_rates(self, twist: Array) -> Array:
-        """Compute q̇ = G ẋ for a twist of the frame."""
+        """Compute q̇ = G ẋ (n,) for a twist (6,) of the frame."""
         return self.G @ task_rate(self.task, self.place, twist)
 
     def joint_rates_ahead(self, twist: Array) -> Array:
-        """Compute q̇ for the same twist two strides ahead."""
+        """Compute q̇ = G ẋ (n,) for a twist (6,), with G two strides ahead."""
         return self.G_ahead @ task_rate(self.task, self.place, twist)
 
 
 class Goal(NamedTuple):
-    """Direction (6,) of the frame, the share of it asked for per s, and whether it is a target."""
+    """Motion to plan: along a displacement of the frame, at a speed, and to a target or not.
+
+    ``way`` (6,) is the displacement, ``speed`` the multiple of it per s, and ``lands`` is True if
+    it ends at a target.
+    """
 
     way: Array
     speed: float
@@ -94,22 +104,24 @@ class Goal(NamedTuple):
 
 
 class Fastest(NamedTuple):
-    """Largest speeds along a direction, shares of it per s, by the speed limits and by the joint
-    limits ahead."""
+    """Maximum speeds along a displacement, as multiples of it per s.
+
+    ``by_speed`` keeps the speed limits, ``by_limit`` allows a stop before the joint limits.
+    """
 
     by_speed: float
     by_limit: float
 
 
 def task_rate(task: Task, place: pin.SE3, twist: Array) -> Array:
-    """Extract ẋ (m,) from a frame's twist at a placement."""
+    """Extract the task velocity ẋ (m,) from the twist (6,) of a frame at a placement."""
     if task.kind != "axis":
         return twist[task.rows]
     return np.concatenate([twist[:3], place.rotation[:, :2].T @ twist[3:]])
 
 
 def frame_twist(task: Task, place: pin.SE3, rate: Array) -> Array:
-    """Convert ẋ (m,) to a twist (6,), with 0 for what the task does not control."""
+    """Convert ẋ (m,) to a twist (6,) of the frame, 0 in what the task does not control."""
     twist = np.zeros(6)
     if task.kind == "axis":
         twist[:3], twist[3:] = rate[:3], place.rotation[:, :2] @ rate[3:]
@@ -119,13 +131,16 @@ def frame_twist(task: Task, place: pin.SE3, rate: Array) -> Array:
 
 
 def free_acceleration(bounds: Bounds, now: Now) -> Array:
-    """Evaluate the acceleration (n,) that the bend of the path leaves."""
+    """Compute the acceleration (n,) that is available for a change of the twist.
+
+    It is the limit less ``|bend|``, and at least 30 % of the limit.
+    """
     A = bounds.acceleration
     return np.asarray(np.maximum(A - np.abs(now.bend), 0.3 * A))
 
 
 def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
-    """Find the largest speeds along a direction, in shares of it per s."""
+    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame."""
     g, ahead = np.abs(now.joint_rates(way)), np.abs(now.joint_rates_ahead(way))
     space = np.where(now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower)
     lag = 2 * bounds.stride
@@ -139,7 +154,7 @@ def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
 
 
 def next_rate(bounds: Bounds, now: Now, goal: Array) -> Array:
-    """Choose the derivative of the twist after the next stride, on the way to another twist."""
+    """Choose the twist's derivative (6,) one stride later, to reach the twist ``goal`` (6,)."""
     T = bounds.stride
     gap = goal - now.twist - T / 2 * now.rate
     g = now.joint_rates(gap)
@@ -154,12 +169,13 @@ def next_rate(bounds: Bounds, now: Now, goal: Array) -> Array:
 def regularity(J: Array, G: Array) -> float:
     """Evaluate the smallest sine of the angle between a row of J and the other rows of J_V.
 
-    ``1 / (‖row i of J‖ ‖column i of G‖)``; 0 is singular."""
+    It is ``min_i 1 / (‖row i of J‖ ‖column i of G‖)``, and 0 at a singularity.
+    """
     return float(1 / np.sqrt((J**2).sum(axis=1) * (G**2).sum(axis=0)).max())
 
 
 def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:
-    """Estimate the shortest time, s, in which a cubic brings a twist to 0."""
+    """Estimate the minimum time, s, in which the twist decreases to 0, as a cubic in time."""
     g = np.abs(now.joint_rates(twist))
     by_acceleration = 1.5 * g / (ACCELERATION * free_acceleration(bounds, now))
     by_jerk = 6 * g / (JERK * bounds.jerk)
@@ -169,14 +185,15 @@ def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:
 def shares_used(
     bounds: Bounds, history: Array, plan: Plan, begin: float
 ) -> tuple[float, float, bool]:
-    """Measure the samples of a plan, which follow the last three (3, n).
+    """Compare the samples of a plan with the limits.
 
-    Speeds count as before ``begin``: a longer stop does not lower them.
+    ``history`` (3, n) are the last three samples, which precede the plan. Speeds are counted in
+    ``before``, whenever they occur, because a longer stop does not lower them.
 
     Returns
     -------
     before, after : float
-        Largest shares of the limits that are used before and after a time.
+        Largest fractions of the limits that are used before and after the time ``begin``, s.
     inside : bool
         Whether the joints stay inside their limits.
     """
@@ -195,7 +212,7 @@ def shares_used(
 
 
 def approach_speed(distance: float, a: float, lag: float) -> float:
-    """Speed from which a deceleration a after a delay stops within a distance."""
+    """Compute the speed from which a deceleration a, after a delay, stops within a distance."""
     if distance <= 0:
         return 0.0
     if lag * lag * a > 1e12 * distance:  # a may be infinite

@@ -1,4 +1,4 @@
-"""Plans of the governor: a short motion and a stop, or a landing on a target, checked to rest."""
+"""Plans of the governor: a short motion and a stop, or a motion to rest at a target."""
 
 from __future__ import annotations
 
@@ -33,27 +33,28 @@ STRIDE = 0.004
 """Time between two plans, s."""
 
 SAMPLES, MOST_SAMPLES = 16.0, 40
-"""Samples of a plan that take as long to check as an evaluation; what they count at most."""
+"""Number of samples of a plan whose check counts as one evaluation of the inverse, and maximum
+number of evaluations that the check of a plan counts as."""
 
 _REACH = 0.15
-"""Joint motion that one polynomial is tried for, rad or m."""
+"""Joint motion, rad or m, over which a single polynomial is tried."""
 
 _SHORT_WAY = 0.03
-"""Joint motion to a target, rad or m, that is planned at once, from rest to rest."""
+"""Joint distance to a target, rad or m, up to which the whole motion to rest is planned at once."""
 
 _LONGER = (1.0, 1.15, 1.4)
 _BRAKES = (0.95, 1.0, 1.05)
-"""Times of a landing that are tried in turn, as multiples of the shortest: from near rest, and at
-speed."""
+"""Durations of a motion to rest that are tried in turn, as multiples of the shortest one: _LONGER
+if it begins near rest, _BRAKES if it begins at speed."""
 
 _SETTLED = 3
-"""Samples after which all differences are 0."""
+"""Number of samples at rest after which all differences are 0."""
 
 
 class Planner:
-    """The plan that is followed, and the ways to a better one.
+    """The plan that the governor follows, and the search for the next one.
 
-    A plan is taken only if all its samples, up to rest, keep the limits.
+    A new plan replaces it only if all its samples, up to rest, keep the limits.
 
     Parameters
     ----------
@@ -65,11 +66,11 @@ class Planner:
     Attributes
     ----------
     solver : LeafInterpolation
-        Polynomials on the leaf; it counts the evaluations.
+        Interpolates on the leaf, and counts the evaluations of the inverse.
     history : (3, n) array
         The last three commanded samples.
     plan : Plan
-        What is followed, since ``tick`` ticks.
+        The plan that is followed; ``tick`` ticks of it are over.
     """
 
     def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:
@@ -77,25 +78,25 @@ class Planner:
         self.solver = LeafInterpolation(inverse, MOST)
 
     def start(self, q: Array) -> None:
-        """Begin at rest; the leaf there is kept from now on."""
+        """Begin at rest at q (n,); the plans stay on its leaf."""
         self.solver.leaf = self._inverse.leaf(q)
         self.history = np.tile(q, (3, 1))
         self.plan, self.tick = Plan(q, np.zeros_like(q)), _SETTLED
         self._longer, self._reach, self._turn = 1.0, _REACH, 0
 
     def next(self) -> Array:
-        """Take the next sample (n,) of the plan."""
+        """Advance by one tick, and return the plan's sample (n,)."""
         self.tick += 1
         q = self.plan.at(self.tick * self._bounds.dt)
         self.history[:-1], self.history[-1] = self.history[1:].copy(), q
         return q
 
     def at_rest(self) -> bool:
-        """Whether the samples no longer change."""
+        """Whether the commanded samples no longer change."""
         return (self.tick - _SETTLED) * self._bounds.dt >= self.plan.time
 
     def now(self) -> Now:
-        """Evaluate the state at this tick."""
+        """Evaluate the state of the arm at this tick."""
         task, plan, t = self._task, self.plan, self.tick * self._bounds.dt
         q, stride = self.history[-1].copy(), self._bounds.stride
         place = task.placement(q)
@@ -107,7 +108,11 @@ class Planner:
         return Now(task, place, q, qdot, bend, G, G_ahead, twist, rate, later)
 
     def go_on(self, now: Now, later: Array) -> Status:
-        """Plan a stride, the end of its acceleration, and a stop; take the plan if it serves."""
+        """Plan one stride, the end of its acceleration, and a stop; follow the plan if it is valid.
+
+        ``later`` (6,) is the derivative of the twist after the stride. Returns OK, or why it is not
+        valid.
+        """
         plan, T, jerk = Plan(now.q, now.qdot), self._bounds.stride, self._bounds.jerk
         motion = change_of_acceleration(now.place, now.twist, now.rate, later, T)
         if not self.solver.add(plan, motion, SHORT):
@@ -125,7 +130,11 @@ class Planner:
         return self._stop(plan, now, motion.placement(motion.duration), twist, rate)
 
     def _stop(self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array) -> Status:
-        """Add a stop to a plan, as short as the limits allow; take the plan if it serves."""
+        """Add the shortest possible stop to a plan, and follow the plan if it is valid.
+
+        The stop begins at a placement with a twist and its derivative ``rate``. Returns OK, or why
+        the plan is not valid.
+        """
         bounds, speed = self._bounds, float(np.abs(now.joint_rates(twist)).max())
         shortest = stop_time(bounds, now, twist)
         for _ in range(2):
@@ -150,7 +159,12 @@ class Planner:
         return Status.SLOWED
 
     def land(self, now: Now, way: Array, g: Array, a: float) -> bool:
-        """Plan to come to rest at a displacement, if it is near; tell whether the plan is taken."""
+        """Plan the motion to rest at a target nearby; follow the plan if it is valid.
+
+        ``way`` (6,) and ``g`` (n,) are the displacements of the frame and of the joints to the
+        target, ``a`` is the maximum deceleration as a multiple of them per s². Returns whether the
+        plan is followed.
+        """
         bounds = self._bounds
         closing = float(now.joint_rates(now.twist) @ g) / max(float(g @ g), TINY)
         if closing > 0 and closing**2 / (2 * a) >= 0.75:
@@ -176,7 +190,7 @@ class Planner:
         return True
 
     def _leaves(self, q: Array, now: Now) -> bool:
-        """Whether an arm at rest at q can leave it: q is not, or not more than now, singular."""
+        """Whether an arm at rest at q could leave q: regular, or at least as regular as now."""
         try:
             there = regularity(self._task.jacobian(q), self._inverse(q))
         except SingularityError:
@@ -184,7 +198,10 @@ class Planner:
         return there >= REGULAR or there >= regularity(self._task.jacobian(now.q), now.G)
 
     def _add(self, plan: Plan, motion: FrameMotion, travel: float) -> bool:
-        """Append a motion, in pieces as long as the last ones could be."""
+        """Append a motion to a plan, by polynomials as long as those that were last possible.
+
+        ``travel`` is its joint motion, rad or m. Returns whether it is appended.
+        """
         count = min(max(ceil(travel / self._reach), 1), 16)
         made = self.solver.add(plan, motion, LONG, count)
         if made:
@@ -194,11 +211,11 @@ class Planner:
         return made > 0
 
     def _affords(self, plan: Plan) -> bool:
-        """Count the samples of a plan as evaluations; tell whether enough are left."""
+        """Count the samples of a plan as evaluations; return whether their number is allowed."""
         count = plan.time / self._bounds.dt / SAMPLES
         self.solver.left -= int(count) if count < MOST_SAMPLES else MOST_SAMPLES
         return self.solver.left >= 0
 
     def _take(self, plan: Plan) -> None:
-        """Follow a plan from now on."""
+        """Replace the plan that is followed."""
         self.plan, self.tick = plan, 0

@@ -1,14 +1,14 @@
-"""Time-optimal profile with bounded jerk: ẋ, ẍ and x⃛ of the joints kept by a sequence of linear
-programs.
+"""Time-optimal profile with bounded jerk along a joint path, by a sequence of linear programs.
 
-With ``x(s) = ṡ²`` speed and acceleration are linear in x, and jerk is
+The unknown is ``x(s) = ṡ²``, where s is the length of the joint path q(s), at the *stages*, which
+are grid points of s. Speed and acceleration limits are linear in x and x′, and jerk is
 
     ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′ x″)``.
 
 ``|q⃛| ≤ J`` is ``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``, and J/√x is convex: its tangent at x̄,
-``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, lies below it, so that every solution of the linear program keeps
-the limit. Between two stages x is a parabola; next to rest the joints move with constant jerk, ``x
-∝ s^4/3``."""
+the previous solution, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, lies below it, so that every solution of
+the linear program keeps the limit at the stages. Between two stages x is a parabola; next to rest
+the joints move with constant jerk, ``x ∝ s^4/3``."""
 
 from __future__ import annotations
 
@@ -26,52 +26,52 @@ from ..errors import InputError
 from .profile import STAGES, Limits, Segment, fastest, most_used
 
 _GROWTH = 1.5
-"""Ratio of two intervals next to rest, where x″ is not bounded."""
+"""Ratio of the lengths of successive intervals next to rest, where x″ is not bounded."""
 
 _MERGED = 10
-"""Stages next to rest that may be left out."""
+"""Maximum number of stages next to rest that are left out."""
 
 _FINEST = 1e-4
-"""The first interval, at least, as a share of the next regular one."""
+"""Minimum length of the first interval, as a fraction of the next regular one."""
 
 _MOST_PROGRAMS = 8
 _ENOUGH = 1e-4
-"""A linear program that saves less than this share of the time is the last."""
+"""Relative saving of time by a linear program below which it is the last."""
 
 _TIGHTENED = 2
-"""How often limits are made tighter where they are exceeded between the stages, before time is
-stretched."""
+"""Maximum number of times that limits are tightened where they are exceeded between the stages;
+after that, time is stretched."""
 
 _WELL_KEPT = 1.01
-"""A limit exceeded by less between the stages is left to the stretching: by a third as much for
-jerk."""
+"""Used fraction of a limit between the stages up to which the limit is not tightened; time is then
+stretched, for jerk by a third of the excess."""
 
 _NEARLY_USED = 0.4
-"""Rows of the program begin with those that use so much of a limit; others follow if one of them is
-broken."""
+"""A row of the linear program is used from the start if its slack is less than this fraction of its
+bound; other rows are added if they are violated."""
 
 _BESIDE = 10
 """Number of intervals before and after a violated row whose rows are added with it."""
 
 _ROUNDS = 4
-"""Solutions with some of the rows, before all are taken."""
+"""Maximum number of solutions with a subset of the rows, before all rows are used."""
 
 _SLACK = 1e-7
-"""HiGHS's tolerance."""
+"""Violation of a row that the solver HiGHS tolerates."""
 
 _BETWEEN = np.linspace(0.0, 1.0, 9)
-"""Where limits are checked between two stages, as shares of the time."""
+"""Points at which limits are checked between two stages, as fractions of the time."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class JerkSegment(Segment):
-    """A smooth part of a joint path, from rest to rest, with bounded jerk.
+    """A smooth part of a joint path, from rest to rest, timed with bounded jerk.
 
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
-        ṡ² at the stages, and x″ between them; those of the first and the last interval are not
+        ṡ² at the stages, and x″ between them; x″ of the first and of the last interval is not
         used.
     """
 
@@ -85,8 +85,9 @@ class JerkSegment(Segment):
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start.
 
-        ``s̈ = x′/2 = (x′₀ + x″ u)/2`` is linear in ``u = s − s₀``, hence u(t) is a sum of
-        exponentials."""
+        After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` is linear in ``u = s − s₀``, hence u(t) is
+        a sum of exponentials.
+        """
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         h, tau = np.diff(self.s)[i], t - self.t[i]
         slope = (
@@ -112,19 +113,17 @@ class JerkSegment(Segment):
         return found
 
     def between(self) -> Array:
-        """Times at which limits are checked, between the stages."""
+        """Times at which limits are checked between the stages, s from the segment's start."""
         return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
 
     def used(self, limits: Limits) -> Array:
-        """Largest share of the limits of acceleration and jerk used between two stages: (K -
-        1,)."""
+        """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,)."""
         _, _, push, jerk = self.derivatives(self.between())
         share = np.maximum(np.abs(push) / limits.acceleration, np.abs(jerk) / limits.jerk)
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: Limits) -> float:
-        """By what factor time has to be stretched for the limits to hold between the stages too; 1
-        if they hold."""
+        """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
         return most_used(limits, *self.derivatives(self.between()))
 
 
@@ -151,16 +150,16 @@ def fastest_with_jerk(
     Parameters
     ----------
     Q : (T, n) array
-        The path.
+        Joint path: configurations.
     limits
-        Those to keep; with a jerk.
+        Limits to keep; they include jerk.
     stages
         Minimum number of stages; a few more are added next to rest.
     seams
-        Two points of Q between which the profile is to be one period: the same ṡ and s̈ at both; or
-        none.
+        Indices of two points of Q with equal ṡ and s̈, so that the profile between them can be
+        repeated; or empty.
     weight
-        How often the part between them is run.
+        Number of times that the profile between the seams is run.
 
     Raises
     ------
@@ -203,7 +202,7 @@ def _converged(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve linear programs one after the other until they save no more time."""
+    """Solve linear programs in turn until they save no more time: x and x′ (K,) at the stages."""
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
         new, new_slope = _solved(path, limits, x, slope, ties, weights, tight)
@@ -223,8 +222,10 @@ def _converged(
 
 
 def _passed(knots: Array, s: Array, t: Array) -> Array:
-    """Find when the points of the path are passed: stages, or between the first or last two of
-    these."""
+    """Compute the times (T,) at which the points of a path, at s = ``knots`` (T,), are passed.
+
+    The points are stages, or lie in the first or last interval between stages.
+    """
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
     passed[early] = t[1] * np.cbrt(knots[early] / s[1])
@@ -233,11 +234,12 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: Limits) -> Array:
-    """Change the stages of a grid next to rest, where the joints move with constant jerk up to the
-    first of them.
+    """Adapt the stages next to rest; up to the first one the joints move with constant jerk.
 
-    That is half of ``a³ / 6J²``, the way after which constant jerk has reached the limit of
-    acceleration: a few stages at most, or less than one, and then others follow."""
+    The first stage is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches
+    the acceleration limit a. If that is more than an interval of the grid, up to ten stages are
+    left out; if it is less, stages are inserted.
+    """
     assert limits.jerk is not None
 
     def stages(way: Array, slope: Array) -> Array:
@@ -261,17 +263,17 @@ def _graded(grid: Array, curve: Any, limits: Limits) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Path:
-    """A joint path as its stages see it; ``q‴`` is the same between two of them.
+    """A joint path at the stages, with its speed limits; between two stages q‴ is constant.
 
     Attributes
     ----------
     third : (K - 1, n) array
         q‴ between the stages.
     most, most_between : (K,), (K - 1,) arrays
-        Largest x within the limits of speed, at the stages and halfway between them.
+        Largest x within the speed limits, at the stages and halfway between them.
     points : tuple
-        Share of the interval, q′ and q″ (K - 1, n) there, and torques: of s̈, of x, and of weight,
-        or None.
+        For the begin, middle and end of the intervals: fraction of the interval, q′ and q″
+        (K - 1, n), and the torque coefficients of :func:`_torques` or None.
     """
 
     s: Array
@@ -294,8 +296,10 @@ class _Path:
         return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
 
     def from_rest(self, limits: Limits) -> Array:
-        """Evaluate x at the stages where both ends are left with the constant jerk J/|q′|: ``(9/2
-        j)^⅔ s^4/3``."""
+        """Evaluate x at the stages for constant jerk J/|q′| from rest at either end: (K,).
+
+        It is ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|; the smaller value of both ends counts.
+        """
         assert limits.jerk is not None
         both = []
         for end, way in ((self.s[0], self.s), (self.s[-1], self.s[-1] - self.s)):
@@ -307,7 +311,7 @@ class _Path:
 def _torques(
     limits: Limits, Q: Array, slope: Array, bend: Array
 ) -> tuple[Array, Array, Array] | None:
-    """Split ``τ = a s̈ + b x + g`` at points of the path: a, b, g (K, n) each."""
+    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited."""
     if limits.torque is None or limits.dynamics is None:
         return None
     rnea, still = limits.dynamics, np.zeros(Q.shape[1])
@@ -318,8 +322,11 @@ def _torques(
 
 
 def _times(s: Array, x: Array, slope: Array) -> Array:
-    """Time of every interval (K - 1,), exact: ``2h/(v₀+v₁) artanh(y)/y`` with ``y² = x″ h² / 2
-    (v₀+v₁)²``."""
+    """Compute the time of every interval, (K - 1,), s; exact for a parabola x(s).
+
+    It is ``2h/(v₀+v₁) artanh(y)/y`` with ``y² = x″ h² / 2 (v₀+v₁)²``, where h is the length of the
+    interval and v₀, v₁ are ṡ at its ends.
+    """
     h, v = np.diff(s), np.sqrt(np.maximum(x, 0.0))
     mean = v[1:] + v[:-1]
     z = np.diff(slope) * h / 2 / np.maximum(mean, 1e-300) ** 2
@@ -341,10 +348,10 @@ def _solved(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve one linear program for x and x′ at the stages, round x̄ = near, limits divided by
-    ``tight`` (K - 1,).
+    """Solve one linear program, linearised at x̄ = ``near``, for x and x′ (K,) at the stages.
 
-    Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits.
+    Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits. Limits of
+    acceleration and jerk are divided by ``tight`` (K - 1,).
     """
     s, h = path.s, np.diff(path.s)
     inner = slice(1, -1)
@@ -420,7 +427,7 @@ def _optimum(
     A_eq: csr_array,
     most: Array,
 ) -> Array:
-    """Solve ``min c z`` with ``A z ≤ b`` in the active rows and ``A_eq z = 0``."""
+    """Solve ``min cost·z`` with ``A z ≤ b`` in the active rows, ``A_eq z = 0`` and bounds on z."""
     A = _sparse(rows[0][active], rows[1][active], len(cost))
     found = linprog(cost, A, rows[2][active], A_eq, np.zeros(A_eq.shape[0]), most, method="highs")
     if found.x is None:
@@ -433,8 +440,10 @@ def _optimum(
 def _rows(
     path: _Path, limits: Limits, near: Array, tight: Array
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
-    """Make the rows ``A z ≤ b`` of speed, acceleration, torque and jerk: coefficients, columns (R,
-    4), and b (R,)."""
+    """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk.
+
+    Each item has the coefficients (R, 4), their columns (R, 4), and b (R,).
+    """
     assert limits.jerk is not None
     h, tight = np.diff(path.s)[1:-1, None], tight[1:-1, None]
     i = np.arange(len(h))
@@ -443,7 +452,7 @@ def _rows(
     columns = np.repeat(ends, len(limits.acceleration), axis=0)
 
     def rows(share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
-        """Weight x, x′ and x″ at a share of the intervals, as x and x′ at their ends: (R, 4)."""
+        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4)."""
         k = bend / h - share * (1 - share) / 2 * h * x
         return np.stack(
             [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k], axis=-1
@@ -472,10 +481,11 @@ def _rows(
 
 
 def _most_beside_rest(path: _Path, limits: Limits, end: int, step: float) -> float:
-    """Find the largest x one stage from rest, where ``x = c s^4/3``.
+    """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
 
     ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at
-    the share σ of the interval."""
+    the fraction σ of the interval, whose length is h.
+    """
     assert limits.jerk is not None
     sigma = np.linspace(0, 1, 4 * _MERGED + 1)
     q1, q2, q3 = (path.curve(path.s[end] + sigma * step, k) for k in (1, 2, 3))
@@ -490,7 +500,7 @@ def _most_beside_rest(path: _Path, limits: Limits, end: int, step: float) -> flo
 
 
 def _sparse(coefficients: Array, columns: NDArray[np.intp], width: int) -> csr_array:
-    """Put rows of four coefficients into a sparse matrix; those in one place are added."""
+    """Create a sparse matrix from rows of four coefficients; those in the same column are added."""
     ends = np.arange(0, coefficients.size + 1, 4)
     return csr_array(
         (coefficients.ravel(), columns.ravel(), ends), shape=(len(coefficients), width)

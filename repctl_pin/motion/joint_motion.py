@@ -23,7 +23,8 @@ COARSE = 100
 """Maximum number of points per cycle at which studies and pages compute body distances."""
 
 CLOSED = 1e-5
-"""Maximum gap of a closed cycle, rad or arm lengths, to allow for integration errors."""
+"""Maximum distance of the ends of a cycle that counts as closed, rad or arm lengths; it allows for
+integration errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +69,12 @@ class JointMotion:
 
     @property
     def first_closes(self) -> bool:
-        """Test whether the first cycle ends in the configuration it began in, as in
-        :attr:`closes`."""
+        """Test whether the first cycle ends in its start configuration; see :attr:`closes`."""
         return bool(self._gaps[1] < CLOSED)
 
     @property
     def _gaps(self) -> Array:
-        """Distance of the configurations between cycles from the first, rad or arm lengths."""
+        """Distance of the ends of all cycles from the start: (cycles + 1,), rad or arm lengths."""
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return np.linalg.norm(gaps, axis=1)
 
@@ -85,7 +85,7 @@ class JointMotion:
 
     @property
     def rms_speed(self) -> float:
-        """Rms over time of the mean joint speed per step, ``√(Σ ‖Δq‖²/Δt / Σ Δt)``."""
+        """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``."""
         times = np.diff(self.t)
         return float(
             np.sqrt(np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times) / times.sum())
@@ -95,7 +95,9 @@ class JointMotion:
     def first_rms_speed(self) -> float:
         """Rms of ‖q̇‖ over the first cycle.
 
-        Controllers are compared there because J⁺ later drifts to other configurations."""
+        Controllers are compared over the first cycle because J⁺ drifts to other configurations
+        later.
+        """
         return float(np.sqrt(np.mean(self.speed[: self.steps] ** 2)))
 
     @property
@@ -144,7 +146,7 @@ class JointMotion:
 
     @cached_property
     def nearest_bodies(self) -> tuple[float, Nearest]:
-        """Time of the minimum body distance, in cycles and fractions of one, and the two bodies."""
+        """Time of the minimum body distance, in cycles, and the two bodies at that time."""
         row = int(np.argmin(self.body_distance))
         return row / self.steps, bodies_of(self.task).nearest(self.q[row])
 
@@ -166,7 +168,7 @@ class JointMotion:
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 
     def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
-        """Find the first violation, and the joint with the smallest margin then; or None."""
+        """Find the first violation: time in cycles, joint with the smallest margin; or None."""
         if not broken.any():
             return None
         row = int(np.argmax(broken.any(axis=1)))
@@ -188,7 +190,7 @@ class JointMotion:
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
 
     def thinned(self, most: int) -> Self:
-        """Reduce the motion to at most ``most`` points per cycle, cycle ends included."""
+        """Return the motion at no more than ``most`` points per cycle, cycle ends included."""
         rows = rows_of(self, as_int(most, "most", 1))
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         kept: dict[str, Any] = {
@@ -200,22 +202,22 @@ class JointMotion:
 
     @cached_property
     def coarse(self) -> Self:
-        """Reduce the motion to at most 100 points per cycle, enough for body distances."""
+        """The motion at no more than 100 points per cycle, enough for body distances."""
         return self.thinned(COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) in ψ to those of the robot's joints."""
+        """Convert positions or velocities (..., n) from the task's ψ to the robot's joints."""
         (values,) = as_matrices(("values", values, f"{self.task.n}"))
         return self.task.joints(values)
 
 
 def cycle_of(moment: float, cycles: int) -> int:
-    """Return the number, from 1, of the cycle that contains a moment in fractions of cycles."""
+    """Return the number, from 1, of the cycle at a time in cycles: 2.5 is in cycle 3."""
     return min(int(moment) + 1, cycles)
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select at most ``most`` rows per cycle of a motion, cycle ends included."""
+    """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included."""
     cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
     return np.append(
         (np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(),

@@ -1,4 +1,4 @@
-"""A frame's motion on a leaf as polynomials of the joints, and the limits of their samples."""
+"""Joint polynomials that follow a frame's motion on a leaf, for the plans of the governor."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from .frame_motion import FrameMotion
 from .status import Status
 
 _LONGEST, _EXACT, _ITERATIONS = 0.3, 1e-6, 6
-"""Newton's method: longest step, rad or m; step after which it has converged; their number."""
+"""Newton's method: longest step, rad or m; step below which it has converged; number of steps."""
 
 _ACCURATE = 3e-11
-"""Maximum last Chebyshev coefficient, rad or m; the error is about a tenth of it."""
+"""Maximum last Chebyshev coefficient, rad or m; a polynomial's error is about a tenth of it."""
 
 MOST_PIECES = 24
 """Maximum number of polynomials of a plan."""
 
 SHORT, LONG = 4, 10
-"""Degrees of the polynomials: of pieces of a few ticks, and of longer ones."""
+"""Degrees of the polynomials: for motions of a few ticks, and for longer ones."""
 
 
 class Nodes(NamedTuple):
-    """Interpolation at Chebyshev–Lobatto nodes.
+    """Tables for polynomial interpolation of degree d at Chebyshev–Lobatto nodes.
 
     Attributes
     ----------
     share : (d + 1,) array
-        The nodes, from 0 to 1.
+        The nodes, as fractions from 0 to 1 of the interval.
     ahead : (d + 1, d + 1) array
-        Row j extrapolates to node j: from the derivative by share at node 0, in column j, and from
-        the nodes before j.
+        Row j extrapolates to node j from the values at the nodes before it, columns 0 to j − 1, and
+        from the derivative with respect to ``share`` at node 0, column j.
     monomials : (d + 1, d + 1) array
         Coefficients of 1, u, …, u^d from values at the nodes, u = 2 share − 1.
     """
@@ -46,7 +46,7 @@ class Nodes(NamedTuple):
 
 
 def nodes_of(degree: int) -> Nodes:
-    """Tabulate the nodes of a degree."""
+    """Compute the tables for a degree."""
     share = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
     ahead = np.zeros((degree + 1, degree + 1))
     for j in range(1, degree + 1):
@@ -63,7 +63,7 @@ NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}
 
 
 class Piece(NamedTuple):
-    """``q(t) = Σ_k C[k] u^k``, u from −1 to 1 between two times."""
+    """Joint polynomial ``q(t) = Σ_k C[k] u^k``, u from −1 at ``begin`` to 1 at ``end``, s."""
 
     begin: float
     end: float
@@ -93,22 +93,23 @@ class Piece(NamedTuple):
 
 
 class Plan:
-    """Motions of the frame, one after the other to rest, and the joints that they ask for.
+    """Sequence of frame motions that ends at rest, and the joint polynomials that follow it.
 
     Parameters
     ----------
     q, qdot : (n,) arrays
-        Where it begins.
+        Joint positions and velocities at the beginning.
     lands
-        Whether it ends at a target.
+        Whether the plan ends at a target.
 
     Attributes
     ----------
     q, qdot : (n,) arrays
-        Where it ends.
+        Joint positions and velocities at the present end of the plan.
     motions, begins : lists
-        Motions of the frame, and when each begins, s.
+        Motions of the frame, and the time at which each begins, s.
     pieces : list of Piece
+        Polynomials of the joints, in order.
     time : float
         Duration, s.
     """
@@ -127,7 +128,7 @@ class Plan:
         return plan
 
     def at(self, t: float) -> Array:
-        """Evaluate the joints at a time from the plan's beginning: (n,)."""
+        """Evaluate the configuration (n,) at a time from the plan's beginning, s."""
         for piece in self.pieces:
             if t <= piece.end:
                 return piece.at(t)
@@ -141,14 +142,14 @@ class Plan:
         return np.zeros_like(self.q), np.zeros_like(self.q)
 
     def rates(self, t: float) -> tuple[Array, Array]:
-        """Evaluate the frame's twist and its rate at a time."""
+        """Evaluate the frame's twist ξ and its derivative, (6,) each, at a time."""
         for begin, motion in zip(self.begins, self.motions, strict=True):
             if t <= begin + motion.duration:
                 return motion.rates(t - begin)
         return np.zeros(6), np.zeros(6)
 
     def samples(self, dt: float, first: int, last: int) -> Array:
-        """Evaluate the joints at ticks: (last − first, n)."""
+        """Evaluate the configurations at ticks ``first`` to ``last`` − 1: (last − first, n)."""
         t = np.asarray(np.arange(first, last) * dt, float)
         Q = np.tile(self.q, (len(t), 1))
         begin = 0
@@ -160,7 +161,7 @@ class Plan:
 
 
 class LeafInterpolation:
-    """Interpolation of ``q(t) = F(x(t); c)`` on a leaf, at nodes that are solved exactly.
+    """Polynomial interpolation of ``q(t) = F(x(t); c)`` on a leaf, exact at its nodes.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ class LeafInterpolation:
     Attributes
     ----------
     left : int
-        Evaluations that are left in this tick.
+        Number of evaluations that are left in this tick; negative if there were too few.
     outside : bool
         Whether the last failure was a node outside the region.
     """
@@ -183,17 +184,21 @@ class LeafInterpolation:
         self.leaf = np.zeros(inverse.task.r)
 
     def failure(self) -> Status:
-        """Tell why the last motion was not added."""
+        """Return the status that explains why the last motion was not added."""
         if self.left < 0:
             return Status.SLOWED
         return Status.OUTSIDE if self.outside else Status.SINGULAR
 
     def refill(self) -> None:
-        """Begin a tick."""
+        """Begin a tick: reset the number of evaluations that are left."""
         self.left = self._most
 
     def add(self, plan: Plan, motion: FrameMotion, degree: int, count: int = 1) -> int:
-        """Append a motion to a plan, in ``count`` pieces or more: their number, 0 if it fails."""
+        """Append a motion of the frame to a plan, in ``count`` or more polynomials.
+
+        Returns their number, or 0 if the motion cannot be followed; the plan must then be
+        discarded.
+        """
         begin, T, done = plan.time, motion.duration, 0.0
         width = T / count
         shortest, made = T / 64, 0
@@ -221,7 +226,10 @@ class LeafInterpolation:
     def _coefficients(
         self, motion: FrameMotion, begin: float, end: float, plan: Plan, degree: int
     ) -> Array | None:
-        """Interpolate between two times: (degree + 1, n); None if it fails."""
+        """Interpolate the joints between two times of a motion: coefficients (degree + 1, n).
+
+        Returns None if a node has no solution.
+        """
         table = NODES[degree]
         Q = np.empty((degree + 1, len(plan.q)))
         Q[0], slope = plan.q, (end - begin) * plan.qdot
@@ -236,7 +244,7 @@ class LeafInterpolation:
         return table.monomials @ Q
 
     def _solved(self, q: Array, target: pin.SE3) -> Array | None:
-        """Solve f(q) = x, h(q) = c near q; None without a solution inside the region."""
+        """Solve f(q) = x, h(q) = c from the guess q; None without a solution inside the region."""
         inverse = self._inverse
         self.outside = False
         for _ in range(_ITERATIONS):

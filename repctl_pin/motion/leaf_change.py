@@ -12,25 +12,27 @@ from ..strategies.repeatable import RepeatableInverse
 from .profile import Limits
 
 _PIECE = 0.1
-"""Longest motion of a joint from rest to rest, rad or m; a stop takes effect after it."""
+"""Maximum motion of a joint per call, from rest to rest, rad or m; a stop takes effect after it."""
 
 _PEAKS = (1.875, 5.774, 60.0)
-"""Largest first, second and third derivative of 10s³ − 15s⁴ + 6s⁵ on 0 ≤ s ≤ 1."""
+"""Maximum absolute first, second and third derivative of 10s³ − 15s⁴ + 6s⁵ on 0 ≤ s ≤ 1."""
 
 _STEPS, _EXACT = 6, 1e-9
-"""Newton steps per sample, and the length, rad or m, of a last one, whose error is its square."""
+"""Maximum number of Newton steps per sample, and length of a step, rad or m, below which it is the
+last; the error is of the order of its square."""
 
 _ALLOWED = 0.98
-"""Share of the limits that is used."""
+"""Fraction of the limits that the motion is planned to use."""
 
 
 def leaf_change(
     inverse: RepeatableInverse, q: ArrayLike, leaf: ArrayLike, limits: Limits, dt: float
 ) -> Array:
-    """Sample a piece of the motion to another leaf: f(q) constant, h(q) on a straight line to c.
+    """Sample a self-motion towards another leaf: f(q) constant, h(q) on a straight line to c.
 
-    It goes from rest to rest, and the differences of its samples divided by dt, dt² and dt³ keep
-    the limits. No joint moves by more than 0.1 rad (m): call it again until the leaf is reached.
+    The motion goes from rest to rest, and the differences of its samples divided by dt, dt² and dt³
+    keep the limits. No joint moves by more than 0.1 rad (m): call it again until the leaf is
+    reached.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ def leaf_change(
     q : (n,) array
         Start, at rest.
     leaf : (r,) array
-        Level c to go to.
+        Level c of the other leaf.
     limits
         Limits of speed, acceleration and, if given, jerk.
     dt
@@ -48,12 +50,12 @@ def leaf_change(
     Returns
     -------
     (T, n) array
-        Samples, beginning with the one after q.
+        Samples at the time steps, beginning with the one after q.
 
     Raises
     ------
     InputError
-        If there is no configuration on the way, or it is outside a joint limit or Ω.
+        If a sample has no solution, or lies outside a joint limit or Ω.
     SingularityError
         If J_V is singular on the way.
     """
@@ -79,7 +81,7 @@ def leaf_change(
 
 
 def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) -> Array:
-    """Solve by Newton's method from the sample before, which is near."""
+    """Solve for the next sample by Newton's method, from the previous one."""
     for _ in range(_STEPS):
         last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
         if np.abs(q - last).max() <= _EXACT:
@@ -88,7 +90,7 @@ def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) 
 
 
 def _least_ticks(travel: Array, limits: Limits, dt: float) -> int:
-    """Count the ticks in which a quintic of this travel keeps the limits."""
+    """Compute the number of time steps in which a quintic over ``travel`` (n,) keeps the limits."""
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     times = [
         float(np.max(peak * travel / (_ALLOWED * most)) ** (1 / k))
@@ -99,7 +101,7 @@ def _least_ticks(travel: Array, limits: Limits, dt: float) -> int:
 
 
 def _share_used(Q: Array, limits: Limits, dt: float) -> float:
-    """Evaluate the largest share of a limit that the samples use, from rest to rest."""
+    """Evaluate the largest fraction of a limit that samples use, with rest at both ends."""
     Q = np.concatenate([np.tile(Q[0], (3, 1)), Q, np.tile(Q[-1], (3, 1))])
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     return max(
@@ -110,7 +112,7 @@ def _share_used(Q: Array, limits: Limits, dt: float) -> float:
 
 
 def _check(inverse: RepeatableInverse, Q: Array) -> None:
-    """Refuse samples outside a joint limit or Ω."""
+    """Raise InputError if a sample lies outside a joint limit or Ω."""
     margin = inverse.task.limit_margin(Q)
     if margin.min() < 0:
         joint = inverse.task.joint_names[int(np.argmin(margin.min(axis=0)))]

@@ -1,4 +1,4 @@
-"""Direction on a leaf from one configuration to another, and around singularities."""
+"""Joint direction on a leaf from one configuration to another, which leads around singularities."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ ALONG = 0.05
 """Regularity below which the direction does not lead nearer to a singularity."""
 
 PUSH = 0.5
-"""Sine of the largest angle by which it leads away from one."""
+"""Maximum sine of the angle by which the direction leads away from a singularity."""
 
 _STEP = 1e-5
-"""Step of differences of the regularity, rad or m."""
+"""Step of the finite differences of the regularity, rad or m."""
 
 
 def leaf_direction(inverse: RepeatableInverse, q: Array, goal: Array) -> Array:
-    """Direct q (n,) towards a goal on its leaf: ``(I − V V⁺)(q* − q)``.
+    """Compute the joint direction from q towards a goal q* on its leaf: ``d = (I − V V⁺)(q* − q)``.
 
-    Next to a singularity, its part along the gradient of the regularity is raised to a push away
-    from it, which grows from 0 at :data:`ALONG`: the direction then leads around the singularity.
+    Near a singularity, the component of d along the gradient of the regularity is raised until d
+    leads away from the singularity, and thus around it. The required component grows from 0 at the
+    regularity :data:`ALONG`.
 
     Returns
     -------
     (n,) array
-        Rad or m; ``Vᵀ d = 0``, so that ``d = G J d``.
+        The direction d, rad or m; ``Vᵀ d = 0``, so that ``d = G J d``.
     """
     V = np.linalg.qr(inverse.potentials.gradients(q[None])[0])[0]
     d = _tangent(V, goal - q)
@@ -45,7 +46,7 @@ def leaf_direction(inverse: RepeatableInverse, q: Array, goal: Array) -> Array:
 
 
 def _tangent(V: Array, x: Array) -> Array:
-    """Project a vector (n,) on the leaf's tangent space; V (n, r) orthonormal."""
+    """Project a vector (n,) on the tangent space of the leaf; V (n, r) is orthonormal."""
     return np.asarray(x - V @ (V.T @ x), float)
 
 

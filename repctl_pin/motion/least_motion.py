@@ -1,4 +1,4 @@
-"""Closed motion of minimum joint speed on a path: the yardstick for repeatable controllers."""
+"""Closed motion of minimum joint speed on a path, to which repeatable controllers are compared."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .motion import Motion
 from .solve_ik import solve_ik
 
 _STAGES = 100
-"""Maximum number of stages in which the motion of J⁺ is closed."""
+"""Maximum number of stages in which the motion of J⁺ is deformed until it closes."""
 
 
 @one_blas_thread()
@@ -31,7 +31,7 @@ def least_closed_motion(
     limit_margin: float = 0.0,
     guess: Motion | None = None,
 ) -> Motion:
-    """Minimise the joint motion over all closed joint motions on one closed path.
+    """Compute the closed joint motion of minimum joint speed on a closed path.
 
     ``min Σ_k ‖q_{k+1} − q_k‖² / (s_{k+1} − s_k)`` with ``f(q_k) = x(s_k)`` and ``q_K = q_0``,
     within the joint limits. No controller whose motion closes can need less joint speed (rms) on
@@ -53,11 +53,12 @@ def least_closed_motion(
     period
         Period, s; by default the path's, else 5.
     free_start
-        Whether the start may move along its self-motion, too.
+        Whether the start, too, may move along its self-motion.
     limit_margin
-        Margin to keep to every joint limit, rad or m; a given start is taken as it is.
+        Margin to keep to every joint limit, rad or m; a start that is not free may have less.
     guess
-        Motion whose first cycle is near the minimum; by default that of J⁺, closed.
+        Motion whose first cycle is the initial one of the search; by default the motion of J⁺,
+        deformed until it closes.
 
     Returns
     -------
@@ -96,7 +97,7 @@ def least_closed_motion(
 
 
 def _plain(cost: ClosedMotionCost, start: Array) -> Array:
-    """Follow the path by Newton's method with J⁺: a motion (K + 1, n) that need not close."""
+    """Follow the path with J⁺: configurations (K + 1, n), in general not closed."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
         Q.append(solve_ik(cost.task, Q[-1], target, tolerance=1e-10, limits=False))
@@ -137,7 +138,7 @@ def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -
 
 
 def closed_motion(task: Task, path: TaskPath, Q: Array, t: Array) -> Motion:
-    """Make the motion of one closed cycle, Q (K, n); its velocities are means over the steps."""
+    """Create the motion of one closed cycle, Q (K, n); its velocities are means over the steps."""
     Q = np.vstack([Q, Q[:1]])
     qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]
     errors = task.errors(Q, [path.placement(float(s)) for s in (t - t[0]) / (t[-1] - t[0])])

@@ -19,34 +19,38 @@ from .motion import Motion
 from .self_motion import self_motions
 
 _STRIDE = 0.4
-"""Distance of the starts along a self-motion, rad; for prismatic joints in arm lengths."""
+"""Distance between starts along a self-motion, rad; for prismatic joints in arm lengths."""
 
 _SPARE = (1.0, 1.1, 1.3, 1.6)
-"""Factors of the margin to the limits with which a free start is searched, until it is kept."""
+"""Factors of the required joint-limit margin with which a free start is searched, one after the
+other, until the result has that margin."""
 
 _STEPS = 24
 """Number of points per cycle."""
 
 _ROUNDS = 3
-"""Number of starts from which self-motions of more than one dimension are walked: the given one,
-then the best found."""
+"""Maximum number of starts from which self-motions of more than one dimension are walked: the given
+start, then the best one found so far."""
 
 _IMPROVED = 4
-"""Number of the slowest motions, and of those with the margin, whose starts are freed."""
+"""Number of motions of lowest joint speed whose starts are then freed; as many again of those that
+have the required margin."""
 
 
 class LeastStart(NamedTuple):
-    """Least closed motions from several starts on one path; the first point is the start.
+    """Closed motions of minimum joint speed from several starts on one path.
+
+    The first configuration of a motion is its start.
 
     Attributes
     ----------
     best : Motion
-        The slowest with at least half of the largest joint-limit margin and no collision; the given
-        one if no other is better.
+        The motion of lowest joint speed with at least half of the largest joint-limit margin and no
+        collision; ``given`` if no other is better.
     given : Motion
-        The one from the given start.
+        The motion from the given start.
     clearest : Motion
-        The one with the largest joint-limit margin.
+        The motion with the largest joint-limit margin.
     """
 
     best: Motion
@@ -59,8 +63,8 @@ def least_start(
 ) -> LeastStart:
     """Search the self-motions of a start for the start that needs minimum joint speed.
 
-    Its joint-limit margin is at least half of the largest found, and no bodies collide. The motions
-    have few points per cycle, enough to compare starts.
+    The motion from that start has at least half of the largest joint-limit margin found, and no
+    bodies collide in it. The motions have few points per cycle, enough to compare starts.
 
     Parameters
     ----------
@@ -71,7 +75,7 @@ def least_start(
     q0 : (n,) array
         Start, at the path's first point.
     guess
-        A closed motion from there, if there is one.
+        A closed motion from q0 as the initial one of the search, if one is known.
 
     Raises
     ------
@@ -100,17 +104,21 @@ def least_start(
 
 
 def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
-    """Improve a motion with its start free; the given one if none is better with the margin."""
+    """Improve a motion by a free start; return ``given`` if no result with a margin is better.
+
+    ``kept`` is the joint-limit margin that the result must have, rad or m.
+    """
     found = (_free(motion, factor * kept) for factor in _SPARE)
     better = (one for one in found if one is not None and _better(one, given, kept))
     return next(better, given)
 
 
 def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
-    """Generate least closed motions from starts along the self-motions of a start.
+    """Generate closed motions of minimum joint speed from starts along a start's self-motions.
 
     ``turn`` (r, r) rotates the directions. The walks go on beyond joint limits: other parts of a
-    self-motion can be inside them again."""
+    self-motion can be inside them again.
+    """
     start, target = given.q[0], path.placement(0.0)
     directions = turn @ nullspace(task.jacobian(start)).T
     for walk in self_motions(task, start, target, directions, _STRIDE, limits=False):
@@ -122,8 +130,10 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 
 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
-    """Find the closed motion of minimum joint speed from a start, by searches that begin with
-    ``guess`` and with the motion of J⁺: the better of the two; None if both fail."""
+    """Find the closed motion of minimum joint speed from a start; None if there is none.
+
+    It is the better one of two local minima, found from ``guess`` and from the motion of J⁺.
+    """
     found: list[Motion] = []
     if task.limit_margin(q).min() >= 0:
         for beside in {guess, None}:
@@ -133,9 +143,11 @@ def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion
 
 
 def _free(motion: Motion, margin: float) -> Motion | None:
-    """Improve a motion with its start free, found with a margin to the limits; None if that fails.
+    """Improve a motion by a free start, found with a margin to the limits; None if that fails.
 
-    From the start found, the result is a least motion without that margin."""
+    The result begins at the start found, and is a motion of minimum joint speed without that
+    margin.
+    """
     try:
         found = least_closed_motion(
             motion.task,
@@ -153,7 +165,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
 
 
 def _better(motion: Motion, given: Motion, margin: float) -> bool:
-    """Test for a lower speed than the given motion's, a margin to the limits, and no collision."""
+    """Test for a joint speed below that of ``given``, a margin to the limits, and no collision."""
     fast = motion.rms_speed < given.rms_speed
     return fast and _margin(motion) >= margin and bool(motion.body_distance.min() >= 0)
 

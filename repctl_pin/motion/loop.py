@@ -91,30 +91,31 @@ class Loop:
 
     @property
     def before(self) -> Array:
-        """Configurations of the controllers at this time of the first cycle: (strategies, n)."""
+        """Configurations of the controllers at this point of the first cycle: (strategies, n)."""
         return self.cycle[self._at]
 
     @property
     def phase(self) -> float:
-        """Where on the path the controllers are, in parts of a cycle."""
+        """Position of the target on the path, as a fraction of a cycle."""
         return self._at / self.steps
 
     @property
     def path_point(self) -> Array:
-        """Where the target is without its offset: (3,), m."""
+        """Position of the target without its offset: (3,), m."""
         return np.array(self._targets[self._at].translation)
 
     def run(self, seconds: float, offset: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Advance by a time in s, in whole steps.
+        """Advance the simulation by a time in s, in whole steps.
 
-        The target moves to an offset (3,) from the path, m."""
+        Meanwhile the target moves to an offset (3,) from the path, m.
+        """
         wish = np.asarray(offset, float)
         steps, self._rest = divmod(self._rest + seconds, self.dt)
         for _ in range(int(steps)):
             self._step(wish)
 
     def _step(self, wish: Array) -> None:
-        """Take one step: move the target on, hold it or move it back; else step back."""
+        """Take one step, with the target moved on, held or moved back; else retrace a step."""
         if self._back:
             self._step_back()
             return
@@ -135,7 +136,7 @@ class Loop:
         self._step_back()
 
     def _step_back(self) -> None:
-        """Retrace one step; without stored steps, restart at the start."""
+        """Retrace one step; if no steps are stored, restart at the start."""
         self._back -= 1
         if self._trail:
             self.q, self.offset, self._at = self._trail.pop()
@@ -155,7 +156,7 @@ class Loop:
         return True
 
     def _next(self, k: int, target: pin.SE3) -> Array | None:
-        """Compute a controller's next configuration; None if it fails."""
+        """Compute the next configuration of controller k; None if the controller fails."""
         control, q, leaf = self.strategies[k], self.q[k], self._leaves[k]
         try:
             if isinstance(control, OnLeaves):

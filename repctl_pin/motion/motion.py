@@ -94,9 +94,10 @@ class Motion(JointMotion):
         return when, float(self.tracking_error.max()), float(self.turning_error.max())
 
     def slowed(self, factor: float) -> Motion:
-        """Slow the motion down by ``factor``.
+        """Return the motion with its duration multiplied by ``factor``.
 
-        For controllers ``q̇ = G ẋ``, whose joint path does not change."""
+        It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
+        """
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
@@ -109,7 +110,7 @@ class Motion(JointMotion):
 
         Parameters
         ----------
-        velocity_limit : float or (n,) array, optional
+        limit : float or (n,) array, optional
             Speed limits of the robot's joints, rad/s or m/s; by default those of the robot.
 
         Returns

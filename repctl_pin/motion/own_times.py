@@ -1,5 +1,4 @@
-"""A motion in its own times, from rest to rest: its law of time smoothed just enough for the
-limits."""
+"""Timing by a motion's own times, from rest to rest, smoothed just enough for the limits."""
 
 from __future__ import annotations
 
@@ -15,34 +14,35 @@ from ..errors import InputError
 from .profile import Limits, Segment, most_used
 
 _LONGER = 1.5
-"""Ratio of two smoothing times that are tried one after the other."""
+"""Ratio of successive smoothing times that are tried."""
 
 _HALVINGS = 6
-"""How often the way back to the last that was too short is halved."""
+"""Number of bisections between the first smoothing time that keeps the limits and the last one that
+was too short."""
 
 _SHORTEST = 1e-3
 """Shortest smoothing time, s."""
 
 _KEPT = 1 + 1e-9
-"""Limits count as kept up to this factor."""
+"""Factor up to which a limit may be exceeded and count as kept."""
 
 _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
-"""Where limits are checked between two breaks of the law, as shares of the time."""
+"""Points at which limits are checked between two breaks of s(t), as fractions of the time."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class OwnTimes(Segment):
-    """A smooth part of a joint path in its own times, from rest to rest.
+    """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
-    ``s(t)`` is the path's own law, at rest before and after, convolved with a triangle of width r:
-    that rounds the beginning, the end and every jump of speed, never exceeds the law's own speed,
-    and leaves it as it is r/2 away.
+    ``s(t)`` is the motion's own law, at rest before and after, convolved with a triangle of width
+    r. That smooths the beginning, the end and every jump of speed; it never exceeds the largest
+    speed of the law, and changes a law of constant speed only within r/2 of a jump.
 
     Attributes
     ----------
     smooth : PPoly
-        s(t).
+        s(t), a piecewise polynomial.
     """
 
     smooth: Any
@@ -56,31 +56,30 @@ class OwnTimes(Segment):
         return self.at(t), self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
     def excess(self, limits: Limits) -> float:
-        """Leave the times as they are: the smoothing was chosen for the limits to hold."""
+        """Return 1: time is not stretched, because the smoothing makes the limits hold."""
         return 1.0
 
 
 def with_own_times(
     Q: Array, clock: Array, limits: Limits, *, added: int, most: float, joints: Sequence[str]
 ) -> OwnTimes:
-    """Run a smooth joint path in its own times, smoothed over the shortest time that keeps the
-    limits.
+    """Time a smooth joint path by its own times, smoothed as little as the limits allow.
 
     Parameters
     ----------
     Q : (T, n) array
-        The path.
+        Joint path: configurations.
     clock : (T,) array
-        When each of its points is passed, s.
+        Time at which each point is passed, s.
     limits
-        Those to keep.
+        Limits to keep.
     added
-        At how many of its two ends time may be added; at the others the law is run a little faster
-        instead.
+        Number of ends, 0 to 2, at which time may be added; without it the path is run a little
+        faster instead.
     most
         Longest smoothing time, s.
     joints
-        Their names, for messages.
+        Names of the joints, for messages.
 
     Raises
     ------
@@ -127,7 +126,7 @@ def with_own_times(
 
 
 def _worst(limits: Limits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
-    """Name the limit that is exceeded most, and when."""
+    """Describe the limit that is exceeded most, and when."""
     found = []
     for what, values, limit in zip(
         ("speed", "acceleration", "jerk"),
@@ -155,10 +154,11 @@ def _worst(limits: Limits, moved: tuple[Array, ...], t: Array, joints: Sequence[
 
 
 def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> OwnTimes:
-    """Convolve the law (own, s), rest before and after, with a triangle of width r.
+    """Convolve the law s(own), at rest before and after, with a triangle of width r.
 
-    ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the law itself, h = r/2: linear between its
-    shifted points."""
+    ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is
+    linear between the shifted points of the law.
+    """
     h, D = r / 2, own[-1]
     T = D + added * h
     own = own * ((T - r) / D)  # begins at h and ends at T − h

@@ -1,4 +1,4 @@
-"""How fast a joint path can be run, from rest to rest: the phase-plane profile ṡ(s), by TOPP-RA."""
+"""Time-optimal profile ṡ(s) of a joint path, from rest to rest, by TOPP-RA."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..arguments import Array, read_only
 from ..errors import InputError, needed
 
 InverseDynamics = Callable[[Array, Array, Array], Array]
-"""q, q̇, q̈ → τ."""
+"""Function (q, q̇, q̈) → joint torques τ, (n,) each."""
 
 _BEND = 0.05
-"""A corner: the joint path turns by more than this, rad, from one side to the other."""
+"""Change of direction of the joint path, rad, above which a point is a corner."""
 
 SHARP = 0.3
-"""A corner at which a motion in its own times always stops, rad: gentler ones it passes if the
-limits are kept."""
+"""Change of direction of the joint path, rad, above which a motion in its own times always stops;
+it passes gentler corners if the limits allow."""
 
 STAGES = 450
 """Minimum number of stages of a cycle's profile; between them, limits are exceeded by less than
 2 %."""
 
 LEAST_STAGES = 50
-"""Stages between two stops, at least."""
+"""Minimum number of stages (grid points of the profile) between two stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,12 @@ class Limits:
     Attributes
     ----------
     velocity, acceleration, jerk : (n,) arrays
-        Per s, s² and s³; no jerk is no limit.
+        Rad or m, per s, s² and s³; None if jerk is not limited.
     torque, dynamics
-        Efforts (n,), N m or N, and the inverse dynamics that they are compared with.
+        Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
     tool
-        Function of q and q′ (K, n) → (K,): the share of the tool's speed limit that ṡ = 1 uses.
+        Function of q and q′ (K, n) → (K,): the fraction of the tool's speed limit used at
+        ṡ = 1; or None.
     """
 
     velocity: Array
@@ -52,7 +53,7 @@ class Limits:
     tool: Callable[[Array, Array], Array] | None = None
 
     def most_rate(self, Q: Array, slope: Array) -> Array:
-        """Find the largest ṡ within the limits of speed at points of a path: (K,)."""
+        """Compute the largest ṡ within the speed limits at points of a path: (K,)."""
         used = (np.abs(slope) / self.velocity).max(axis=1)
         if self.tool is not None:
             used = np.maximum(used, self.tool(Q, slope))
@@ -62,18 +63,19 @@ class Limits:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Segment:
-    """A smooth part of a joint path, from stop to stop, and its profile.
+    """A smooth part of a joint path between two stops, with its time-optimal profile.
 
-    ``s`` is the length along the joints; between two stages s̈ is constant.
+    ``s`` is the length of the joint path. The stages are grid points of s; s̈ is constant between
+    two of them.
 
     Attributes
     ----------
     curve
-        q(s), by scipy's spline.
+        q(s), a scipy spline.
     s, speed, t : (K,) arrays
-        The stages, ṡ there, and the time from the segment's start.
+        s at the stages, ṡ, and the time from the segment's start, s.
     passed : (T,) array
-        When the points of the path are passed.
+        Times at which the points of the path are passed, s.
     """
 
     curve: Any
@@ -103,8 +105,10 @@ class Segment:
         return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
     def excess(self, limits: Limits) -> float:
-        """By what factor time has to be stretched for the limits to hold at stages and between
-        them; 1 if they hold."""
+        """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
+
+        They are checked at the stages and halfway between them.
+        """
         u = (self.speed[1:] ** 2 - self.speed[:-1] ** 2) / (2 * np.diff(self.s))
         factor = 1.0
         for share in (0.0, 0.5, 1.0):
@@ -121,15 +125,17 @@ class Segment:
 
 
 def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
-    """Evaluate a cubic spline and its derivatives (K, n) in one go."""
+    """Evaluate a cubic spline and its three derivatives at s: (K, n) each."""
     i = np.clip(np.searchsorted(curve.x, s, side="right") - 1, 0, len(curve.x) - 2)
     u, (d, c, b, a) = (s - curve.x[i])[:, None], curve.c[:, i]
     return a + u * (b + u * (c + u * d)), b + u * (2 * c + 3 * u * d), 2 * c + 6 * u * d, 6 * d
 
 
 def most_used(limits: Limits, Q: Array, qdot: Array, qddot: Array, qdddot: Array) -> float:
-    """By what factor time has to be stretched for a motion (T, n) to keep the limits; 1 if it
-    does."""
+    """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
+
+    The motion is given by (T, n) arrays.
+    """
     factor = max(1.0, float((np.abs(qdot) / limits.velocity).max()))
     factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
     if limits.jerk is not None:
@@ -140,8 +146,10 @@ def most_used(limits: Limits, Q: Array, qdot: Array, qddot: Array, qdddot: Array
 
 
 def _torque_used(limits: Limits, Q: Array, qdot: Array, qddot: Array) -> float:
-    """By what factor time has to be stretched for the torques of a motion (T, n) to be within
-    theirs."""
+    """Compute the factor by which time must be stretched to keep a motion's torque limits.
+
+    The motion is given by (T, n) arrays; without torque limits the factor is 1.
+    """
     factor = 1.0
     if limits.torque is None or limits.dynamics is None:
         return factor
@@ -154,18 +162,18 @@ def _torque_used(limits: Limits, Q: Array, qdot: Array, qddot: Array) -> float:
 
 
 class Profile:
-    """Runs one after the other, with stays between them, over a few cycles.
+    """Timing of a few cycles: segments in order, with pauses between them.
 
     Attributes
     ----------
     marks : (cycles + 1,) array
-        When each cycle begins and the last ends, s; before any stay there.
+        Times at which the cycles begin and the last one ends, s; before a pause there, if any.
     stretch : float
-        The factor that time needs for the limits to hold between the stages too.
+        Factor by which time must be stretched to keep the limits between the stages, too.
     converged : bool
-        Whether the second cycle begins as it ends, so that it can be repeated.
+        Whether the second cycle begins and ends at equal speed, so that it can be repeated.
     phase : tuple of (K,) arrays
-        Length travelled, and its rate.
+        Length of the joint path up to every stage, and its rate ṡ.
     """
 
     def __init__(
@@ -196,7 +204,7 @@ class Profile:
         )
 
     def positions(self, clock: Array) -> Array:
-        """Joints (T, n) at times (T,); at rest before the start and after the end."""
+        """Evaluate the configurations (T, n) at times (T,); at rest outside the profile."""
         which = np.clip(
             np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
         )
@@ -207,8 +215,10 @@ class Profile:
         return Q
 
     def derivatives(self, clock: Array) -> Array:
-        """Joints and their first three derivatives (4, T, n) at times (T,); at rest before and
-        after the profile."""
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
+
+        The arm is at rest before the start and after the end.
+        """
         which = np.clip(
             np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
         )
@@ -223,20 +233,20 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A profile as a function of time, its second cycle repeated.
+    """A profile as a function of time, with its second cycle repeated.
 
     Attributes
     ----------
     profile
         Phase-plane profile of a few cycles.
     factor
-        By which its time is stretched.
+        Factor by which the profile's time is stretched.
     lead
-        Time at rest before it, s.
+        Time at rest before the profile, s.
     begin, period : float
-        When the second cycle begins, and how long it takes, s.
+        Time at which the second cycle begins, and its duration, s.
     more : int
-        How often it is repeated.
+        Number of additional repetitions of the second cycle.
     """
 
     profile: Profile
@@ -247,8 +257,7 @@ class Trajectory:
     more: int
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,) of the motion's
-        samples."""
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,) of the samples."""
         clock = t - self.lead
         if self.more:
             again = np.floor((clock - self.begin) / self.period)
@@ -258,8 +267,10 @@ class Trajectory:
 
 
 def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list[int]:
-    """Find the points (T, n) of a joint path where its direction jumps: among the candidates, and
-    cusps anywhere."""
+    """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
+
+    Cusps are found everywhere, other corners only among the indices ``candidates``.
+    """
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / np.maximum(
@@ -278,7 +289,7 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list
 
 
 def _tangent(points: Array) -> Array:
-    """Unit tangent of a curve at the first of a few points (k, n)."""
+    """Compute the unit tangent (n,) of a curve at the first of a few points (k, n)."""
     x = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if x[-1] == 0:
         return np.zeros(points.shape[1])
@@ -287,13 +298,15 @@ def _tangent(points: Array) -> Array:
 
 
 def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
-    """Find the time-optimal profile along a smooth joint path (T, n), from rest to rest, in at
-    least ``stages`` stages.
+    """Compute the time-optimal profile of a smooth joint path (T, n), from rest to rest.
+
+    It has at least ``stages`` stages.
 
     Raises
     ------
     InputError
-        If no speed at all is within the limits: a joint's torque does not hold the arm.
+        If no speed is within the limits: the path is too rough, or a joint's torque limit does not
+        hold the arm.
     """
     needed("toppra", by="a motion from rest to rest")
     import toppra
@@ -334,7 +347,7 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
 
 
 def _speeds_at(limits: Limits, curve: Any, s: float) -> Array:
-    """Lower and upper speeds (n, 2) of the joints at s with which the tool keeps its limit too."""
+    """Compute the joint speed bounds (n, 2) at s that keep the tool's speed limit, too."""
     slope = curve(np.array([s]), 1)
     rate = limits.most_rate(curve(np.array([s])), slope)
     speeds = np.minimum(np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12)

@@ -1,5 +1,4 @@
-"""Feed override of a timed motion: stop, go on and back up along its joint path, within its
-limits."""
+"""Feed override of a timed motion: stop, resume and reverse along its path, within its limits."""
 
 from __future__ import annotations
 
@@ -14,48 +13,50 @@ from ..errors import InputError
 from .timing import TimedMotion
 
 _TOLERANCE = 1.005
-"""Limits count as kept up to this factor: a time-optimal motion meets one of them nearly always."""
+"""Factor up to which a limit may be exceeded and count as kept; a time-optimal motion meets one of
+its limits at nearly every moment."""
 
 _COARSE = np.linspace(0.0, 1.0, 33)
-"""Where changes of the override are checked first, as shares of their time."""
+"""Points at which a change of the override is checked first, as fractions of its duration."""
 
 _FINE = 5e-4
-"""Time between two points at which the one that is chosen is checked, s."""
+"""Time between the points at which the chosen change is checked, s."""
 
 _MOST_POINTS = 2000
-"""Maximum number of these points."""
+"""Maximum number of points at which the chosen change is checked."""
 
 _LONGER = 1.3 ** np.arange(10)
-"""Times of a change that are tried, as multiples of the shortest that limits of speed and jerk
-allow at its start."""
+"""Durations of a change that are tried, as multiples of the shortest one within the acceleration
+and jerk limits at its start."""
 
 _SHARES: Array = 0.5 ** np.arange(1.0, 6.0)
-"""Shares of a change that are tried where the whole one does not keep the limits."""
+"""Fractions of a change that are tried if the whole one does not keep the limits."""
 
 _QUICKEST = 1e-3
-"""Shortest change of the override, s."""
+"""Minimum duration of a change of the override, s."""
 
 _AGAIN = 0.005
-"""Time after which another change is looked for, s, while the override is not the one asked for."""
+"""Time between attempts to change the override to the requested value, s."""
 
 _NEAR = 1e-3
-"""How near to the path a start has to be, rad or m."""
+"""Maximum distance of a start from the path, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Change:
-    """Overrides o(t), cubic polynomials, from o and its rate to a goal with rate 0 after some time;
-    then constant.
+    """K alternative changes of the override: polynomials o(t), constant after their duration.
+
+    They begin at one value and rate, and end at their goals with the rate 0; each is a cubic.
 
     Attributes
     ----------
     begin : float
-        Time on the motion where it begins, s.
+        Time on the motion's clock where the changes begin, s.
     override, rate : float
         o and ȯ there.
     goal, time : (K,) arrays
-        Goal and duration of each polynomial.
+        Value of o at the end, and duration, s.
     """
 
     begin: float
@@ -65,7 +66,7 @@ class _Change:
     time: Array
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate ∫o, o, ȯ and ö at times (..., K) from the beginning."""
+        """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning."""
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
         o, r, d = self.override, self.rate * W, self.goal - self.override
@@ -83,28 +84,29 @@ class _Change:
 
 
 class Run:
-    """Run a timed motion under an override that may change at any time: 1 goes on, 0 stops, -1
-    backs up.
+    """Run a timed motion with a feed override that may change at any time.
 
-    The joints stay on the motion's joint path, ``q(τ)`` with ``dτ/dt = o``. The override o follows
-    the one asked for by cubic polynomials in time, as quickly as the motion's limits of speed,
-    acceleration and jerk are kept: ``q̈ = q″ o² + q′ ȯ``, ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``. A
-    change is begun only if it keeps them to its end.
+    The override 1 runs the motion as timed, 0 stops, and -1 runs it backwards.
+
+    The joints stay on the motion's joint path, ``q(τ)`` with ``dτ/dt = o``. The override o
+    reaches the requested value by cubic polynomials in time, as quickly as the motion's limits of
+    speed, acceleration and jerk allow: ``q̈ = q″ o² + q′ ȯ``, ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``. A
+    change is begun only if it keeps these limits to its end.
 
     Parameters
     ----------
     timed
-        What :func:`timed` made.
+        Result of :func:`timed`.
     q : (n,) array, optional
-        Where to begin, on the path's first cycle, such as the end of ``approach(...,
+        Configuration on the path's first cycle to begin at, such as the end of ``approach(...,
         to="nearest")``; by default at the motion's beginning.
 
     Attributes
     ----------
     t : float
-        How far it has come, s on the clock of ``timed.t``.
+        Time reached on the clock of ``timed.t``, s.
     override : float
-        The override at present.
+        Present value of the override.
 
     Raises
     ------
@@ -138,23 +140,23 @@ class Run:
 
     @property
     def t(self) -> float:
-        """How far it has come, s on the clock of ``timed.t``."""
+        """Time reached on the clock of ``timed.t``, s."""
         return self._t
 
     @property
     def override(self) -> float:
-        """The override at present."""
+        """Present value of the override."""
         return self._override
 
     def step(self, dt: float, override: float = 1.0) -> tuple[Array, Array]:
-        """Go on by a time step.
+        """Advance by a time step, and return the next positions and velocities.
 
         Parameters
         ----------
         dt
             Time step, s.
         override
-            The one asked for, from -1 to 1.
+            Requested override, from -1 to 1.
 
         Returns
         -------
@@ -183,13 +185,13 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Keep an override from a time on."""
+        """Set the override at a time of the motion's clock, and keep it constant."""
         self._t, self._override, self._rate, self._since = t, override, 0.0, 0.0
         self._change = _Change(t, override, 0.0, np.array([override]), np.zeros(1))
         self._wish, self._looked = override, 0.0
 
     def _aim(self, wish: float) -> None:
-        """Begin to change the override, if it is not the one asked for and the limits let it."""
+        """Begin a change to the requested override, if it is needed and the limits allow it."""
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
             (left <= 0 and change.goal[0] == wish) or self._since - self._looked < _AGAIN
@@ -208,8 +210,10 @@ class Run:
             self._change, self._since, self._looked = found, 0.0, 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find the change to the first of some goals that keeps the limits, in the shortest time;
-        None if none does."""
+        """Find the shortest change to the first of several goals that the limits allow.
+
+        Returns None if no goal can be reached.
+        """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)
         shortest = 1.5 * far * np.max(slope / self._timed.acceleration)
@@ -230,7 +234,7 @@ class Run:
         return None
 
     def _kept(self, change: _Change, shares: Array) -> Array:
-        """Whether each of some changes keeps the limits at some shares of its time: (K,)."""
+        """Whether each of K changes keeps the limits, at fractions of its duration: (K,)."""
         way, o, rate, push = change.at(shares[:, None] * change.time)
         clock = np.clip(change.begin + way, 0.0, self._end)
         q = self._trajectory.derivatives(clock.ravel()).reshape(4, *clock.shape, -1)
@@ -245,7 +249,7 @@ class Run:
         return np.asarray(used.max(axis=(0, 2)) <= _TOLERANCE)
 
     def _nearest(self, q: Array) -> float:
-        """Find when the first cycle passes a configuration."""
+        """Find the time at which the first cycle passes q; InputError if it does not."""
         timed = self._timed
         first = timed.t <= timed.starts[1]
         k = int(np.argmin(np.linalg.norm(timed.q[first] - q, axis=1)))

@@ -26,20 +26,22 @@ def self_motions(
 ) -> Iterator[Iterator[Array]]:
     """Walk along the self-motions of a start, up to a joint limit or a full turn.
 
+    Yields one iterator of configurations (n,) per walk.
+
     Parameters
     ----------
     task
         Task that holds the frame.
     start : (n,) array
-        Configuration with the frame at the target; it is not among the results.
+        Configuration with the frame at the target; the walks do not contain it.
     target
         Placement of the frame.
     directions
-        Null vectors at the start; each is walked both ways.
+        Null vectors (n,) at the start; there is a walk along each, and one against it.
     stride
         Length of a step, rad; for prismatic joints in arm lengths.
     limits
-        Whether a walk ends at a joint limit; otherwise it goes on outside.
+        Whether a walk ends at a joint limit; otherwise it goes on beyond the limit.
     """
     for direction in directions:
         for sign in (1.0, -1.0):
@@ -49,7 +51,7 @@ def self_motions(
 def _walk(
     task: Task, q: Array, target: Placement, along: Array, stride: float, limits: bool
 ) -> Iterator[Array]:
-    """Walk along one self-motion, in one direction."""
+    """Generate the configurations (n,) of a walk along one self-motion, in one direction."""
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):
         N = nullspace(task.jacobian(q))
@@ -67,7 +69,10 @@ def _walk(
 def self_moved(
     task: Task, q: Array, step: Array, target: Placement, *, limits: bool = True
 ) -> Array | None:
-    """Take a step of the self-motion; None if it leaves the limits, unless they do not count."""
+    """Take a step of a self-motion: the configuration (n,) with the frame at the target.
+
+    None if there is none near q + step, or it is outside the joint limits and ``limits`` is True.
+    """
     try:
         return solve_ik(task, q + step, target, tolerance=1e-11, limits=limits)
     except (InputError, SingularityError):

@@ -16,13 +16,13 @@ from ..robot.task import Task, require_task
 from ..solvers import newton
 
 _THERE = 1e-9
-"""Task error, m and rad, below which a point is reached."""
+"""Task error, m and rad, below which the frame counts as at a point."""
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
 
 _FAR = 10
-"""Distance of points, in arm lengths, above which their unit is not m."""
+"""Distance of points, in arm lengths, above which they are presumed to be in mm instead of m."""
 
 
 def solve_ik(
@@ -109,7 +109,7 @@ def solve_ik(
 
 
 def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
-    """Solve for the first point of a path; q0 itself if it is there already.
+    """Solve for a configuration at the first point of a path; q0 itself if it is there already.
 
     Raises
     ------
@@ -126,7 +126,9 @@ def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
 
 
 def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) -> None:
-    """Refuse a path with a point that the frame cannot reach, joint limits aside.
+    """Raise InputError for a path that the frame cannot reach, without regard to joint limits.
+
+    The corners and ``points`` more points are tested.
 
     Raises
     ------
@@ -145,7 +147,7 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) 
 def _with_corner(
     error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float
 ) -> InputError:
-    """Add the name of the path and of its corner to an error, and a hint at the cause."""
+    """Return an error extended by the path's name, its corner near s, and a hint at the cause."""
     if not path.corners:
         return error
     knots = (0.0, *path.breaks, 1.0)
@@ -161,7 +163,7 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Suggest another unit or origin, if the whole path could be reached with it."""
+    """Suggest a different unit or origin, if the whole path can be reached with it; else empty."""
     points = np.array([path.point(s) for s in knots])
     if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(
         task, start, path, points / 1000
@@ -181,7 +183,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Explain why a target cannot be reached from q; empty if it can."""
+    """Explain in text why a target cannot be reached from q; empty if it can."""
     try:
         solve_ik(task, q, target, tolerance=_THERE, limits=False)
     except InputError as error:

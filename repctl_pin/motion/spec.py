@@ -20,7 +20,7 @@ from .fitting_circle import circle_at, fitting_circle, planes_of
 
 PathMaker = Callable[[Task, Array], TaskPath]
 Drawn = Callable[[Task, Array, str], TaskPath]
-"""(task, q0, plane) → path."""
+"""Function (task, q0, plane) that returns a path."""
 
 FORMS = (
     "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, "
@@ -29,7 +29,7 @@ FORMS = (
 
 
 def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
-    """Make the function ``(task, q0) → TaskPath`` of a path given by name.
+    """Parse the name of a path, and return the function ``(task, q0) → TaskPath`` that creates it.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
 
 
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
-    """Make the function ``(task, q0, plane) → path`` of a path given by name."""
+    """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters."""
     if kind == "circle" and len(parts) == 2:
         radius, degrees = _length(parts[0], text), number(parts[1])
         if not np.isfinite(degrees):
@@ -116,7 +116,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
 
 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Drawn:
-    """Make the polygon through flat corners in a plane of the base frame."""
+    """Make the function that creates a polygon from corners (x, y) in a plane, m from the start."""
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:
         points = np.zeros((len(corners), 3))
@@ -127,7 +127,7 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Dra
 
 
 def _length(part: str, text: str) -> float:
-    """Read a length above 0, m."""
+    """Parse a length above 0, m; InputError if it is not one."""
     value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(

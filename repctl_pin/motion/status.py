@@ -1,4 +1,4 @@
-"""Outcomes of a tick at run time."""
+"""Status codes of a governor's tick."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ class Status(IntEnum):
     Attributes
     ----------
     OK
-        The target is reached, or the twist is the one asked for.
+        The target is reached, or the frame has the requested twist.
     SINGULAR
         J_V is singular ahead, or the target is out of reach: the arm stops before it.
     BAD_NUMBER
-        The input is not finite, or no rotation: the arm stops.
+        A number of the input is not finite or too large, or its matrix is not a rotation: the arm
+        stops.
     OUTSIDE
         The region Ω ends ahead: the arm stops before its edge.
     SLOWED

@@ -1,4 +1,4 @@
-"""Joints of a target on a leaf: those at the end of the straight line from the start."""
+"""Target configuration on a leaf: the end of the straight line of the frame from the start."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from .frame_motion import FrameMotion, straight
 from .governor_law import Bounds, frame_twist
 
 LONGEST_STEP = 0.1
-"""Longest step of the continuation, rad or m of a joint."""
+"""Maximum motion of a joint per step of the continuation, rad or m."""
 
 CONTRACTION = 0.25
-"""Largest ratio of a Newton step to the one before: a larger one could lead to another branch."""
+"""Maximum ratio of a Newton step to the one before; a larger ratio could lead to a different branch
+of the inverse kinematics."""
 
 MOST_AT_ONCE = 40
-"""Maximum number of evaluations of the inverse at a time."""
+"""Maximum number of evaluations of the inverse per call of :meth:`TargetJoints.look_for`."""
 
 _EXACT, _ITERATIONS, _SHORTEST = 1e-6, 6, 1e-3
-"""Newton step after which it has converged; their number; shortest step, a share of the line."""
+"""Newton step, rad or m, below which it has converged; maximum number of Newton steps; minimum step
+of the continuation, as a fraction of the line."""
 
 
 class TargetJoints:
-    """``F(x; c)``: continuation of the joints along the straight line from the start to a target.
+    """Target configuration ``F(x; c)``, by continuation on a straight line from start to target.
 
-    The line is a displacement with a rotation about one axis, by at most 180°. The result does not
-    depend on where the arm is, so it makes the joints at rest a function of the target.
+    The line of the frame is a displacement with a rotation about one axis, by at most 180°. The
+    result does not depend on where the arm is at present, so that the configuration at rest is a
+    function of the target.
 
     Parameters
     ----------
@@ -42,9 +45,10 @@ class TargetJoints:
     Attributes
     ----------
     target : pinocchio.SE3, optional
+        Target that is looked for.
     found : (n,) array, optional
-        The joints at its end. None if they are not known yet, or if they exceed a limit, leave the
-        region, or become singular on the line.
+        Configuration at the target. None if it is not known yet, or if the line leads beyond a
+        limit, out of the region, or to a singularity.
     known : bool
         Whether ``found`` is final.
     """
@@ -53,12 +57,12 @@ class TargetJoints:
         self._inverse, self._bounds = inverse, bounds
 
     def start(self, q: Array, leaf: Array) -> None:
-        """Begin anew, from another configuration and leaf."""
+        """Set the configuration and the leaf from which all lines begin; forget the target."""
         self._start, self._leaf = q, leaf
         self.target: pin.SE3 | None = None
 
     def look_for(self, target: pin.SE3) -> None:
-        """Go on with a target, by a number of evaluations."""
+        """Continue the search for a target's configuration, by a limited number of evaluations."""
         if self.target is None or target != self.target:
             self._begin(target)
         self._left = MOST_AT_ONCE
@@ -75,7 +79,7 @@ class TargetJoints:
         self._line: FrameMotion = straight(place, way)
 
     def _continue(self) -> None:
-        """Take one step along the line, or halve it."""
+        """Take one step of the continuation along the line; if it fails, halve the next one."""
         end = min(self._share + self._step, 1.0)
         q = self._solved(self._q, self._line.placement(end))
         if q is None:
@@ -87,7 +91,7 @@ class TargetJoints:
             self.found, self.known = q, True
 
     def _solved(self, q: Array, target: pin.SE3) -> Array | None:
-        """Solve f(q) = x, h(q) = c next to q, inside all limits."""
+        """Solve f(q) = x, h(q) = c near the guess q; None without a solution in all limits."""
         before = inf
         for _ in range(_ITERATIONS):
             self._left -= 1

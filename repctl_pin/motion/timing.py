@@ -1,4 +1,4 @@
-"""Time for a motion, and for the approach to it: rest to rest, as quick as the limits allow."""
+"""Time-optimal timing of a motion, and of the approach to it: rest to rest, within the limits."""
 
 from __future__ import annotations
 
@@ -42,31 +42,32 @@ PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     ),
     "ur": ((5,) * 6, "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml"),
 }
-"""Published accelerations of arms, rad/s² from the base outward, and where they stand.
+"""Published acceleration limits of arms, rad/s² from the base outward, and their sources.
 
-Franka's are limits: its controller stops beyond them, and libfranka's ``rate_limiting.h`` has the
-same numbers (branch 0.8 for Panda, main for FR3). UR's arms have none but torques: these are what
-their own MoveIt configuration chooses, "conservatively". The joint speeds of FR3 that depend on
-position are not among them. """
+Franka's controller stops beyond its limits; libfranka's ``rate_limiting.h`` has the same numbers
+(branch 0.8 for Panda, main for FR3). UR publishes only torque limits; the numbers here are those
+that its MoveIt configuration chooses, "conservatively". FR3's speed limits that depend on position
+are not included."""
 
 JERKS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), PRESETS["panda"][1]),
     "fr3": ((5000,) * 7, "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on"),
 }
-"""Published jerk limits of arms, rad/s³ from the base outward, and where they stand. UR publishes
-none."""
+"""Published jerk limits of arms, rad/s³ from the base outward, and sources; UR publishes none."""
 
 FULL_SPEED = 0.2
 """Assumed time, s, in which a joint reaches its speed limit, if its acceleration limit is
 unknown."""
 
 _UNLIMITED = 10.0
-"""Acceleration, per s², of a joint that has no speed limit either."""
+"""Assumed acceleration limit, rad/s² or m/s², of a joint that has no speed limit either."""
 
 
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
-    """Presume accelerations (n,) of a task's joints: published ones of a known arm, else by their
-    speeds; and words."""
+    """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
+
+    They are published ones if the arm has any, else each joint's speed limit divided by 0.2 s.
+    """
     entry, names = task.robot.entry, task.robot_joints
     if entry is not None and entry.acceleration is not None:
         published = PRESETS[entry.acceleration][0]
@@ -79,13 +80,13 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 
 
 _DIFFERENCE = 1e-5
-"""Step of differences of the frame's placement, rad or m of the joints."""
+"""Joint step of the finite differences of the frame's placement, rad or m."""
 
 _MOMENT = 1e-3
-"""Velocities and accelerations are means over this time to either side, s: the exact ones jump."""
+"""Half-width, s, of the central differences that give q̇ and q̈; the exact accelerations jump."""
 
 _MOST_SAMPLES = MOST_STEPS // 5
-"""Samples of a timed motion: each takes the memory of several steps."""
+"""Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,7 @@ class TimedMotion:
     Attributes
     ----------
     joints : tuple of str
-        Their names.
+        Names of the joints.
     t : (T,) array
         Time, s, from 0; the samples begin and end a little outside the motion, at rest.
     q, qdot, qddot : (T, n) arrays
@@ -104,20 +105,20 @@ class TimedMotion:
         differences over a millisecond (or a sample, if shorter) to either side, because
         time-optimal q̈ jumps.
     starts : (cycles + 1,) array
-        When each cycle begins, and the last ends, s.
+        Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
-        The phase-plane profile: ‖q‖ travelled from the start, and its rate, per s; the first three
-        cycles if there are more.
+        The phase-plane profile: length of the joint path from the start, and its rate, per s; of
+        the first three cycles if there are more.
     velocity, acceleration, jerk : (n,) arrays
-        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); no jerk where it is not
-        limited.
+        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it is
+        not limited.
     stops : int
-        How often it stands still within a cycle, not counting its start: at corners of the joint
-        path, and stays.
+        Number of times that the arm stands still within a cycle, not counting its start: at corners
+        of the joint path, and during pauses.
     motion : Motion, optional
-        What was timed; None for the way in of :func:`approach`.
+        The motion that was timed; None in a result of :func:`approach`.
     trajectory : Trajectory, optional
-        The same as a function of time, with exact derivatives; for :class:`Run`.
+        The timed motion as a function of time, with exact derivatives; for :class:`Run`.
 
     Examples
     --------
@@ -155,7 +156,7 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Time of a steady cycle, s; of the mean one if there are fewer than three."""
+        """Time of a steady cycle, s; the mean over all cycles if there are fewer than three."""
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
 
@@ -180,17 +181,17 @@ def timed(
     keep_times: bool = False,
     rate: float = 1000.0,
 ) -> TimedMotion:
-    """Run a motion's joint path as quickly as the limits allow, from rest to rest.
+    """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
     ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|q⃛| ≤ jerk`` and
     ``|τ(q, q̇, q̈)| ≤ τ_max``: by TOPP-RA, with jerk by a sequence of linear programs. The first
-    cycle speeds up, the last slows down, and those between are the same in joints and time, if the
-    motion closes. The arm stops at sharp corners; round them with ``blend=``.
+    cycle speeds up, the last slows down, and the cycles between them are identical, if the motion
+    closes. The arm stops at sharp corners; round them with ``blend=``.
 
     Parameters
     ----------
     motion
-        What :func:`follow` made; its times are ignored, except for stays and with ``keep_times``.
+        Result of :func:`follow`; its times are ignored, except for pauses and with ``keep_times``.
     acceleration : float, (n,) array or str
         Acceleration limits of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in
         ``PRESETS``, published limits: ``panda``, ``fr3``, ``ur``.
@@ -202,12 +203,12 @@ def timed(
     torque
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
     tool_speed : float or (2,) array, optional
-        Largest speed of the frame along the path, m/s; or of the frame and of its turning, m/s and
-        rad/s.
+        Largest speed of the frame along the path, m/s; or of its linear and its angular speed, m/s
+        and rad/s.
     keep_times
         Keep the motion's own times, such as those of a CSV file, and only add ramps at the ends, as
-        short as the limits allow. At sharp corners, where the arm has to stand still, the corner
-        keeps its time.
+        short as the limits allow. At a sharp corner the arm has to stand still, but passes it at
+        its own time.
     rate
         Samples per second, Hz. A steady cycle takes a whole number of samples.
 
@@ -278,13 +279,13 @@ def limits_of(
     torque: bool = False,
     tool_speed: ArrayLike | None = None,
 ) -> Limits:
-    """Convert the limits of a task's joints, given by the user or by the URDF.
+    """Collect the limits of a task's joints, given by the user or else by the URDF.
 
     Raises
     ------
     InputError
         If accelerations are missing, a number is not above 0, or the URDF lacks efforts or masses
-        that are wanted.
+        for torque limits.
     """
     names = task.robot_joints
     if acceleration is None:
@@ -320,7 +321,7 @@ def limits_of(
 def _published(
     given: ArrayLike | str, known: dict[str, tuple[tuple[float, ...], str]], task: Task, what: str
 ) -> Array:
-    """Take accelerations or jerks of a task's joints (n,): published ones by name, or numbers."""
+    """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,)."""
     n = len(task.robot_joints)
     if isinstance(given, str):
         if given not in known:
@@ -338,7 +339,7 @@ def _published(
 
 
 def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
-    """Make the function (q, q̇) (K, n) → max(|v| / v_max, |ω| / ω_max) (K,) of a task's frame."""
+    """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame."""
     v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
     if np.size(np.asarray(most)) == 1:  # m/s alone
         omega_max = np.inf
@@ -364,7 +365,7 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
 
 
 def rest_to_rest(Q: Array, joints: Sequence[str], rate: float, limits: Limits) -> TimedMotion:
-    """Time one smooth joint path (T, n), once."""
+    """Time one smooth joint path (T, n) from rest to rest."""
     segment = fastest(Q, limits) if limits.jerk is None else fastest_with_jerk(Q, limits)
     profile = Profile([segment], [0.0], [0, len(Q) - 1], [0, len(Q) - 1], limits)
     return _sampled(profile, tuple(joints), 0, rate, limits, 0)
@@ -379,10 +380,12 @@ def _profile(
     steady: int = -1,
     keep_times: bool = False,
 ) -> tuple[Profile, int]:
-    """Solve run after run between corners and stays; and count the corners of a cycle.
+    """Time a joint path segment by segment, between corners and pauses.
 
-    Without jerk if ``steady`` is negative; else with it, the second of three cycles alike at both
-    ends and counted so often."""
+    Jerk is not limited if ``steady`` is negative. If it is positive, the path has three cycles: the
+    second begins and ends at equal ṡ and s̈, and its time counts ``steady`` times. Returns the
+    profile and the number of stops within a cycle.
+    """
     steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
     moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
     if not moving.any():
@@ -431,8 +434,11 @@ def _in_own_times(
     limits: Limits,
     motion: Motion,
 ) -> tuple[list[Segment], list[int]]:
-    """Run a path in its own times from stop to stop; and stop at its gentler corners too where the
-    limits want it."""
+    """Time a joint path in its own times, from stop to stop.
+
+    Where the limits require it, the arm stops at gentler corners, too. Returns the segments and the
+    indices of all stops.
+    """
     period, joints = float(motion.t[motion.steps] - motion.t[0]), motion.task.robot_joints
 
     def segment(a: int, b: int) -> Segment:
@@ -461,7 +467,7 @@ def _in_own_times(
 def _sampled(
     profile: Profile, joints: tuple[str, ...], more: int, rate: float, limits: Limits, stops: int
 ) -> TimedMotion:
-    """Sample a profile at even steps, with its second cycle repeated."""
+    """Sample a profile at even time steps, with its second cycle repeated ``more`` times."""
     dt = 1.0 / rate
     marks, factor = profile.marks * profile.stretch, profile.stretch
     period = 0
@@ -516,7 +522,7 @@ def _sampled(
 
 
 _LOOKED_AT = 101
-"""Points of an approach at which it is looked whether bodies touch."""
+"""Number of points of an approach at which collisions are checked."""
 
 
 def approach(
@@ -531,7 +537,7 @@ def approach(
     rate: float = 1000.0,
     bodies: bool = True,
 ) -> TimedMotion:
-    """Move the joints straight, from rest to rest, from where the arm is to a motion.
+    """Time a straight joint-space path, from rest to rest, from where the arm is to a motion.
 
     ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. Both end
     configurations are within the joint limits, so the straight path between them is, too.
@@ -541,7 +547,7 @@ def approach(
     q_now : (n,) array
         Current configuration, rad (m for prismatic joints).
     motion
-        What is approached.
+        Motion to approach.
     to
         The goal: ``start``, the motion's first configuration, or ``nearest``, the one of its first
         cycle that is nearest to q_now; from there :class:`Run` goes on.
@@ -564,8 +570,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now or the goal is outside the joint limits, the arm is there already or would
-        collide, or a limit cannot be used.
+        If q_now or the goal is outside the joint limits, the arm is at the goal already or would
+        collide, or a limit is invalid.
 
     Examples
     --------

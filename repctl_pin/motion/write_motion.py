@@ -64,7 +64,10 @@ def write_motion(
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
-    """Replace a motion's mean velocities per step by the strategy's ``q̇ = G ẋ`` at the points."""
+    """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
+
+    They replace the mean velocities per step.
+    """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
     task = motion.task

@@ -15,23 +15,27 @@ from ..arguments import Array
 from ..errors import InputError
 
 Turning = Callable[[float], Array]
-"""Function of s that returns R(s) or ω(s)."""
+"""Function of s in [0, 1] that returns R(s) (3, 3), or a vector (3,) such as ω(s)."""
 
 _NODES = np.arange(7)
 _WEIGHTS = np.array([np.linalg.inv(np.vander(_NODES - k, increasing=True))[1] for k in _NODES])
-"""Weights of the sixth-order difference at node k of seven, one-sided unless k is 3."""
+"""Row k: finite-difference weights of the first derivative at node k of seven nodes, sixth order;
+one-sided unless k is 3."""
 
 _WRAP = 24
-"""Spline knots beyond each end of the cycle; their influence inside decays to 0.27²⁴ ≈ 2e-14."""
+"""Number of spline knots added before and after the cycle, to make the spline periodic; the ends of
+the spline change it within the cycle by 0.27²⁴ ≈ 2e-14."""
 
 
 def rotation_matrix(value: Any, what: str = "rotation") -> Array:
     """Convert a (3, 3) matrix or a scipy Rotation to a rotation matrix.
 
+    ``what`` names the value in the error message.
+
     Raises
     ------
     InputError
-        If it is not a rotation: ``RᵀR = I``, ``det R = 1``.
+        If the value is not a rotation: ``RᵀR = I``, ``det R = 1``.
     """
     try:
         R = np.array(value.as_matrix() if isinstance(value, Rotation) else value, dtype=float)
@@ -46,7 +50,10 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
 
 
 def angular_velocity(rotation: Turning, breaks: Sequence[float]) -> Turning:
-    """Create ω(s) by differences of log(R(s + e) R(s)ᵀ) between the breaks, error 1e-11."""
+    """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
+
+    The differences are those of log(R(s + e) R(s)ᵀ), within one interval between ``breaks``.
+    """
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))
 
@@ -65,7 +72,10 @@ def angular_velocity(rotation: Turning, breaks: Sequence[float]) -> Turning:
 
 
 def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
-    """Create the function s → (index of the piece between two knots, fraction of its width)."""
+    """Create the function s → (index of the interval that contains s, fraction of it before s).
+
+    ``knots`` are the ends of the intervals, ``widths`` their lengths.
+    """
 
     def piece(s: float) -> tuple[int, float]:
         i = int(np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(widths) - 1))
@@ -75,20 +85,21 @@ def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, fl
 
 
 def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turning, Turning]:
-    """Interpolate orientations (P, 3, 3) at knots (P,) from 0 to 1, the last equal to the first.
+    """Interpolate orientations (P, 3, 3) at knots (P,) by a periodic cubic spline on SO(3).
 
-    The interpolant is a cubic spline on SO(3), twice differentiable and periodic; it is constant
-    between two equal orientations.
+    The knots increase from 0 to 1; the last orientation equals the first. The spline is twice
+    differentiable, except next to an interval with equal orientations at its ends: there it is
+    constant, and ω is continuous.
 
     Returns
     -------
     rotation, spin
-        R(s) and ω(s).
+        The functions R(s) and ω(s).
 
     Raises
     ------
     InputError
-        If two consecutive orientations differ by half a turn, so that the direction is ambiguous.
+        If two consecutive orientations differ by half a turn, whose direction is ambiguous.
     """
     s, R = np.asarray(knots, float), np.array(rotations)
     R[-1] = R[0]
@@ -134,15 +145,19 @@ def smooth_turning(knots: ArrayLike, rotations: Sequence[Array]) -> tuple[Turnin
 
 
 def turning_about(axis: Array, start: Array) -> tuple[Turning, Turning]:
-    """Rotate by a full turn about an axis, ``R(s) = exp(2π s [n]×) R(0)``."""
+    """Create R(s) and ω(s) of a full turn about the unit axis n: ``R(s) = exp(2π s [n]×) R(0)``.
+
+    ``start`` is R(0).
+    """
     return lambda s: pin.exp3(2 * np.pi * s * axis) @ start, lambda s: 2 * np.pi * axis
 
 
 def facing(target: Array, point: Turning, slope: Turning, start: Array) -> tuple[Turning, Turning]:
-    """Keep a point in the same direction of the frame as at the start.
+    """Create R(s) and ω(s) of a frame that keeps facing a point, as it does at the start.
 
-    ``R(s) = T(d₀ → d(s)) R(0)``, d the unit vector to the point and T the shortest rotation,
-    ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
+    ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to the point
+    ``target``, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds,
+    ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``. ``start`` is R(0).
 
     Raises
     ------

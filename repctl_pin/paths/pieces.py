@@ -33,7 +33,7 @@ class Piece:
         First and last s.
     coefficients : (d + 1, 3) or (d + 1, 7) array
         Coefficients of Chebyshev polynomials of ``u = (2 s − begin − end) / (end − begin)``: x, y,
-        z in m, and for a turning frame a quaternion qx, qy, qz, qw, not normalised.
+        z in m, and for a rotating frame a quaternion qx, qy, qz, qw, not normalised.
     """
 
     begin: float
@@ -42,12 +42,14 @@ class Piece:
 
 
 def pieces_of(path: TaskPath) -> list[Piece]:
-    """Approximate a path by pieces, to 1e-12 of its size if it is smooth between its corners.
+    """Approximate a path by polynomial pieces, in the order of s.
+
+    The error is 1e-12 of the path's size if the path is smooth between its corners.
 
     Raises
     ------
     InputError
-        If it is too rough for an error of 1e-9.
+        If the path is too rough for an error of 1e-9 of its size.
     """
     knots = (0.0, *path.breaks, 1.0)
     points = np.array([path.placement(float(s)).translation for s in np.linspace(0, 1, 33)])
@@ -61,16 +63,16 @@ def pieces_of(path: TaskPath) -> list[Piece]:
 
 
 def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
-    """Create a path from pieces.
+    """Create a path from its polynomial pieces.
 
     Parameters
     ----------
     pieces
-        Pieces from s = 0 to 1, see :func:`pieces_of`.
+        Polynomial pieces in order, from s = 0 to 1, see :func:`pieces_of`.
     rotation : (3, 3) array
-        Fixed orientation, used if the pieces have none.
+        Fixed orientation, used if the pieces have no quaternions.
     what
-        Name, spec and other fields of :class:`TaskPath`.
+        Name, spec and other attributes of :class:`TaskPath`.
     """
     ends = np.array([piece.end for piece in pieces])
     slopes = [
@@ -84,7 +86,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
         return np.asarray(chebyshev.chebval(u, slopes[i] if slope else piece.coefficients))
 
     def spin(s: float) -> Array:
-        """Evaluate ω: 2 p′ p* / |p|² of the quaternion p."""
+        """Evaluate ω(s), the vector part of ``2 p′ p* / |p|²``, from the quaternion p(s)."""
         p, dp = at(s)[3:], at(s, slope=True)[3:]
         return 2 * (p[3] * dp[:3] - dp[3] * p[:3] - np.cross(dp[:3], p[:3])) / (p @ p)
 
@@ -97,7 +99,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
-    """Pickle a path as pieces, since its functions cannot be pickled."""
+    """Describe a path to pickle by its polynomial pieces, since its functions cannot be pickled."""
     what = {
         name: getattr(path, name)
         for name in ("name", "breaks", "spec", "plane", "corners", "period")
@@ -115,7 +117,11 @@ copyreg.pickle(TaskPath, _pickled)
 def _fitted(
     path: TaskPath, begin: float, end: float, turns: bool, size: float, depth: int
 ) -> list[Piece]:
-    """Fit one piece, split into halves until the error is small enough."""
+    """Fit the path from ``begin`` to ``end`` by one polynomial, else by several: all pieces.
+
+    ``turns``: whether the frame rotates; ``size``: extent of the path, m; ``depth``: number of
+    halvings so far.
+    """
     inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
 
     def values(u: Array) -> Array:

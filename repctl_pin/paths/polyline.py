@@ -21,11 +21,11 @@ from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .task_path import TaskPath
 
 MOST_POINTS = 3000
-"""Maximum number of corners of a path; each needs a step per cycle, so a study takes half a
-minute."""
+"""Maximum number of waypoints of a path; each requires an integration step per cycle, and a study
+with 3000 takes half a minute."""
 
 _PER_RADIAN = 0.1
-"""Metres of motion that take as long as 1 rad of rotation."""
+"""Length of straight motion, m, that takes as long as 1 rad of rotation at constant speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +79,13 @@ def polygon(
     q0 : (n,) array
         Start configuration, rad (m for prismatic joints).
     corners : (P, 3) array
-        The other corners in order, m *from the start*; the path returns to the start automatically.
-        A single corner gives a line and its return; a repeated corner is a pause, as long as the
-        mean edge takes.
+        Corners after the start, in order, m *from the start*; the path returns to the start
+        automatically. A single corner gives a line there and back; a repeated corner is a pause,
+        as long as the mean edge takes.
     blend
-        Radius ρ of the arcs that would round the corners, m. Each corner is rounded by a curve of
-        continuous curvature between the same ends. The start is the midpoint of the first one, and
-        the polygon is shifted accordingly.
+        Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
+        continuous curvature that begins and ends where such an arc would. The path starts at the
+        midpoint of the first curve, and the polygon is shifted accordingly.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def polygon(
     Raises
     ------
     InputError
-        If there is no other corner, or an edge is too short for its blends.
+        If ``corners`` is empty or only repeats the start, or an edge is too short for its blends.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def waypoints(
 ) -> TaskPath:
     """Create a closed path of straight lines through waypoints.
 
-    The orientation is interpolated smoothly between them.
+    Orientations are interpolated smoothly between the waypoints.
 
     The last waypoint must repeat the first. Use :func:`solve_ik` to find a start configuration.
 
@@ -135,17 +135,18 @@ def waypoints(
     ----------
     points : (P, 3) array, P placements, or Waypoints
         Positions, m in the base frame; or rigid transforms; or the result of
-        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause: as
-        long as the times give, else as the mean edge takes.
+        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause; its
+        duration follows from the times, and without times it is that of the mean edge.
     rotation : (3, 3) array, or P of them
         Fixed orientation, or one per point, interpolated by a spline on SO(3); matrices or scipy
         Rotations. Not allowed with points that have orientations.
     times : (P,) array, optional
-        Increasing times of the points, s; by default those of the file, or constant speed.
+        Increasing times of the points, s; by default those of the file, else the speed is
+        constant.
     blend
-        Radius ρ of the arcs that would round the corners, m. Each corner is rounded by a curve of
-        continuous curvature between the same ends, and the path begins at the midpoint of the first
-        one. A reversal of direction stays sharp. Not allowed with times.
+        Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
+        continuous curvature that begins and ends where such an arc would; the path begins at the
+        midpoint of the first curve. A reversal of direction stays sharp. Not allowed with times.
 
     Returns
     -------
@@ -216,7 +217,10 @@ def waypoints(
 def _polyline(
     corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
 ) -> TaskPath:
-    """Create a path through corners (P, 3), the last equal to the first."""
+    """Create a path through corners (P, 3), the last equal to the first.
+
+    ``rotation`` is one orientation (3, 3), or a list of P orientations to interpolate.
+    """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
     turns = np.zeros(len(corners) - 1)
@@ -274,7 +278,7 @@ def _polyline(
 
 
 Piece = Callable[[float], tuple[Array, Array]]
-"""u in [0, 1] → p and dp/du."""
+"""Function of u in [0, 1] that returns the position p (3,), m, and dp/du (3,)."""
 
 
 def _line(start: Array, edge: Array) -> Piece:
@@ -284,16 +288,19 @@ def _line(start: Array, edge: Array) -> Piece:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Bend:
-    """Plane curve of length 1 and angle φ, with curvature ``6 φ u (1 − u)``, zero at both ends.
+    """Plane curve that rounds a corner: length 1, total turn φ, curvature zero at both ends.
 
-    The direction is ``θ(u) = φ (3u² − 2u³)``; the point is its integral, by Chebyshev polynomials.
+    At the arc length u, its curvature is ``6 φ u (1 − u)`` and its direction
+    ``θ(u) = φ (3u² − 2u³)``; its point is the integral of (cos θ, sin θ), stored as Chebyshev
+    polynomials.
 
     Attributes
     ----------
     phi : float
-        φ, rad.
+        Total turn φ, rad.
     point : (d + 1, 2) array
-        Coefficients over u in [0, 1], along and across the direction at the start.
+        Chebyshev coefficients of the point over u in [0, 1], along and across the direction at
+        u = 0.
     """
 
     phi: float
@@ -301,7 +308,7 @@ class _Bend:
 
     @classmethod
     def of(cls, phi: float) -> _Bend:
-        """Create the curve with angle φ."""
+        """Create the curve with the total turn φ, rad."""
         nodes = chebyshev.chebpts1(_BEND_DEGREE + 1)
         theta = cls.direction_of(phi, (nodes + 1) / 2)
         slope = np.linalg.solve(
@@ -312,18 +319,19 @@ class _Bend:
 
     @staticmethod
     def direction_of(phi: float, u: ArrayLike) -> Array:
-        """Evaluate θ(u)."""
+        """Evaluate the direction θ(u), rad."""
         u = np.asarray(u, float)
         return phi * u**2 * (3 - 2 * u)
 
     def at(self, u: float) -> Array:
-        """Evaluate the point at u: (2,), along and across."""
+        """Evaluate the point at u: (2,), along and across the direction at u = 0."""
         return np.asarray(chebyshev.chebval(2 * u - 1, self.point))
 
     def length(self, cut: float) -> float:
-        """Compute the length for which the curve shortens both edges by ``cut``.
+        """Compute the length, m, of a bend that cuts off ``cut``, m, from both edges at its corner.
 
-        Its ends are ``2 cut cos(φ/2)`` apart."""
+        The ends of the bend are ``2 cut cos(φ/2)`` apart.
+        """
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
 
@@ -334,7 +342,11 @@ _BEND_DEGREE = 30
 def _bend(
     bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> Piece:
-    """Create half of a bend from a start point and direction, from u = begin on."""
+    """Create the half of a bend from u = ``begin`` (0 or 0.5), itself a function on [0, 1].
+
+    The whole bend has the given length, m; it starts at the point ``start`` in the direction
+    ``along`` and turns towards ``inward``.
+    """
     frame = np.stack([along, inward])
 
     def at(u: float) -> tuple[Array, Array]:
@@ -349,12 +361,15 @@ def _bend(
 def _rounded(
     corners: Array, sizes: Array, radius: float, name: str
 ) -> tuple[list[Piece], Array, Array]:
-    """Round the corners (P, 3) of a closed polyline.
+    """Round the corners (P, 3) of a closed polyline by bends.
 
-    Returns the pieces, the knots, and the corners' positions.
+    The bend at a corner with angle φ cuts ρ tan(φ/2) off both edges, as an arc of radius ρ does.
+    The path begins at the midpoint of the first corner's bend.
 
-    The bend at a corner with angle φ shortens both edges by ρ tan(φ/2), as an arc of radius ρ does.
-    The path begins at the midpoint of the first corner's bend."""
+    Returns the lines and half bends, the knots between them, and the knots of the corners (the
+    midpoints of their bends). The knots begin at 0 and grow by ``sizes`` along a full edge, and by
+    the arc length, m, along a bend.
+    """
     edges = np.diff(corners, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     units = edges / np.maximum(lengths, 1e-300)[:, None]
@@ -402,11 +417,11 @@ def _rounded(
 
 
 _FARTHEST = 1e9
-"""Maximum coordinate, m; squares of coordinates beyond 1e154 overflow."""
+"""Maximum coordinate of a waypoint, m; squares of coordinates beyond 1e154 would overflow."""
 
 
 def _are_placements(points: Sequence[Any] | Array) -> bool:
-    """Whether waypoints are rigid transforms, by the first of them."""
+    """Whether waypoints are rigid transforms; only the first one is tested."""
     if isinstance(points, np.ndarray):
         return points.ndim == 3
     if not points or isinstance(points[0], pin.SE3):

@@ -15,7 +15,7 @@ from .orientation import facing, turning_about
 from .task_path import TaskPath
 
 Normal = Literal["x", "y", "z", "-x", "-y", "-z", "xy", "yz", "xz", "-xy", "-yz", "-xz"]
-"""Normal of a path's plane, or the plane; with a minus sign the other direction."""
+"""Normal of a path's plane, or the plane itself; a minus sign reverses the normal."""
 
 PLANES: dict[str, tuple[int, int]] = {"xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 _MOST_PETALS = 1001
@@ -47,7 +47,7 @@ def circle(
         plane: ``yz``, ``xz``, ``xy``.
     start_angle
         Angle of the start on the circle, rad from the plane's first axis; the centre is at ``p −
-        radius (cos, sin)``.
+        radius (cos, sin)``, where p is the start.
     rotation
         ``fixed``; ``tangent``: the frame makes a full turn with the circle, for which repeatability
         is not guaranteed; or a point (3,), m in the base frame, which the frame keeps facing as at
@@ -157,7 +157,7 @@ def figure_eight(
 def rose(
     task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: Normal = "z"
 ) -> TaskPath:
-    """Create a rose ρ = radius · sin(petals · φ), centred at the start.
+    """Create a rose, ρ = radius · sin(petals · φ) in polar coordinates around the start.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def rose(
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
-    """Compute the start's placement, the two axes of the path's plane, and the plane's name."""
+    """Compute the start's placement, the two unit axes of the path's plane, and its name."""
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"
     )

@@ -44,7 +44,7 @@ class ClosedPath(Protocol):
         """Evaluate the placement of the frame at s."""
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
+        """Evaluate d(pose)/ds = (v, ω): (6,), m and rad per cycle, base axes."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,7 +52,8 @@ class ClosedPath(Protocol):
 class TaskPath:
     """Closed path of a frame: a curve of its origin, and a fixed or varying orientation.
 
-    It is checked when created: it must be closed, and slope and spin must be the derivatives.
+    It is checked when created: the path must be closed, and ``slope`` and ``spin`` must be the
+    derivatives of ``point`` and ``rotation``.
 
     Attributes
     ----------
@@ -71,7 +72,8 @@ class TaskPath:
         Names of the corners, from the start to the end: lines of a file. Empty if they have no
         names.
     spin : function of s, optional
-        ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default differences of R(s).
+        ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default computed by finite
+        differences of R(s).
     period : float, optional
         Period, s, if the waypoints have times.
 
@@ -129,12 +131,12 @@ class TaskPath:
         return pin.SE3(self._turned(s), np.asarray(self.point(s), float))
 
     def twist(self, s: float) -> Array:
-        """Evaluate d(pose)/ds: (6,), m and rad per cycle, base axes."""
+        """Evaluate d(pose)/ds = (v, ω): (6,), m and rad per cycle, base axes."""
         s = finite(s, "s")
         return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
 
     def points(self, count: int = 201) -> Array:
-        """Sample the curve, corners included: (≥ count, 3), m."""
+        """Sample the frame's positions along the path, corners included: (≥ count, 3), m."""
         count = as_int(count, "count", 2, MOST_STEPS)
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
@@ -149,7 +151,7 @@ class TaskPath:
         return f"{path} --plane {self.plane}" if path and self.plane else path
 
     def as_dict(self) -> dict[str, Any]:
-        """Describe the path in plain Python types."""
+        """Collect the path's name, spec and plane in plain Python types, for JSON."""
         return {"path": self.name, "path_spec": self.spec or None, "plane": self.plane or None}
 
     def __repr__(self) -> str:
@@ -230,7 +232,7 @@ def _check(path: TaskPath) -> None:
 
 
 def _require_values(path: TaskPath, s: float) -> None:
-    """Raise InputError unless the functions of a path return a rotation and numbers at s."""
+    """Raise InputError unless a path's functions return a rotation and finite numbers at s."""
     if callable(path.rotation):
         rotation_matrix(path.rotation(s), f"{path.name}: rotation({s:.3g})")
     for f in (path.point, path.slope, path.point if path.spin is None else path.spin):
@@ -243,7 +245,7 @@ def _require_values(path: TaskPath, s: float) -> None:
 
 
 def _difference(a: pin.SE3, b: pin.SE3) -> Array:
-    """Compute the difference of two placements: (6,), m and rad, base axes."""
+    """Compute the displacement from placement a to b: (6,), (v, ω) in m and rad, base axes."""
     return np.concatenate([b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)])
 
 
@@ -254,7 +256,7 @@ def _short(values: Array) -> str:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Cycle:
-    """One cycle of a closed motion.
+    """One cycle of a motion that ends in its start configuration.
 
     Attributes
     ----------

@@ -52,9 +52,9 @@ def read_waypoints(file: str | Path) -> Waypoints:
 
 
 def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], TaskPath]:
-    """Read a file of waypoints, and create the function ``(task, q0) → path`` from it.
+    """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
-    Without quaternions in the file, the orientation of the start is kept.
+    Without quaternions in the file, the frame keeps its orientation at q0.
 
     Raises
     ------
@@ -116,14 +116,14 @@ def _read(file: Path) -> Waypoints:
 
 
 def _is_header(row: list[str]) -> bool:
-    """Test whether a line is a header: words instead of numbers."""
+    """Test whether a line of the file is a header: words instead of numbers."""
     return all(
         cell.lstrip("#\"' \t")[:1].isalpha() and not np.isfinite(number(cell)) for cell in row
     )
 
 
 def _columns(row: list[str], file: Path) -> tuple[str, ...]:
-    """Read the column names, in any order."""
+    """Read the column names, in the order of the header, and check that the set is known."""
     names = tuple(
         {"t": "time"}.get(name, name) for name in (cell.strip("#\"' \t").lower() for cell in row)
     )

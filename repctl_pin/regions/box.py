@@ -1,4 +1,4 @@
-"""Box in joint space."""
+"""Box in joint space, as a design region Ω."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from .region import Density, Region, check_density, evaluate_density, normalised
 class Box(Region):
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
 
-    Nodes are a Gauss–Legendre grid for n ≤ 3, scrambled Sobol points above.
+    Quadrature nodes are a Gauss–Legendre grid for n ≤ 3 joints, scrambled Sobol points for more.
 
     Parameters
     ----------
     center : (n,) array
         rad or m.
     half_width : float or (n,) array
-        rad (m for prismatic joints): the same for every joint, or one per joint.
+        rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
-        Q (K, n) → (K,) weights from 0 up; by default every configuration counts the same.
+        Q (K, n) → (K,) weights ≥ 0 of configurations; by default all weights are equal.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class Box(Region):
 
     @classmethod
     def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
-        """Make the box between two opposite corners."""
+        """Create the box between two opposite corners (n,)."""
         low = vector(lower, None, "the lower corner of a box")
         high = vector(upper, len(low), "the upper corner of a box")
         if not (low < high).all():
@@ -80,17 +80,17 @@ class Box(Region):
 
     @property
     def lower(self) -> Array:
-        """The lower corner (n,)."""
+        """Lower corner (n,)."""
         return self.center - self.half_width
 
     @property
     def upper(self) -> Array:
-        """The upper corner (n,)."""
+        """Upper corner (n,)."""
         return self.center + self.half_width
 
     @property
     def bounds(self) -> Box:
-        """The box itself."""
+        """Smallest box around the region: the box itself."""
         return self
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
@@ -111,7 +111,7 @@ class Box(Region):
         return Q, normalised(weights * evaluate_density(self.density, Q))
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points (K, n), K the power of two from count up."""
+        """Draw scrambled Sobol points in the box: (K, n), K the power of two from ``count`` up."""
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
@@ -121,11 +121,11 @@ class Box(Region):
         return (np.abs(Q - self.center) / self.half_width).max(-1)
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move points (K, n) that lie outside to the faces."""
+        """Move configurations (K, n) that lie outside onto the faces of the box."""
         return np.clip(as_configurations(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
-        """Make the box with the same center and a fraction of the width."""
+        """Create the box with the same center and the half-widths multiplied by ``factor``."""
         return Box(
             self.center, self.half_width * positive(factor, "the factor"), density=self.density
         )

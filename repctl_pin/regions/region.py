@@ -1,4 +1,4 @@
-"""Regions Ω of joint space: their base class, Sobol points, densities."""
+"""Design regions Ω of joint space: base class, Sobol points and densities."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from ..errors import InputError
 from .sobol import scrambled_points
 
 Density = Callable[[Array], ArrayLike]
-"""Weights of the rows of Q (K, n) in the mean over the region: (K,) numbers from 0 up."""
+"""Function Q (K, n) → (K,): weights ≥ 0 of configurations in the mean over the region."""
 
 
 _INSIDE = 1e-12
-"""Rounding of :meth:`Region.ratio` on the boundary."""
+"""Tolerance for rounding errors of :meth:`Region.ratio` on the boundary."""
 
 A_REGION = (
     "a region of joint space, such as rp.Box(q0, 0.3); a user-defined class inherits from "
     "repctl_pin.regions.Region"
 )
-"""Remedy where a region is required."""
+"""Words of an error message that says which argument is required: a region."""
 
 
 class Region(ABC):
     """A region Ω of joint space with quadrature nodes: the base class of all regions.
 
     A subclass has a ``center`` and defines ``bounds``, ``random``, ``ratio``, ``clip`` and
-    ``shrunk``. Files, generated C and proofs know regions by type: ``saving/schema.py``,
-    ``codegen/source.py`` and ``proof/regions.py``.
+    ``shrunk``. Saved files, generated C code and proofs support only the types of regions that are
+    listed in ``saving/schema.py``, ``codegen/source.py`` and ``proof/regions.py``.
 
     Attributes
     ----------
     center : (n,) array
         A configuration in the middle of the region.
     density : function or None
-        Q (K, n) → (K,) weights from 0 up; None counts every configuration the same.
+        Q (K, n) → (K,) weights ≥ 0 of configurations; None if all weights are equal.
     """
 
     if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class Region(ABC):
 
     @abstractmethod
     def random(self, count: int, seed: int) -> Array:
-        """Draw quasi-random points (K, n), K ≥ count, another set for each seed."""
+        """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed."""
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
@@ -70,19 +70,19 @@ class Region(ABC):
 
     @abstractmethod
     def clip(self, Q: ArrayLike) -> Array:
-        """Move points (K, n) that lie outside to the boundary."""
+        """Move configurations (K, n) that lie outside to the boundary, or close to it."""
 
     @abstractmethod
     def shrunk(self, factor: float) -> Region:
-        """Make the region with the same center and a fraction of the width."""
+        """Create the region with the same center and all widths multiplied by ``factor``."""
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1."""
+        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1."""
         Q = self.random(count, seed)
         return Q, self.weights(Q)
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Quadrature weights of the points from :meth:`random`: (K,), summing to 1."""
+        """Quadrature weights of points drawn by :meth:`random`: (K,), which sum to 1."""
         Q = as_configurations(Q, self.n, f"this {type(self).__name__}")
         return normalised(evaluate_density(self.density, Q))
 
@@ -92,7 +92,7 @@ class Region(ABC):
 
 
 def span(widths: Array, sign: str = "") -> str:
-    """Write the smallest and the largest of several widths, or one number if they are equal."""
+    """Format widths as text: the smallest and the largest, or one number if they are equal."""
     return " to ".join(dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max())))
 
 
@@ -103,13 +103,13 @@ def sobol(n: int, count: int, seed: int) -> Array:
 
 
 def check_density(density: Density | None) -> None:
-    """Refuse a density that is not a function."""
+    """Raise InputError unless a density is a function or None."""
     if density is not None:
         function(density, "the density", "a function of Q (K, n) that gives (K,) numbers")
 
 
 def evaluate_density(density: Density | None, Q: Array) -> Array:
-    """Evaluate a user-defined density: (K,) finite numbers from 0 up."""
+    """Evaluate a user-defined density at the rows of Q: (K,) finite weights ≥ 0; 1 without one."""
     if density is None:
         return np.ones(len(Q))
     try:
@@ -128,7 +128,7 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
 
 
 def normalised(weights: Array) -> Array:
-    """Scale weights to sum 1."""
+    """Scale weights (K,) so that their sum is 1."""
     total = float(weights.sum())
     if not total > 0:
         raise InputError("the density is 0 everywhere in the region")

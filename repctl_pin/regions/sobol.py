@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 
 BITS = 30
-"""Binary digits of a coordinate."""
+"""Number of binary digits of a coordinate."""
 
 _JOE_KUO = """
 3 1; 7 1 3; 11 1 3 1; 13 1 1 1; 19 1 1 3 3; 25 1 3 5 13; 37 1 1 5 5 17; 41 1 1 5 5 5;
@@ -24,22 +24,24 @@ _JOE_KUO = """
 171 1 1 5 11 19 41 61; 185 1 3 5 3 3 13 69; 191 1 1 7 13 1 19 1; 193 1 3 7 5 13 19 59;
 203 1 1 3 9 25 29 41; 211 1 3 5 13 23 1 55; 213 1 3 7 3 13 59 17
 """
-"""Joe and Kuo's primitive polynomial over GF(2), as a binary number, and initial numbers m_1, m_2,
-…, for each dimension from the second (SIAM J. Sci. Comput. 30, 2008)."""
+"""Table of Joe and Kuo, one entry per dimension from the second (SIAM J. Sci. Comput. 30, 2008).
+
+An entry is a primitive polynomial over GF(2), its coefficients the binary digits of a number, and
+the initial direction numbers m_1, m_2, …"""
 
 MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
-"""The largest dimension in the table."""
+"""Largest dimension that the table covers."""
 
 
 def scrambled_points(n: int, power: int, seed: int) -> Array:
-    """Draw 2^power points in the unit cube, scrambled by a random matrix and a digital shift.
+    """Draw 2^power Sobol points in the unit cube, scrambled by a random matrix and a digital shift.
 
     Parameters
     ----------
     n
         Dimension; above :data:`MOST_DIMENSIONS`, scipy draws the points.
     power
-        Logarithm of the number of points, 30 at most.
+        Base-2 logarithm of the number of points, at most 30.
     seed
         Random seed of the scrambling.
 
@@ -67,7 +69,9 @@ def scrambled_points(n: int, power: int, seed: int) -> Array:
 
 @cache
 def _direction_digits() -> NDArray[np.uint32]:
-    """Binary digits of the direction numbers: (dimension, digit, number), the first on top."""
+    """Tabulate the binary digits of the direction numbers: [dimension, digit (most significant
+    first), number].
+    """
     numbers = [[1] * BITS]
     for row in _JOE_KUO.split(";"):
         polynomial, *initial = map(int, row.split())
@@ -79,7 +83,7 @@ def _direction_digits() -> NDArray[np.uint32]:
 
 
 def _extended(polynomial: int, initial: list[int]) -> list[int]:
-    """Continue m_1, m_2, … by the recurrence of a polynomial, to BITS numbers."""
+    """Extend the numbers m_1, m_2, … of one dimension to BITS, by its polynomial's recurrence."""
     degree = len(initial)
     m = list(initial)
     for j in range(degree, BITS):

@@ -27,20 +27,21 @@ _MOST_SAMPLES = 256
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class Tube(Region):
-    """All q within ``|q_i − s_i| ≤ radius_i`` of a sample s: a box moved along a motion.
+    """All q within ``|q_i − s_i| ≤ radius_i`` of any sample s: a box moved along a motion.
 
-    The mean over a tube is the average, over its samples, of the mean over the box of each. Parts
-    of the motion that are slow therefore count more. Nodes are scrambled Sobol points for any n.
+    The mean over a tube is the average of the means over the samples' boxes. Parts of the motion
+    with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes
+    are scrambled Sobol points for any n.
 
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m, at most 256 of them are used. Their spacing should
-        be below the radius.
+        Configurations along a motion, rad or m; at most 256 of them are used. Their spacing
+        should be below the radius.
     radius : float or (n,) array
-        rad (m for prismatic joints): the same for every joint, or one per joint.
+        rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
-        Q (K, n) → (K,) weights from 0 up.
+        Q (K, n) → (K,) weights ≥ 0 of configurations; by default all weights are equal.
 
     Raises
     ------
@@ -69,7 +70,7 @@ class Tube(Region):
 
     @property
     def center(self) -> Array:
-        """Sample nearest to the middle of the tube: (n,)."""
+        """Sample nearest to the centre of the smallest box around the tube: (n,)."""
         box = self.bounds
         distance = np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)
         return self.samples[int(np.argmin(distance))]
@@ -85,7 +86,7 @@ class Tube(Region):
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points (K, n), K the power of two from count up."""
+        """Draw scrambled Sobol points in the tube: (K, n), K the power of two from count up."""
         u = sobol(self.n + 1, count, seed)
         which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
@@ -96,19 +97,22 @@ class Tube(Region):
         return self._nearest(Q)[1]
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move points (K, n) that lie outside to the box of the nearest sample."""
+        """Move configurations (K, n) that lie outside onto the box around the nearest sample."""
         Q = as_configurations(Q, self.n, "this tube")
         nearest = self.samples[self._nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
 
     def shrunk(self, factor: float) -> Tube:
-        """Make the tube around the same samples with a fraction of the radius."""
+        """Create the tube around the same samples with the radius multiplied by ``factor``."""
         return Tube(
             self.samples, self.radius * positive(factor, "the factor"), density=self.density
         )
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Find the nearest sample of each point, and its distance in units of the radius."""
+        """Find the sample nearest to each row of Q: its index and its distance, (K,) each.
+
+        The distance is the maximum over the joints, in units of the radius.
+        """
         Q = as_configurations(Q, self.n, "this tube")
         distance, which = self._tree.query(Q / self.radius, p=np.inf)
         return which, distance

@@ -1,5 +1,5 @@
-"""Box of the workspace, as the region of all configurations that reach it: the paper's alternative
-to a box in joint space."""
+"""Design region Ω of all configurations whose frame lies in a box of the workspace: the paper's
+alternative to a box in joint space."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _MOST_DRAWS = 2**18
 @dataclass(frozen=True, eq=False)
 @read_only
 class WorkspaceBox(Region):
-    """All q of a box in joint space that bring the frame into a box of the workspace,
-    ``|p_i − center_i| ≤ half_width_i``.
+    """All q of a joint-space box that bring the frame into a box of the workspace.
 
-    The mean is over the workspace *and* the self-motions that reach each of its points. By the
-    coarea formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
+    The frame's position p satisfies ``|p_i − position_i| ≤ half_width_i``. The mean over the region
+    is over the task coordinates x *and* the self-motion σ that reaches each x. By the coarea
+    formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ class WorkspaceBox(Region):
         Center and half-widths, m, base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
         half-width is used for all axes.
     within : Box
-        Box in joint space, which selects among the arm's postures.
+        Box in joint space; it selects among the configurations that reach the same position.
     density : function, optional
-        Q (K, n) → (K,) weights from 0 up, which multiply those above.
+        Q (K, n) → (K,) factors ≥ 0 of the weights ``√det(J Jᵀ)``; by default 1.
 
     Raises
     ------
@@ -98,12 +98,12 @@ class WorkspaceBox(Region):
 
     @property
     def center(self) -> Array:
-        """Configuration (n,) that reaches the box, near the middle of ``within``."""
+        """Configuration (n,) with the frame in the workspace box, near the center of ``within``."""
         return self._center  # type: ignore[attr-defined]
 
     @property
     def bounds(self) -> Box:
-        """The box in joint space, ``within``."""
+        """Box ``within`` in joint space, which contains the region."""
         return self.within
 
     def random(self, count: int, seed: int) -> Array:
@@ -111,7 +111,10 @@ class WorkspaceBox(Region):
         return self._draw(count, seed)
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Quadrature weights, in proportion to ``√det(J Jᵀ)``: (K,), summing to 1."""
+        """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
+
+        They are proportional to ``√det(J Jᵀ)`` and to the density.
+        """
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
         volume = np.sqrt(np.maximum(np.linalg.det(J @ np.swapaxes(J, -1, -2)), 0.0))
@@ -125,11 +128,11 @@ class WorkspaceBox(Region):
         return np.maximum(away.max(-1), self.within.ratio(Q))
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move points (K, n) to the box ``within``; the frame may still lie outside its own box."""
+        """Move configurations (K, n) into ``within``; the frame can remain outside its box."""
         return self.within.clip(Q)
 
     def shrunk(self, factor: float) -> WorkspaceBox:
-        """Make the region with both boxes shrunk, in joint space and in the workspace."""
+        """Create the region with the half-widths of both boxes multiplied by ``factor``."""
         factor = positive(factor, "the factor")
         return WorkspaceBox(
             self.task,
@@ -140,7 +143,13 @@ class WorkspaceBox(Region):
         )
 
     def _draw(self, count: int, seed: int) -> Array:
-        """Draw points of ``within`` until ``count`` of them reach the box."""
+        """Draw points of ``within``; return the first ``count`` in the workspace box: (count, n).
+
+        Raises
+        ------
+        InputError
+            If too few of the points lie in the workspace box.
+        """
         count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
         found: list[Array] = []
         size, drawn, part = max(1024, count), 0, 0

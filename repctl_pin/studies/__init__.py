@@ -1,4 +1,4 @@
-"""The main job: one arm, one closed path, every strategy side by side."""
+"""Studies: comparison of all strategies on one arm and one closed path."""
 
 from .study import study
 from .study_result import Row, Study, bodies_dict, limits_dict, picked, region_dict

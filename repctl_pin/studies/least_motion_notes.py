@@ -1,4 +1,4 @@
-"""Notes of a study on minimum joint speed: how close to it, and what another start saves."""
+"""Notes of a study on joint speed: its excess over the minimum, and what another start saves."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from ..errors import InputError, SingularityError
 from ..motion import LeafLock, Motion, TaskPath, follow, least_closed_motion
 
 _POINTS = 32
-"""Number of points per cycle; both motions have the same."""
+"""Number of points per cycle of each compared motion."""
 
 _WORTH = 0.05
-"""Saving in joint speed above which another start is recommended."""
+"""Relative saving in joint speed above which another start is recommended."""
 
 
 def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
-    """Compare the repeatable motion with least closed motions, from its start and others.
+    """Write the notes that compare a design's motion with closed motions of minimum joint speed.
 
-    Without notes if the repeatable motion violates a limit, or there is no least motion near it."""
+    The minimum is that from the start q0, and that from a free start nearby. The list is empty if
+    the design's motion violates a limit, or no closed motion of minimum speed is found.
+    """
     lock = LeafLock(4)
     try:
         own = follow(design.inverse, path, q0, cycles=1, steps=_POINTS, integrator=lock)
@@ -38,9 +40,11 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 
 
 def _from_anywhere(least: Motion) -> float:
-    """Minimum joint speed nearby with its start free and half the limit margin.
+    """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
 
-    Infinite if there is none, or bodies collide."""
+    They keep half of its joint-limit margin. Infinite if no such motion is found, or bodies
+    collide in it.
+    """
     margin = float(least.limit_margin.min()) / 2
     try:
         found = least_closed_motion(

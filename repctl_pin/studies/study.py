@@ -1,4 +1,4 @@
-"""Comparison of every strategy on one problem: one arm, one closed path."""
+"""Comparison of all strategies on one problem: one arm and one closed path."""
 
 from __future__ import annotations
 
@@ -43,22 +43,23 @@ from .study_result import Row, Study, evaluated
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
-"""Gain of the posture in the null space, 1/s."""
+"""Gain of the posture task in the null space, 1/s."""
 
 PROVED = 0.9
-"""Share of the smallest leaf margin found that a study tries to prove."""
+"""Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
 
 PROVING, LEAST_PROVING = 0.05, 0.3
-"""For how long it tries: of the processor time spent so far, and at least, s."""
+"""Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
 
 EDGE = 1e-6
-"""Distance from the start, rad or m, of a second start, whose motion is compared."""
+"""Distance between the start and a second start, rad or m. Their motions are compared to see
+whether the start lies on an edge between different motions."""
 
 AMPLIFIED = 1000.0
-"""Growth of that distance within a cycle above which the start is on an edge."""
+"""Growth factor of that distance in one cycle above which the start is said to be on an edge."""
 
 POSTURE_OFFSET = 0.57
-"""Distance of the other posture from the start, rad, along the null space."""
+"""Distance of the second posture from the start, rad, along the first null vector."""
 
 
 def study(
@@ -92,8 +93,8 @@ def study(
         position, xy, xz, yz that is redundant.
     start : (n,) array or str, optional
         Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
-        default the first of the reference pose, the ready pose, mid-range and dexterous poses
-        around it from which the path can be followed.
+        default the first of these from which the path can be followed: the reference pose, the
+        ready pose, mid-range, and dexterous poses around it.
     path
         Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
         ``(task, q0) → path``; by default a circle that the arm can follow inside its limits.
@@ -106,21 +107,22 @@ def study(
         Region Ω: half-width of a box around the start, rad (and m), or a region; by default a tube
         around the cycle.
     degree
-        Degree of the polynomial basis; by default 2, or 1 for an arm with many joints, for which
-        degree 2 would take long.
+        Degree of the polynomial basis of the potentials; by default 2, or 1 for an arm with so
+        large a number of joints that degree 2 would take long.
     weight : str or (n,) or (n, n) array, optional
         Weight of the desired inverse, in place of J⁺: ``"inertia"``, ``"limits"``, or as
         :class:`WeightedInverse` takes it.
     controls
-        Custom controllers to compare, by name: strategies on this task, or functions
+        Custom controllers to compare, by name: strategies for this task, or functions
         (q, ẋ) → q̇.
     period
-        Period of one cycle, s; by default the path's own, else 5, or longer if that is too fast for
-        a joint.
+        Period of one cycle, s; by default the path's own, else 5, or longer if a joint would exceed
+        its speed limit.
     seed
         Random seed of the nodes.
     progress
-        Callback (step: str); a step that begins with "note: " takes long.
+        Callback that receives a description (str) of each step when it begins; a description that
+        begins with "note: " warns of a long computation.
 
     Returns
     -------
@@ -131,7 +133,7 @@ def study(
     InputError
         If an argument cannot be used; the message says what to give instead.
     SingularityError
-        If the start is singular, or the design in every region tried.
+        If the start is singular, or no region tried is free of singularities of the design.
 
     Examples
     --------
@@ -221,7 +223,10 @@ def study(
 
 
 def _proved(design: Design, seconds: float) -> Design:
-    """Add a certificate, if the leaf margin can be proved in so much processor time."""
+    """Add a certificate of the leaf margin to a design; return it unchanged if the proof fails.
+
+    The proof fails, too, if it takes more than ``seconds`` of processor time.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # without a compiler it takes longer
@@ -232,7 +237,7 @@ def _proved(design: Design, seconds: float) -> Design:
 
 
 def _refuse_parts(**parts: object) -> None:
-    """Refuse parts of a problem that are given beside one."""
+    """Raise InputError if an argument is given that a :class:`Problem` already determines."""
     given = next((name for name, value in parts.items() if value is not None), None)
     if given is not None:
         raise InputError(
@@ -241,7 +246,13 @@ def _refuse_parts(**parts: object) -> None:
 
 
 def _circle(radius: float, path: object) -> str:
-    """Write the default circle, with a radius, as a path given by name."""
+    """Write the default circle with a radius, m, as the spec of a path, ``circle:RADIUS``.
+
+    Raises
+    ------
+    InputError
+        If a path is given, too.
+    """
     radius = positive(radius, "radius", "m")
     if path is not None:
         raise InputError(
@@ -261,7 +272,10 @@ def _followed(
     steps: int,
     period: float | None,
 ) -> tuple[list[Row], float, list[str]]:
-    """Follow the path with every controller: rows, period, and notes on period and start."""
+    """Follow the path with every controller of a study.
+
+    Returns the rows, the period, s, and the notes on the period and on a start on an edge.
+    """
     q0, path, task = problem.start, problem.cycle, design.inverse.task
     plain = Pseudoinverse(task)
     usual = period or path.period or PERIOD
@@ -294,7 +308,10 @@ def _followed(
 
 
 def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
-    """Follow the path with the design, which is to blame where J⁺ can follow it."""
+    """Follow the path with the design's inverse, and return its row.
+
+    If it stops on a path that J⁺ can follow, the row's reason names the design as the cause.
+    """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
         return replace(row, motion=replace(row.motion, region=design.region))
@@ -305,7 +322,11 @@ def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, An
 def edge_warning(
     row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> list[str]:
-    """Warn if a start that differs by a millionth, along the self-motion, ends elsewhere."""
+    """Write a warning if a start that differs by 1e-6 along the self-motion moves differently.
+
+    The list has one text, or none if the motions stay close together. ``row`` is the result of
+    ``strategy`` from q0.
+    """
     task = strategy.task
     beside = q0 + EDGE * nullspace(task.jacobian(q0))[:, 0]
     other = _run(row.key, strategy, path, beside, options | {"cycles": 1}).motion
@@ -323,14 +344,20 @@ def edge_warning(
 
 
 def _custom_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
-    """Make strategies of custom controllers."""
+    """Convert custom controllers, given by name, to strategies for a task."""
     what = "a dictionary that gives each control a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
     return {name: _custom_control(task, name, control) for name, control in controls.items()}
 
 
 def _custom_control(task: Task, name: object, control: Control) -> Strategy:
-    """Check the name of a custom controller, and that it is for the task."""
+    """Convert a custom controller to a strategy.
+
+    Raises
+    ------
+    InputError
+        If the name is taken or not a name, or the strategy is for a different task.
+    """
     if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
         raise InputError(
             f": {name!r} is taken", argument="controls", remedy="give your control another name"
@@ -348,7 +375,7 @@ def _custom_control(task: Task, name: object, control: Control) -> Strategy:
 
 
 def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
-    """Follow the path with one strategy; if it stops, the row says why."""
+    """Follow the path with one strategy, and return its row; ``stopped`` if it fails."""
     label = LABELS.get(key, key)
     try:
         return Row(key, label, follow(strategy, path, q0, **options))
@@ -357,12 +384,12 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
 
 
 def _slowed(row: Row, factor: float) -> Row:
-    """Slow down the motion of a row by a factor."""
+    """Multiply the duration of a row's motion by a factor, and return the row."""
     return row if row.motion is None else replace(row, motion=row.motion.slowed(factor))
 
 
 def _leaf_margin(design: Design, motion: Motion | None) -> float:
-    """Evaluate the worst leaf margin along a motion, or over Ω if there is none."""
+    """Evaluate the minimum leaf margin along a motion; that of the design if there is no motion."""
     if motion is None:
         return design.leaf_margin
     Q = motion.q[:: max(1, motion.steps // 50)]

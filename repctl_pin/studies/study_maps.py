@@ -1,4 +1,4 @@
-"""Arrays for the maps of a study: figures of its design and the defect of J⁺ over two joints."""
+"""Arrays for the maps of a study, over two joints: quality of its design, and defect of G_d."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from .study_result import Study
 @dataclass(frozen=True, eq=False)
 @read_only
 class StudyMaps:
-    """Maps that a report draws beside the motions.
+    """Maps and curves of a study's design for a report.
 
     Attributes
     ----------
     design : DesignMap
-        Distance and leaf margin over two joints, the others at the centre of Ω.
+        Distance to G_d and leaf margin over two joints, with the other joints at the centre of Ω.
     defect : (k, k) array
-        Relative defect of the desired inverse on the same grid: 0 where it is repeatable; NaN at
-        singularities.
+        Relative defect of the desired inverse G_d on the same grid: 0 where G_d satisfies the
+        condition of repeatability; NaN at singularities.
     degrees : tuple of (degree, cost, standard error)
-        Cost of the design by its degree.
+        Cost of the design for each polynomial degree that was tried.
     baselines : tuple of Baseline
-        Simpler inverses on the same held-out nodes; none where one degree alone was tried.
+        Costs of simpler inverses on the design's held-out nodes; empty if only one degree was
+        tried.
     """
 
     design: DesignMap
@@ -40,7 +41,7 @@ class StudyMaps:
 
 
 def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
-    """Evaluate the maps of a study's design on a grid of ``points`` × ``points``."""
+    """Evaluate the maps of a study's design on a grid of ``points`` × ``points`` configurations."""
     design = study.design
     grid = design_map(design, points=points)
     Q = np.tile(design.region.center, (points * points, 1))
@@ -52,7 +53,7 @@ def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
 
 
 def _defects(strategy: Inverse, Q: Array) -> Array:
-    """Evaluate the relative defect at every row of Q; NaN at singularities."""
+    """Evaluate an inverse's relative defect at the rows of Q (K, n): (K,), NaN at singularities."""
     try:
         return measure(strategy, Q).norm
     except SingularityError:

@@ -1,4 +1,4 @@
-"""Notes of a study: what a user should know of its motions."""
+"""Notes of a study on its motions: path losses, violations, drift and extra joint speed."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from ..strategies import Pseudoinverse
 from .study_result import Row
 
 EXTRA_SPEED = 0.05
-"""Extra joint speed in cycle 1, relative to J⁺, above which it is explained."""
+"""Extra joint speed in cycle 1, relative to J⁺, above which a note explains it."""
 
 LITTLE = 1e-4
-"""Drift per cycle that is too small to see, rad or m."""
+"""Drift per cycle, rad or m, up to which J⁺ counts as hardly drifting on a path."""
 
 
 def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
-    """Collect the notes on the motions of a study; J⁺ is first, the repeatable controller last."""
+    """Collect the notes on the motions of a study, as texts.
+
+    The first row is that of J⁺, the last that of the repeatable controller.
+    """
     plain, closed = rows[0].motion, rows[-1].motion
     return [
         *_path_losses(rows),
@@ -34,7 +37,7 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
 
 
 def unlimited_speeds(task: Task) -> list[str]:
-    """Name the joints without a speed limit."""
+    """Write a note that names the joints without a speed limit; an empty list if there are none."""
     limits = zip(task.robot_joints, task.joint_limits[2], strict=True)
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
@@ -43,7 +46,7 @@ def unlimited_speeds(task: Task) -> list[str]:
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
-    """Say under which controller the frame leaves its path, when, and by how much."""
+    """Write a note per controller whose frame leaves the path: the cycle and the maximum errors."""
     notes: list[str] = []
     for row in rows:
         motion = row.motion
@@ -59,7 +62,7 @@ def _path_losses(rows: Sequence[Row]) -> list[str]:
 
 
 def _violations(rows: Sequence[Row]) -> list[str]:
-    """Say which joint limits are violated and which bodies collide, under which controller."""
+    """Write a note per joint-limit violation, collision and exceeded speed limit."""
     notes: list[str] = []
     for row in rows:
         motion = row.motion
@@ -73,7 +76,10 @@ def _violations(rows: Sequence[Row]) -> list[str]:
 
 
 def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
-    """Say in which plane J⁺ drifts, if it hardly does on the path of the study."""
+    """Write a note on the plane in which J⁺ drifts most, if it hardly drifts on the study's path.
+
+    ``plain`` is J⁺, ``motion`` its motion; the list has at most one text.
+    """
     task = plain.task
     if motion is None or motion.drift[0] > LITTLE or task.m < 3:
         return []
@@ -88,7 +94,11 @@ def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
 
 
 def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
-    """Explain a repeatable motion that is much faster than J⁺: its own cost, and J⁺'s drift."""
+    """Write a note on a repeatable motion that is more than 5 % faster than that of J⁺.
+
+    It splits the extra joint speed into the part relative to J⁺ at the same configurations, and the
+    part due to J⁺'s drift to other configurations.
+    """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
     extra = closed.first_rms_speed / plain.first_rms_speed - 1

@@ -21,7 +21,7 @@ from ..robot.task import Task
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one strategy.
+    """Result of one strategy in a study.
 
     Attributes
     ----------
@@ -32,13 +32,13 @@ class Row:
     leaf_margin : float or None
         Worst σ_min(Nᵀ V̂) along the motion; None if the strategy has no V.
     distance : float or None
-        Relative distance ``‖G − J⁺‖ / ‖J⁺‖`` in the mean over Ω; None if the strategy is not an
-        inverse.
+        Relative distance ``‖G − G_d‖ / ‖G_d‖`` in the mean over Ω, for the design and for J⁺ where
+        G_d is J⁺; else None.
     body_distance : float or None
-        Minimum distance between bodies at 100 points per cycle, m; None where there are none, or no
-        motion.
+        Minimum distance between bodies at 100 points per cycle, m; None without bodies or
+        without a motion.
     violations : tuple of Violation
-        When a joint first exceeds its limits, and when two bodies first collide.
+        First violation of a joint limit and first collision of two bodies, as far as they occur.
     cycle_time : float or None
         Time of the first cycle from rest to rest, s, as short as the robot's speed limits and the
         accelerations of :func:`presumed_acceleration` allow; None where it cannot be timed.
@@ -80,7 +80,7 @@ class Row:
 
 
 def evaluated(row: Row) -> Row:
-    """Evaluate a motion's body distance, violations and fastest first cycle."""
+    """Add the motion's body distance, violations and fastest first cycle to a row."""
     motion = row.motion
     if motion is None:
         return row
@@ -94,7 +94,7 @@ def evaluated(row: Row) -> Row:
 
 
 def fastest_cycle(motion: Motion) -> float | None:
-    """Time the first cycle from rest to rest, s; None where it cannot be timed."""
+    """Compute the minimum time of the first cycle from rest to rest, s; None without a solution."""
     end = motion.steps + 1
     once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])
     acceleration = presumed_acceleration(motion.task)[0]
@@ -122,7 +122,7 @@ class Study:
     design : Design
         Nearest repeatable inverse.
     rows : tuple of Row
-        Results, one per strategy.
+        Results, one per strategy, J⁺ first.
     notes : tuple of str
         Notes for the user.
     period : float
@@ -171,17 +171,20 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """Joint whose origin a self-motion at the start moves fastest."""
+        """Index of the joint whose origin moves fastest in the self-motion at the start."""
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:
-        """Find a strategy's row by its key."""
+        """Find a strategy's row by its key, such as ``pseudoinverse``."""
         require_choice(key, [row.key for row in self.rows], "strategy of this study")
         return next(row for row in self.rows if row.key == key)
 
     @property
     def setting(self) -> dict[str, str]:
-        """Problem that was studied, as label and text; ``path options`` are those of ``repctl``."""
+        """Description of the studied problem: texts by label.
+
+        ``path options`` are the options of ``repctl`` for this path.
+        """
         task = self.task
         start = ", ".join(f"{v:.4g}" for v in self.q0)
         return {
@@ -199,7 +202,7 @@ class Study:
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Collect the results in plain Python types."""
+        """Collect the problem, the design and the results in plain Python types, for JSON."""
         design = self.design
         return {
             **self.task.as_dict(),
@@ -220,12 +223,12 @@ class Study:
 
 
 def picked(thing: object, *names: str) -> dict[str, Any]:
-    """Select attributes by name."""
+    """Collect the named attributes of an object in a dictionary."""
     return {name: getattr(thing, name) for name in names}
 
 
 def region_dict(region: Region) -> dict[str, Any]:
-    """Describe a region in plain Python types."""
+    """Describe a region by a dictionary of plain Python types."""
     return {
         "center": region.center.tolist(),
         "half_width": region.bounds.half_width.tolist(),
@@ -234,7 +237,7 @@ def region_dict(region: Region) -> dict[str, Any]:
 
 
 def bodies_dict(motion: Motion) -> dict[str, Any]:
-    """Describe the minimum body distance and the first collision in plain Python types."""
+    """Collect the minimum body distance and the first collision in plain Python types."""
     least = float(motion.body_distance.min())
     if not np.isfinite(least):
         return {"body_distance": None, "nearest_bodies": None, "first_touch": None}
@@ -248,7 +251,7 @@ def bodies_dict(motion: Motion) -> dict[str, Any]:
 
 
 def limits_dict(motion: Motion) -> dict[str, Any]:
-    """Describe the minimum limit margin and the first violation in plain Python types."""
+    """Collect the minimum limit margin and the first violation in plain Python types."""
     margin, violation = float(motion.limit_margin.min()), motion.first_violation
     return {
         "limit_margin": margin if np.isfinite(margin) else None,
@@ -259,7 +262,7 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 
 
 def _path_loss(motion: Motion) -> dict[str, float] | None:
-    """Describe when the frame leaves its path, and by how much."""
+    """Collect when the frame leaves its path, and the maximum errors; None if it does not."""
     loss = motion.path_loss
     return None if loss is None else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
 
