@@ -1,7 +1,8 @@
-"""Sums over nodes in batches: in this process, in others, or on a cluster.
+"""Sums over the nodes of a fit, in batches: in this process, in other processes, or on a cluster.
 
-One seam, :class:`Batches`: sum a function of the criterion over all batches. An implementation
-decides where the batches are kept. Sums are always taken in the order of the nodes."""
+The interface is :class:`Batches`, which sums a function of :mod:`criterion` over all batches. An
+implementation decides where the batches are stored. Terms are always added in the order of the
+nodes, so that the result does not depend on the implementation."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from .criterion import Batch, Builder
 
 Sums = tuple[Any, ...]
 Sum = Callable[..., Sums]
-"""A function of the criterion: a batch and further arguments → its part of the sums."""
+"""Function of :mod:`criterion`: (batch, *arguments) → tuple of terms, each to be summed over all
+batches."""
 Tick = Callable[[float], None]
 
 
@@ -24,31 +26,31 @@ def silent(share: float) -> None:
 
 
 class Batches(Protocol):
-    """All nodes of a fit."""
+    """Interface of a set of nodes, stored in batches, over which functions are summed."""
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
 
     def close(self) -> None:
-        """Release the batches."""
+        """Free the memory of the batches."""
 
 
 class Local:
-    """Batches in this process.
+    """Batches in the memory of this process.
 
     Parameters
     ----------
     builder
-        Evaluates the arm.
+        Factory of the batches.
     Q, weights : (K, n), (K,) arrays
-        The nodes.
+        Nodes (configurations) and their quadrature weights.
     batch
-        Number of nodes that are evaluated at a time.
+        Number of nodes per batch.
     stream
-        Build the batches anew in each pass instead of keeping them: slower, with the memory of one
-        batch.
+        Build the batches anew for each sum instead of storing them: slower, but with the memory of
+        one batch only.
     tick
-        Progress callback, called with the share of a pass that is done.
+        Progress callback, called with the fraction of the batches that are built.
     """
 
     def __init__(
@@ -71,11 +73,11 @@ class Local:
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
         return over(self._build() if self._kept is None else self._kept, function, arguments)
 
     def close(self) -> None:
-        """Release the batches."""
+        """Free the memory of the batches."""
         self._kept = []
 
     def _build(self) -> Iterator[Batch]:
@@ -85,21 +87,22 @@ class Local:
 
 
 class BarrierCost:
-    """Batches, and points of Ω at which det(Nᵀ V) was found to vanish between the nodes.
+    """Nodes of a fit, and additional points of Ω that act as a barrier against singularities.
 
-    Each point counts as one more node of the mean: its cost, which has no bound where det(Nᵀ V)
-    goes to 0, keeps a descent away from there.
+    The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0. Each
+    is an additional node. Its cost tends to infinity as det(Nᵀ V) tends to 0, so that a descent
+    stays away from a singularity there.
 
     Parameters
     ----------
     batches
         The nodes.
     builder
-        Evaluates the arm.
+        Factory of batches, for the additional points.
     weight
-        Weight of each point.
+        Quadrature weight of each additional point.
     guards
-        Initial points.
+        Arrays (K, n) of initial additional points.
     """
 
     def __init__(
@@ -112,22 +115,25 @@ class BarrierCost:
             self.guard(Q)
 
     def guard(self, Q: Array) -> None:
-        """Add points Q (K, n)."""
+        """Add the configurations Q (K, n) to the barrier points."""
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum ``function(batch, *arguments)`` over all batches and guarded points, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points."""
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])
 
     def close(self) -> None:
-        """Release the batches."""
+        """Free the memory of the batches."""
         self.batches.close()
 
 
 def add(parts: Iterable[Sums]) -> Sums:
-    """Sum tuples item by item, in their order."""
+    """Sum tuples of numbers or arrays item by item, in the given order; the tuples stay unchanged.
+
+    Return a tuple of the sums; it is empty if there are no tuples.
+    """
     total: list[Any] = []
     for part in parts:
         if not total:
@@ -139,5 +145,5 @@ def add(parts: Iterable[Sums]) -> Sums:
 
 
 def over(batches: Iterable[Batch], function: Sum, arguments: tuple[Any, ...]) -> Sums:
-    """Sum a function over batches."""
+    """Sum the tuples ``function(batch, *arguments)`` of the given batches, item by item."""
     return add(function(b, *arguments) for b in batches)

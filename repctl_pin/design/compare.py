@@ -1,4 +1,4 @@
-"""Compare several designs on the same held-out nodes."""
+"""Comparison of several designs on held-out nodes, and a test whether the cost still falls."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ class Comparison:
     evaluations : tuple of Evaluation or None
         Figures of each design; None where it has a singularity in Ω.
     differences : tuple of (float, float)
-        Cost minus the first design's, and the standard error of that difference. On common nodes it
-        is far smaller than that of either cost.
+        For each design, its cost minus the cost of the first design, and the standard error of that
+        difference: (inf, nan) if this or the first design is singular in Ω. Because all designs are
+        evaluated on the same nodes, the error is far smaller than the standard errors of the costs.
     """
 
     designs: tuple[Design, ...]
@@ -61,13 +62,13 @@ def compare(first: Design, *others: Design) -> Comparison:
     Returns
     -------
     Comparison
-        Each one's evaluation, and its cost above the first one's with the standard error of that
-        difference.
+        Evaluation of each design, and the difference of its cost from that of the first one, with
+        standard error.
 
     Raises
     ------
     InputError
-        If a design is for another arm or task.
+        If the designs are not all for the same arm and task.
 
     Examples
     --------
@@ -116,29 +117,30 @@ def compare(first: Design, *others: Design) -> Comparison:
 def cost_has_converged(
     designs: Sequence[Design | SingularityError], *, tolerance: float = 1e-4
 ) -> bool:
-    """Say whether the cost has stopped falling as the potentials grew richer.
+    """Test whether the cost has stopped falling in a sequence of designs of rising degree.
 
-    A design's ``converged`` is about the optimiser: even if every design converged, the family may
-    be far from the best repeatable inverse. If smooth potentials of the chosen form cannot reach
-    the best foliation, the cost keeps falling from degree to degree, or the design is refused: not
-    settled.
+    :attr:`Design.converged` is about the optimiser at one degree. Even if every design converged,
+    a higher degree may come much closer to the best repeatable inverse. If potentials of the chosen
+    form cannot represent the best foliation, the cost keeps falling from degree to degree, or a
+    design fails because of a singularity.
 
     Parameters
     ----------
     designs
-        Designs with the same G_d and Ω and ever richer potentials; an error in place of a refused
-        one.
+        Designs with the same G_d and Ω, in order of rising degree or growing basis; in place of a
+        design that failed, the SingularityError that was raised.
     tolerance
-        Relative change of the cost between the last two that counts as none.
+        Relative difference between the last two costs below which they count as equal.
 
     Returns
     -------
     bool
+        False also if any design failed or its optimiser did not converge.
 
     Raises
     ------
     InputError
-        If there are fewer than two.
+        If there are fewer than two designs.
 
     Examples
     --------

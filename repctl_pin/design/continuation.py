@@ -1,9 +1,10 @@
-"""Continuation to a regular optimum: descents with a search of Ω for singularities between nodes.
+"""Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
-So Ω is searched after each descent. A point where det(Nᵀ V) vanishes is added to the cost, and the
-descent starts again from a regular V. If there is none, the degree is raised step by step, each fit
-from the one below."""
+So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
+to the cost as a barrier, and the descent starts again from a regular V. If no regular V of the full
+degree is found, the degree is raised from 1 step by step, and each fit starts from the optimum of
+the degree below."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ _COARSE_TOLERANCE = 1e-4
 @dataclass(frozen=True, eq=False)
 @read_only
 class FitProblem:
-    """A fit of potentials in one region; see :func:`nearest_repeatable`.
+    """Arguments of a fit of potentials over one region; see :func:`nearest_repeatable`.
 
     Attributes
     ----------
@@ -44,7 +45,8 @@ class FitProblem:
     options
         Nodes, seed, workers and stopping.
     warm : (N_first, r) array, optional
-        Coefficients of a design with the first of the potentials, of a lower degree.
+        Coefficients of a design of lower degree, which uses the first N_first potentials of the
+        basis; a starting point of the fit.
     report
         Progress callback.
     """
@@ -58,16 +60,18 @@ class FitProblem:
 
 
 class Continuation:
-    """Descents of one fit, from low degrees to high ones.
+    """Sequence of descents for one fit, from low degrees to high ones.
+
+    Coefficients A (N', r) refer to the first N' of the independent potentials.
 
     Parameters
     ----------
     problem
-        The fit.
+        Arguments of the fit.
     chosen
         The independent potentials over Ω.
     coarse
-        A small set of nodes.
+        A small set of nodes, with its barrier points.
     """
 
     def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
@@ -77,15 +81,19 @@ class Continuation:
         self._starts: dict[int, Start] = {}
 
     def margin(self, A: Array) -> LeafMargin:
-        """Measure the leaf margin of V, positive on the side of the center."""
+        """Make the function that measures the signed leaf margin of V = D A over Ω.
+
+        It is positive where det(Nᵀ V) has the sign that it has at the centre of Ω.
+        """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
         return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
-        """Yield optima on few nodes in which a search finds no singularity, the best first.
+        """Yield optima on the coarse nodes for which a search finds no singularity, the best first.
 
-        First that of all potentials. If it is singular: the given one of lower degree (``warm``);
-        without it, those reached by raising the degree step by step.
+        The first one uses all potentials, if a regular optimum is found. Next comes the given
+        design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
+        degree step by step follow, the highest degree first.
         """
         whole, warm, kept = len(self.chosen.kept), self.problem.warm, self.chosen.kept
         below = None if warm is None else warm[kept[kept < len(warm)]]
@@ -104,9 +112,11 @@ class Continuation:
         yield from reversed(ladder)
 
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
-        """Descend with the first potentials, from the linear start or an optimum of fewer ones.
+        """Minimise the cost with the first ``size`` potentials on the coarse nodes.
 
-        The start of lower cost is tried first.
+        The starting points are the solution of the linear problem and ``below``, an optimum with
+        fewer potentials. The one of lower cost is tried first. Return the best regular optimum
+        from it, random restarts included; None if no start leads to one.
         """
         begin = self._start(size)
         starts = (
@@ -125,7 +135,12 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Descend from a regular V to a regular V; None if A is singular, or every end is."""
+        """Minimise the cost from coefficients A to an optimum without singularity in Ω.
+
+        After each descent, singular configurations that a search of Ω finds are added to the
+        barrier points, and the descent is repeated from A. Return None if V is singular at A
+        itself, or if every descent ends in a singular V.
+        """
         basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
@@ -142,7 +157,12 @@ class Continuation:
         return None
 
     def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
-        """Make the error for Ω: det(Nᵀ V) changes sign at the linear start, or in every descent."""
+        """Make the error that no V without an algorithmic singularity in Ω was found.
+
+        The message names a configuration where the V of the linear problem is singular. If there
+        is none, it names that of the given error. Without an error, it states that the nodes Q
+        (K, n) are too few.
+        """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
         bad = Q[measure(Q) <= 0]
@@ -163,7 +183,11 @@ class Continuation:
         )
 
     def _between_nodes(self, Q: Array) -> SingularRegionError:
-        """Make the error for too few nodes: the start is regular, but every descent is singular."""
+        """Make the error that the nodes Q (K, n) are too few to determine the potentials.
+
+        This is so if the V of the linear problem is regular, but every descent ends in a V that is
+        singular between the nodes.
+        """
         task, kept = self.problem.desired.task, self.chosen.kept
         at = self.coarse.guards[-1][0] if self.coarse.guards else self.problem.region.center
         return SingularRegionError(
@@ -175,11 +199,11 @@ class Continuation:
         )
 
     def reported(self, step: int, cost: float) -> None:
-        """Report a step of a descent."""
+        """Pass the step number and the cost of a descent to the progress callback."""
         self.problem.report(f"step {step}, cost {cost:.6g}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
-        """Descend from random changes of a start."""
+        """Yield the regular optima reached by descents from random perturbations of A."""
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):
             noise = np.random.default_rng([self.problem.options.seed, attempt]).normal(size=A.shape)
@@ -191,7 +215,7 @@ class Continuation:
                 yield found
 
     def _start(self, size: int) -> Start:
-        """Solve the linear problem of the first potentials, once."""
+        """Solve the linear problem of :func:`start` with the first ``size`` potentials; cached."""
         if size not in self._starts:
             self._starts[size] = start(
                 self.coarse.batches, self.chosen.basis[:size, :size], self.moments
@@ -203,7 +227,10 @@ class Continuation:
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
-        """Count the potentials of degree up to 1, 2, …; a basis without degrees is one fit."""
+        """Return the numbers of independent potentials of degree at most 1, 2, …, if at least r.
+
+        For a basis without degrees, return the number of all independent potentials.
+        """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):
             return [len(self.chosen.kept)]

@@ -1,8 +1,9 @@
-"""Cost of a choice of potentials, its gradient and its Gauss–Newton matrix, on batches of nodes.
+"""Cost of coefficients A of the potentials, its gradient and its Gauss–Newton matrix, per batch.
 
-Everything that depends on the arm is in E and F, built once (34), (36), (38). After that an
-evaluation is dense linear algebra. Each function here takes one batch and returns its part of a sum
-over batches. An A with fewer rows than potentials selects the first ones."""
+Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
+(34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost` and
+:func:`gauss_newton` take one batch and return its terms of the sums over all batches. If A has
+fewer rows than there are potentials, only the first potentials are used."""
 
 from __future__ import annotations
 
@@ -24,21 +25,24 @@ from ..strategies.strategy import Inverse
 @dataclass(frozen=True, eq=False)
 @read_only
 class Batch:
-    """Data of K nodes for the criterion.
+    """Matrices E and F of K nodes, from which the cost is evaluated for any coefficients A.
 
-    With D = [∇h_1 … ∇h_N] at a node: ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). Then for ``V =
-    D A`` ``W_r − W_d = −F A (E A)⁻¹`` (38).
+    With D = [∇h_1 … ∇h_N] at a node, ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). The
+    null-space components of G_r, with gradients V = D A, and of G_d then differ by
+    ``W_r − W_d = −F A (E A)⁻¹`` (38).
 
     Attributes
     ----------
     EF : (K, n, N) array
-        E above F. N is oriented: ``det [J; Nᵀ] > 0``, so that ``det(E A)`` has one sign over all of
-        Ω unless V has an algorithmic singularity in it.
+        E above F. The null-space basis N is oriented such that ``det [J; Nᵀ] > 0``. So det(E A)
+        has one sign over all of Ω unless V has an algorithmic singularity there.
     null_alignment : (K, r, r) array
-        ``Nᵀ N(center)``: the null space's own potentials, seen in the basis N.
+        ``Nᵀ N(center)``: components, in the basis N, of the projection onto the null space of
+        N(center), the null-space basis at the centre of Ω.
     weights : (K,) array
         Quadrature weights, summing to 1 over all batches.
     r : int
+        Degree of redundancy.
     """
 
     EF: Array
@@ -48,32 +52,32 @@ class Batch:
 
     @property
     def E(self) -> Array:
-        """``Nᵀ D`` (K, r, N)."""
+        """``E = Nᵀ D`` (K, r, N): null-space components of the gradients of the potentials."""
         return self.EF[:, : self.r]
 
     @property
     def F(self) -> Array:
-        """``G_dᵀ D`` (K, m, N)."""
+        """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d."""
         return self.EF[:, self.r :]
 
     def first(self, size: int) -> Batch:
-        """Select the first potentials."""
+        """Return the batch restricted to the first ``size`` potentials."""
         return self if size == self.EF.shape[-1] else replace(self, EF=self.EF[..., :size])
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Builder:
-    """Factory of batches, which can be pickled for another process.
+    """Factory of batches; it can be pickled and sent to another process.
 
     Attributes
     ----------
     desired, potentials
         G_d and the basis of potentials.
     kept : (N',) array of int
-        The potentials that are used.
+        Indices of the potentials that are used.
     N_center : (n, r) array
-        N at the center of Ω.
+        Null-space basis at the centre of Ω.
     """
 
     desired: Inverse
@@ -82,7 +86,7 @@ class Builder:
     N_center: Array
 
     def __call__(self, Q: Array, weights: Array) -> Batch:
-        """Build the batch of K nodes Q (K, n)."""
+        """Build the batch of the nodes Q (K, n), with quadrature weights (K,)."""
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.potentials, Q)
         if len(self.kept) < D.shape[-1]:
@@ -92,21 +96,22 @@ class Builder:
         return Batch(B_T @ D, N_T @ self.N_center, weights, task.r)
 
     def batches(self, Q: Array, weights: Array, size: int) -> Iterator[Batch]:
-        """Build batches of ``size`` nodes, one after another."""
+        """Divide nodes Q (K, n) into batches of ``size`` nodes, and yield them in order."""
         for i in range(0, len(Q), size):
             yield self(Q[i : i + size], weights[i : i + size])
 
 
 def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at K nodes, and check
-    them.
+    """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at the nodes Q (K, n).
+
+    The potentials' gradients and J G_d = I are checked.
 
     Raises
     ------
     SingularityError
         Where J loses rank; the message names a node.
     InputError
-        If a gradient is not finite, or ``J G_d = I`` does not hold.
+        If a gradient is not finite or has the wrong shape, or ``J G_d = I`` does not hold.
     """
     task = desired.task
     J = task.jacobians(Q)
@@ -135,22 +140,29 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
 
 
 def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array]:
-    """Evaluate N of :func:`oriented_nullspace`, and J⁺ (K, n, m), by one factorisation of J."""
+    """Evaluate N (K, n, r) as :func:`oriented_nullspace` does, and J⁺ (K, n, m).
+
+    One factorisation of J (K, m, n) gives both. The configurations Q (K, n) serve error messages.
+    """
     N, basis, R = _oriented(J, task, Q)
     return N, basis[..., : J.shape[-2]] @ np.swapaxes(np.linalg.inv(R), -1, -2)
 
 
 def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
-    """Span the null space of J by an orthonormal basis with ``det [J; Nᵀ] > 0``: (K, n, r).
+    """Evaluate orthonormal null-space bases N (K, n, r) of J (K, m, n) with ``det [J; Nᵀ] > 0``.
 
-    ``det [J; Vᵀ]`` is smooth in q whatever the bases, and with this orientation it has the sign of
-    ``det(Nᵀ V)``: where that changes, V has an algorithmic singularity, and nowhere else.
+    With this orientation ``det(Nᵀ V)`` has the sign of ``det [J; Vᵀ]``, which is smooth in q. So
+    its sign changes only across an algorithmic singularity of V.
     """
     return _oriented(J, task, Q)[0]
 
 
 def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Factor ``Jᵀ = Q R``: N, Q (K, n, n) and R (K, m, m)."""
+    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n).
+
+    Return the oriented null-space bases N (K, n, r), the orthogonal factors (K, n, n), and R
+    (K, m, m).
+    """
     m = J.shape[-2]
     try:
         basis, R = row_factor(J, mode="complete")
@@ -167,14 +179,14 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class SignCount:
-    """Numbers of nodes on each side of an algorithmic singularity."""
+    """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0."""
 
     positive: int
     negative: int
 
     @property
     def uniform(self) -> bool:
-        """Whether all nodes lie on the same side of the singularity."""
+        """Whether det(Nᵀ V) has the same sign at all nodes."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:
@@ -182,26 +194,38 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Sum ``mean EᵀE``, ``mean FᵀF`` (N, N) and ``mean Eᵀ NᵀN(center)`` (N, r)."""
+    """Evaluate this batch's terms of ``mean EᵀE`` and ``mean FᵀF``, (N, N), and of
+    ``mean Eᵀ NᵀN(center)`` (N, r)."""
     root = np.sqrt(b.weights)[:, None, None]
     E, F = (b.E * root).reshape(-1, b.EF.shape[-1]), (b.F * root).reshape(-1, b.EF.shape[-1])
     return E.T @ E, F.T @ F, E.T @ (b.null_alignment * root).reshape(-1, b.r)
 
 
 def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
-    """Evaluate this batch's part of ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38), and its
-    sides."""
+    """Evaluate this batch's term of the cost ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38).
+
+    Return it with the number of nodes with either sign of det(E A) = det(Nᵀ V).
+    """
     X, _, sides = _difference(b.first(len(A)), A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
 
 
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
-    """Evaluate this batch's part of C(A), of half its gradient (N, r), and of the Gauss–Newton
-    matrix (r, N, r, N).
+    """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
 
-    ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ`` with P = E A, X = F A P⁻¹, ``L = F − X E``. To first order
-    ``dX = L dA P⁻¹``, so that ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
+    With P = E A, X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``. To first order
+    ``dX = L dA P⁻¹``. So ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with
     ``S = P⁻¹ P⁻ᵀ``.
+
+    Returns
+    -------
+    cost : float
+    half_gradient : (N, r) array
+        ½ ∂C/∂A.
+    matrix : (r, N, r, N) array
+        Gauss–Newton matrix of ½ C, with the blocks S[j, j'] LᵀL.
+    sides : SignCount
+        Number of nodes with either sign of det P.
     """
     size, r = A.shape
     b = b.first(size)
@@ -224,14 +248,17 @@ def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
 
 
 def named(task: Task, q: Array) -> str:
-    """Write a configuration with joint names, for a message."""
+    """Format a configuration q (n,) with joint names, such as ``j1 = 0.300, j2 = -1.200``."""
     return ", ".join(
         f"{name} = {value:.3f}" for name, value in zip(task.joint_names, q, strict=True)
     )
 
 
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
-    """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), P⁻¹, and the signs of det P, with P = E A."""
+    """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), with P = E A, for coefficients A (N, r).
+
+    Return X (K, m, r), P⁻¹ (K, r, r), and the number of nodes with either sign of det P.
+    """
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)
     P = EFA[:, : b.r]

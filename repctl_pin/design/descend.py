@@ -1,5 +1,5 @@
-"""Fit of the potentials' coefficients: the linear start, and Levenberg–Marquardt steps on
-subspaces."""
+"""Fit of the coefficients A of the potentials: a start by linear least squares, then minimisation
+by Levenberg–Marquardt steps."""
 
 from __future__ import annotations
 
@@ -35,21 +35,23 @@ _EMPHASIS = (1.0, 0.1, 0.01)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """End of an optimisation.
+    """Result of :func:`descend`.
 
     Attributes
     ----------
     A : (N, r) array
-        The coefficients.
+        Final coefficients.
     cost, gradient_norm : float
-        Cost on the fit nodes, and norm of its gradient in coordinates that are orthonormal over Ω.
+        Cost on the fit nodes, and norm of the gradient of the penalised cost, in coordinates in
+        which the gradients of the potentials are orthonormal over Ω.
     converged : bool
-        Whether Gauss–Newton predicts no further relative decrease above the tolerance, or three
-        steps brought none.
+        Whether an undamped step predicts no relative decrease of the cost above the tolerance, or
+        the last three steps gave none.
     steps : int
-        Gauss–Newton steps taken.
+        Number of steps.
     sides : SignCount
-        Signs of det(Nᵀ V) at the nodes; ``sides.uniform`` without an algorithmic singularity.
+        Number of nodes with either sign of det(Nᵀ V); ``sides.uniform`` means that no algorithmic
+        singularity lies between the nodes.
     """
 
     A: Array
@@ -63,16 +65,19 @@ class Descent:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Start:
-    """Start of a descent, and the penalty that keeps it near the null space's own potentials.
+    """Starting point of a descent, and the data of the penalty that keeps V near the null space.
 
     Attributes
     ----------
     A : (N, r) array
+        Initial coefficients.
     sides : SignCount
-        Not ``uniform`` if there is an algorithmic singularity.
+        Number of nodes with either sign of det(Nᵀ V).
     cost : float
+        Cost at A.
     EE, null_alignment : (N, N), (N, r) arrays
-        ``mean EᵀE`` and ``mean Eᵀ NᵀN(center)``: the penalty's Hessian and right side.
+        ``mean EᵀE`` and ``mean Eᵀ NᵀN(center)``: matrix and right-hand side of the quadratic
+        penalty ``mean ‖E A − Nᵀ N(center)‖²``.
     """
 
     A: Array
@@ -83,20 +88,21 @@ class Start:
 
 
 def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
-    """Solve the linear problem whose V is closest to the null space's own potentials.
+    """Find initial coefficients by linear least squares: V should lie in the null space of J.
 
-    ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``: V should be N R with R = Nᵀ N(center), a smooth
-    gauge, and have no part along G_d. ε = 1, or less where that runs into an algorithmic
-    singularity.
+    ``min_A mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close to
+    N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q. The first
+    term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic singularity; if
+    none of them helps, the solution for ε = 1 is returned.
 
     Parameters
     ----------
     batches
         The nodes.
     basis : (N', N') array
-        Coordinates of the first N' potentials, which alone are used.
+        B of :class:`Independent` for the first N' potentials; only these are used.
     moments
-        The sums of :func:`criterion.linear` over all potentials.
+        The sums of :func:`criterion.linear` for all potentials.
     """
     size = len(basis)
     EE, FF, null_alignment = moments[0][:size, :size], moments[1][:size, :size], moments[2][:size]
@@ -121,13 +127,31 @@ def descend(
     tolerance: float,
     report: Report,
 ) -> Descent:
-    """Minimise the penalised cost by Levenberg–Marquardt steps that keep det(Nᵀ V) of one sign.
+    """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
-    What is minimised is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) /
-    r. C alone is blind to ``A → A T``, and all but blind to functions of a joint that the task
-    ignores and to leaves relabelled, h → φ(h): a fit to finitely many nodes drifts along those
-    into a singularity between the nodes. Among all V of nearly equal cost, the penalty takes the
-    one closest to the null space's own potentials.
+    The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r.
+    C alone is invariant under A → A T. It is also nearly invariant under relabelled leaves,
+    h → φ(h), and under added functions of a joint that does not affect the task. Along these
+    directions, a fit to finitely many nodes can end in a singularity between the nodes. Among all
+    V of nearly equal cost, the penalty selects the one closest to N Nᵀ N(center), the projection
+    of N(center) onto the null space.
+
+    Parameters
+    ----------
+    batches
+        The nodes.
+    basis : (N', N') array
+        B of :class:`Independent` for the first N' potentials.
+    begin
+        Result of :func:`start`, with the data of the penalty.
+    A : (N', r) array
+        Initial coefficients.
+    penalty
+        Relative weight of the penalty.
+    tolerance
+        Relative decrease of the cost below which the iteration ends.
+    report
+        Progress callback (step, cost).
     """
     problem = _PenalisedCost(batches, basis, begin, penalty)
     found = levenberg_marquardt(
@@ -150,7 +174,7 @@ def descend(
 @read_only
 class _Evaluated:
     """Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
-    matrix, and the signs of det(Nᵀ V)."""
+    matrix, and the number of nodes with either sign of det(Nᵀ V)."""
 
     gradient: Array
     blocks: Array
@@ -158,11 +182,11 @@ class _Evaluated:
 
 
 class _PenalisedCost:
-    """The penalised cost in the coordinates ``C = B⁻¹ A``, in which the potentials' gradients are
-    orthonormal over Ω.
+    """Penalised cost as a least-squares problem in the coordinates ``x = B⁻¹ A``.
 
-    A step solves ``(H + τ mean EᵀE + μ I) dC = −g``. Nearly dependent potentials have a large B,
-    and the rounding of ``Bᵀ H B`` then sets the smallest μ.
+    In these coordinates the gradients of the potentials are orthonormal over Ω. A step solves
+    ``(H + μ I) dx = −g``, with the penalty included in H and g. If potentials are nearly dependent,
+    B is large, and the rounding errors of ``Bᵀ H B`` determine the smallest useful μ.
     """
 
     def __init__(self, batches: Batches, basis: Array, begin: Start, penalty: float) -> None:
@@ -173,7 +197,7 @@ class _PenalisedCost:
         self.null_alignment = basis.T @ begin.null_alignment
 
     def evaluate(self, x: Array) -> Point[_Evaluated]:
-        """Evaluate the cost, half its gradient and its Gauss–Newton matrix, in one pass."""
+        """Evaluate the cost, half its gradient and its Gauss–Newton matrix in one pass."""
         total = self.batches.total(criterion.gauss_newton, self.basis @ x)
         cost, gradient, blocks, sides = total
         merit = cost + self._closeness(x)
@@ -185,7 +209,7 @@ class _PenalisedCost:
         return cost + self._closeness(x) if sides.uniform else np.inf
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
-        """Evaluate half the gradient (r N,) and the matrix (r N, r N)."""
+        """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x."""
         basis, blocks, r = self.basis, at.data.blocks, range(self.r)
         pull = self.tau * (self.EE @ at.x - self.null_alignment)
         gradient = basis.T @ at.data.gradient + pull
@@ -197,28 +221,31 @@ class _PenalisedCost:
         return gradient.T.ravel(), H
 
     def step(self, model: tuple[Array, Array], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` with D = mean(diag H) I."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I."""
         g, H = model
         H, x, used = _damped_step(H, g, damping)
         predicted = -2 * float(g @ x) - float(x @ (H @ x))
         return Step(x.reshape(self.r, -1).T, predicted, used)
 
     def _closeness(self, x: Array) -> float:
-        """Evaluate ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant."""
+        """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant."""
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
 
 
 def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, float]:
-    """Solve ``(H + μ I) x = −g``, with μ raised until the matrix is positive definite.
+    """Solve ``(H + μ I) x = −g`` with μ = ``damping`` · mean(diag H), raised if necessary.
+
+    The damping is multiplied by 10 until the matrix is positive definite.
 
     Returns
     -------
     matrix : (N, N) array
         H + μ I.
     step : (N,) array
+        x.
     damping : float
-        μ / mean(diag H): at least what was asked for.
+        The damping that was used.
     """
     level = max(float(np.trace(H)) / len(g), 1e-300)
     while True:
@@ -233,7 +260,10 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:
-    """Solve a symmetric positive semidefinite system for its minimum-norm solution."""
+    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``.
+
+    The matrix (N, N) is symmetric positive semidefinite.
+    """
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-13 * values[-1]
     return vectors[:, keep] @ ((vectors[:, keep].T @ rhs) / values[keep, None])

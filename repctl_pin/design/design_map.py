@@ -1,4 +1,4 @@
-"""Maps of a design over two joints (distance and leaf margin), and its cost against the degree."""
+"""Maps of distance and leaf margin of a design over two joints, and cost against the degree."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .singularity_search import LeafMargin
 @dataclass(frozen=True, eq=False)
 @read_only
 class DesignMap:
-    """Distance and leaf margin of a design over two joints, with the others at the centre of Ω.
+    """Distance and leaf margin of a design over two joints; all other joints at the centre of Ω.
 
     Attributes
     ----------
@@ -27,9 +27,10 @@ class DesignMap:
     x, y : (k,) arrays
         Values of these joints over the box around Ω, rad or m.
     distance, reference : (k, k) arrays
-        ‖G_r − G_d‖_F and ‖G_d‖_F, rows upward; nan where J loses rank.
+        ‖G_r − G_d‖_F and ‖G_d‖_F; nan at singularities. Row i belongs to ``y[i]``, column j to
+        ``x[j]``.
     leaf_margin : (k, k) array
-        σ_min(Nᵀ V̂).
+        σ_min(Nᵀ V̂), in the same order.
     """
 
     joints: tuple[int, int]
@@ -43,7 +44,7 @@ class DesignMap:
 def design_map(
     design: Design, joints: tuple[int, int] | None = None, *, points: int = 61
 ) -> DesignMap:
-    """Evaluate a design on a grid over two joints.
+    """Evaluate the distance and the leaf margin of a design on a grid over two joints.
 
     Parameters
     ----------
@@ -75,13 +76,16 @@ def design_map(
 
 
 def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
-    """Evaluate the cost against the degree of the polynomials, up to the design's own degree.
+    """Return the cost for each degree of the polynomials, up to the degree of the design.
+
+    If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
+    an inverse is designed for each lower degree.
 
     Returns
     -------
     tuple of (degree, cost, standard error)
-        What ``degree="auto"`` tried, or else all lower degrees designed anew; those with a
-        singularity in Ω are left out.
+        Without degrees whose design has a singularity in Ω; empty if the potentials are no
+        polynomials.
     """
     if design.degrees:
         return design.degrees
@@ -116,8 +120,10 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
 
 
 def _liveliest(design: Design) -> tuple[int, int]:
-    """Choose the two joints along which ‖G_r − G_d‖ changes most, each alone, through the
-    centre."""
+    """Choose the two joints along which ‖G_r − G_d‖ changes most, as (int, int) in rising order.
+
+    Each joint is moved alone through its range in Ω, from the centre of Ω.
+    """
     box, center, n = design.region.bounds, design.region.center, design.task.n
     steps = np.linspace(-1, 1, 17)
     Q = center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width  # (n, 17, n)
@@ -128,7 +134,7 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
 
 def _distance(design: Design, Q: Array) -> tuple[Array, Array]:
-    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at every row of Q; nan at singularities."""
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K,) each, nan if singular."""
     try:
         G_d = design.desired.batch(Q)
         gap = np.linalg.norm(design.inverse.batch(Q) - G_d, axis=(1, 2))

@@ -31,7 +31,7 @@ class Design:
     desired : Inverse
         Desired inverse G_d.
     potentials, region, coefficients
-        Potentials (35), region Ω, and coefficients A (N, r).
+        Basis of potentials (35), region Ω, and coefficients A (N, r).
     cost, cost_error : float
         Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
     relative_distance : float
@@ -45,8 +45,8 @@ class Design:
     fit_cost : float
         Cost on the nodes of the fit; lower than ``cost`` by the amount of overfitting.
     gradient_norm : float
-        Norm of the gradient of the fit cost, in coordinates in which the gradients of the
-        potentials are orthonormal over Ω.
+        Norm of the gradient of the fit cost with its small penalty, in coordinates in which the
+        gradients of the potentials are orthonormal over Ω.
     converged : bool
         Whether the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
         last three steps gave none. Richer potentials may still lower the cost: see
@@ -117,7 +117,9 @@ class Design:
         return self.inverse.task
 
     def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:
-        """Evaluate constant rows and the extended Jacobian on the held-out nodes of the design.
+        """Evaluate two simpler repeatable inverses for comparison, on the design's held-out nodes.
+
+        They are the augmented Jacobian with constant rows, and the extended Jacobian.
 
         Parameters
         ----------
@@ -127,7 +129,7 @@ class Design:
         Returns
         -------
         tuple of Baseline
-            As :meth:`summary` takes them.
+            Argument of :meth:`summary`.
         """
         with reporter(progress) as report:
             return baselines(
@@ -139,7 +141,7 @@ class Design:
             )
 
     def summary(self, baselines: Sequence[Baseline] = ()) -> str:
-        """Describe in a few lines how good the design is; nothing is computed.
+        """Return the figures of the design as text of several lines; nothing is computed.
 
         Parameters
         ----------

@@ -1,5 +1,4 @@
-"""Evaluate a repeatable inverse over Ω on held-out nodes, and two simpler inverses for
-comparison."""
+"""Evaluation of a repeatable inverse, and of two simpler ones, over Ω on held-out nodes."""
 
 from __future__ import annotations
 
@@ -28,22 +27,23 @@ _CANDIDATES = 64
 @dataclass(frozen=True, eq=False)
 @read_only
 class Evaluation:
-    """Figures of one inverse over one region.
+    """Figures of one repeatable inverse G_r over one region Ω.
 
     Attributes
     ----------
     cost, cost_error : float
-        Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error over independent scramblings.
+        Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error, estimated from 32 independently
+        scrambled sets of nodes.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     leaf_margin : float
         Smallest σ_min(Nᵀ V̂) that a search of Ω found.
     leaf_margin_at : (n,) array
-        Configuration of the smallest leaf margin.
+        Configuration of the smallest leaf margin, rad (m for prismatic joints).
     inside_limits : float
         Fraction of Ω inside the joint limits.
     replicates : (32,) array
-        Cost on each scrambling.
+        Cost on each of the 32 sets of nodes.
     """
 
     cost: float
@@ -72,11 +72,11 @@ def evaluate_design(
     region
         Ω.
     samples
-        Number of held-out nodes, in 32 independent scramblings, whose scatter gives the standard
-        error. Since that scatter is itself estimated, the error is wider by √(31/29), the standard
-        deviation of Student's t.
+        Number of held-out nodes. They form 32 independently scrambled sets; the scatter of the
+        cost between the sets gives the standard error. The error includes the factor √(31/29), the
+        standard deviation of Student's t with 31 degrees of freedom.
     seed
-        Random seed of the nodes; it must differ from the fit's.
+        Random seed of the nodes; it must differ from the seed of the fit.
 
     Raises
     ------
@@ -134,10 +134,11 @@ class Baseline:
     Attributes
     ----------
     name : str
+        Display name.
     evaluation : Evaluation or None
-        Its figures; None if Ω contains a singularity of it.
+        Figures; None if the inverse has a singularity in Ω.
     refused : str
-        Message about that singularity; empty if there is none.
+        Error message about the singularity; empty if there is none.
     """
 
     name: str
@@ -146,7 +147,7 @@ class Baseline:
 
     @property
     def text(self) -> str:
-        """Cost and leaf margin, or the reason for a refusal, in one line."""
+        """Cost and leaf margin in one line, or the message about the singularity."""
         if self.evaluation is None:
             return self.refused
         j = self.evaluation
@@ -154,7 +155,10 @@ class Baseline:
 
 
 def constant_rows(task: Task, center: Array) -> RepeatableInverse:
-    """Make the repeatable inverse of constant potential gradients, ``V = N(center)``."""
+    """Make the repeatable inverse whose V is constant, ``V = N(center)``: linear potentials.
+
+    N(center) is the null-space basis at the configuration ``center`` (n,).
+    """
     N = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
     linear = Polynomial(center, 1)
     return RepeatableInverse(
@@ -165,8 +169,11 @@ def constant_rows(task: Task, center: Array) -> RepeatableInverse:
 def baselines(
     desired: Inverse, region: Region, *, samples: int, seed: int, report: Report
 ) -> tuple[Baseline, ...]:
-    """Evaluate constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``, on held-out
-    nodes."""
+    """Evaluate two simpler repeatable inverses on held-out nodes, for comparison with a design.
+
+    They are :func:`constant_rows`, and the extended Jacobian of ``U = ½ ‖q − center‖²``; ``center``
+    is the centre of Ω. The parameters are those of :func:`evaluate_design`.
+    """
     task, center = desired.task, region.center
     inverses: dict[str, RepeatableInverse] = {
         "constant rows": constant_rows(task, center),

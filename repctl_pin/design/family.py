@@ -19,16 +19,16 @@ from ..strategies.strategy import AN_INVERSE, Batched, Inverse
 
 _SCAN = 48
 _FLAT = 1e-9
-"""Relative variation of the cost below which it is the same for every parameter."""
+"""Relative variation of the cost over all k below which the cost counts as independent of k."""
 
 _SAME = 1e-14
-"""Relative difference of costs that is rounding."""
+"""Relative difference below which two costs count as equal, because of rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class FamilyDesign:
-    """Best member of a family, and whether it is unique.
+    """Member of a one-parameter family of inverses nearest to G_d, and whether it is unique.
 
     Attributes
     ----------
@@ -39,18 +39,19 @@ class FamilyDesign:
     region : Region
         Ω.
     parameter : float
-        Best k; may be inf on the whole line. The middle of the bounds if every k costs the same.
+        Best k; may be inf if the bounds are the whole line. If the cost does not depend on k, the
+        middle of the bounds.
     unique : bool
-        False if every parameter costs the same.
+        False if the cost does not depend on k.
     cost, cost_error : float
-        Mean over Ω of ‖G − G_d‖_F² (26), on finer nodes than those of the search, and the
-        difference between both.
+        Mean over Ω of ‖G − G_d‖_F² (26), on eight times as many nodes as in the search, and the
+        absolute difference from the mean on the nodes of the search.
     relative_distance : float
         ``sqrt(cost / mean ‖G_d‖_F²)``.
     scanned : (S,) array
-        Parameters of the first scan; inf among them on the whole line.
+        Values of k in the first scan; they include inf if the bounds are the whole line.
     scanned_costs : (S,) array
-        Their costs; inf if a member is singular in Ω.
+        Cost of each of them; inf if the inverse is singular in Ω.
 
     Examples
     --------
@@ -76,7 +77,7 @@ class FamilyDesign:
     scanned_costs: Array = field(repr=False)
 
     def summary(self) -> str:
-        """Write the figures, one per line."""
+        """Return the figures as text, one per line."""
         best = (
             f"{self.parameter:.6g}"
             if self.unique
@@ -92,7 +93,7 @@ class FamilyDesign:
 
 
 class _Comparison:
-    """Nodes of Ω with J and G_d, for the cost of many inverses."""
+    """Nodes of Ω with J and G_d, on which the cost of any inverse of the task can be evaluated."""
 
     def __init__(self, desired: Inverse, region: Region, samples: int, seed: int) -> None:
         self.Q, self.weights = region.nodes(samples, seed)
@@ -118,8 +119,8 @@ def nearest_in_family(
 ) -> FamilyDesign:
     """Find the member of a one-parameter family nearest to a desired inverse (26).
 
-    On the whole line the search runs over ``φ = atan k`` (57), so that k = ∞, where −∞ and ∞ meet,
-    is a member like any other: a scan of φ, then Brent's method in the best bracket.
+    The search is a scan of k, then Brent's method around the best value. If the bounds are the
+    whole line, the search variable is ``φ = atan k`` (57), so that k = ±∞ is included.
 
     Parameters
     ----------
@@ -130,11 +131,11 @@ def nearest_in_family(
         and for k = ∞ on the whole line, such as ``lambda k: rp.RepeatableInverse(task,
         potentials.weighted(A(k)))``.
     region
-        Ω.
+        Region Ω.
     bounds
-        Range of k: two finite numbers, or the whole line.
+        Range of k: two finite numbers, or the whole line (−∞, ∞).
     samples, seed
-        Number of nodes of the search, and random seed.
+        Number of nodes for the search, and random seed.
 
     Returns
     -------
@@ -144,7 +145,7 @@ def nearest_in_family(
     Raises
     ------
     InputError
-        If the bounds are neither finite and in order nor the whole line.
+        If the bounds are neither two finite numbers in rising order nor the whole line.
     SingularityError
         If no member of the family is free of singularities in Ω.
 
@@ -223,13 +224,17 @@ def nearest_in_family(
 
 
 def _on_the_line(angle: float) -> float:
-    """Turn φ into k = tan φ (57): one period of tan; its pole is k = ∞."""
+    """Convert an angle φ, rad, to k = tan φ (57); at the pole φ = ±π/2, k = ∞."""
     folded = (angle + np.pi / 2) % np.pi - np.pi / 2
     return np.inf if abs(abs(folded) - np.pi / 2) < 1e-12 else float(np.tan(folded))
 
 
 def _polish(cost: Callable[[float], float], angles: Array, costs: Array, projective: bool) -> float:
-    """Refine the best of a scan; keep the scanned value if the refined one costs no less."""
+    """Refine the best angle of a scan by Brent's method, and return it.
+
+    ``projective`` means that the angles cover a full period. The scanned angle is returned if the
+    refined one does not lower the cost.
+    """
     i = int(np.argmin(costs))
     spacing = angles[1] - angles[0]
     low, high = angles[i] - spacing, angles[i] + spacing

@@ -1,5 +1,5 @@
-"""Fit of potentials in one region: search for singularities, independent potentials, descents,
-evaluation."""
+"""Fit of potentials in one region: search for singularities of the arm, selection of independent
+potentials, minimisation of the cost, evaluation on held-out nodes."""
 
 from __future__ import annotations
 
@@ -35,12 +35,15 @@ _ROUNDS = 4
 
 
 def fit(problem: FitProblem) -> Design:
-    """Fit and evaluate in one region.
+    """Design a repeatable inverse in one region, and evaluate it on held-out nodes.
 
     Raises
     ------
     SingularRegionError
-        If a singularity lies in the region.
+        If the region contains a singularity of the arm, or no V without an algorithmic singularity
+        in it was found.
+    InputError
+        If the nodes are too few for the potentials.
     """
     desired, potentials, region, seed, report = (
         problem.desired,
@@ -111,7 +114,11 @@ def fit(problem: FitProblem) -> Design:
 
 
 def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: int) -> Design:
-    """Make the design, with its evaluation on held-out nodes."""
+    """Make the design from the result of a descent, and evaluate it on held-out nodes.
+
+    ``samples`` is the number of nodes of the fit. A SingularRegionError is raised if the evaluation
+    finds an algorithmic singularity.
+    """
     options = problem.options
     desired, potentials, region = problem.desired, problem.potentials, problem.region
     A = chosen.spread(result.A)

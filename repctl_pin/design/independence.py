@@ -1,4 +1,5 @@
-"""Independent potentials of a basis over Ω, and coordinates in which they are orthonormal."""
+"""Selection of linearly independent potentials of a basis over Ω, and coordinates in which their
+gradients are orthonormal."""
 
 from __future__ import annotations
 
@@ -21,20 +22,20 @@ _DEPENDENT = 1e-8
 @dataclass(frozen=True, eq=False)
 @read_only
 class Independent:
-    """The potentials that are used.
+    """The independent potentials of a basis, which a fit uses.
 
     Attributes
     ----------
     kept : (N',) array of int
-        Their numbers in the basis.
+        Indices of the independent potentials in the basis.
     dropped : tuple of str
-        The other potentials, each with the reason.
+        Names of the potentials that are left out, each with the reason.
     basis : (N', N') array
-        B, with which the gradients D B are orthonormal in the mean over Ω. The optimiser works in
-        these coordinates, so that its result does not depend on the given basis. B is upper
-        triangular: its leading blocks do the same for the first potentials.
+        B: the gradients D B of combined potentials are orthonormal in the mean over Ω. The
+        optimiser uses these coordinates, so that its result does not depend on the given basis.
+        B is upper triangular, so its leading blocks orthonormalise the first potentials.
     size : int
-        N.
+        N, the number of all potentials of the basis.
     """
 
     kept: NDArray[np.intp]
@@ -43,7 +44,8 @@ class Independent:
     size: int
 
     def spread(self, A: Array) -> Array:
-        """Pad coefficients A with zeros for all other potentials: (N, r)."""
+        """Convert coefficients A of the first independent potentials to those of the whole basis,
+        (N, r), with zeros for all other potentials."""
         whole = np.zeros((self.size, A.shape[1]))
         whole[self.kept[: len(A)]] = A
         return whole
@@ -52,22 +54,23 @@ class Independent:
 def independent(
     desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
 ) -> Independent:
-    """Drop potentials that are constant, depend on x alone, or depend on those before them.
+    """Select the independent potentials of a basis.
 
-    A function of x = f(q) alone has its gradient in the row space of J. As V it makes J_V singular
-    everywhere.
+    Left out are potentials that are constant over Ω, that are functions of x = f(q) alone, or whose
+    gradients are linear combinations of those of earlier potentials. The gradient of a function of
+    x alone lies in the row space of J, and makes J_V singular everywhere.
 
     Parameters
     ----------
     desired, potentials
         G_d and the basis.
     Q, weights : (K, n), (K,) arrays
-        Nodes in Ω.
+        Nodes in Ω, and their quadrature weights.
 
     Raises
     ------
     InputError
-        If fewer than r potentials are left; the reasons are named.
+        If fewer than r potentials are left; the message gives the reasons.
     """
     r = desired.task.r
     triangle, square, in_null = np.zeros((0, potentials.size)), 0.0, 0.0
@@ -107,7 +110,10 @@ def independent(
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
-    """Factor the columns in order, without dependent ones: R and their numbers."""
+    """Factor the columns of a matrix by QR, and skip those that depend on earlier columns.
+
+    Return R of the remaining columns, and their indices.
+    """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))
     while True:  # a small diagonal entry of R shows the first dependent column; again without it

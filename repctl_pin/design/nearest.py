@@ -1,4 +1,4 @@
-"""Find the repeatable inverse nearest to a desired one, and judge it on held-out nodes."""
+"""Design of the repeatable inverse nearest to a desired inverse, evaluated on held-out nodes."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def nearest_repeatable(
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
-    A linear least-squares start, then Gauss–Newton steps on the Grassmann manifold of span A: only
-    the column space of V matters. The line search keeps the sign of det(Nᵀ V) at the nodes. Large
-    fits start on a few of the nodes.
+    Linear least squares give a start, which damped Gauss–Newton steps improve. Only the column
+    space of V matters. A line search keeps the sign of det(Nᵀ V) at the nodes. Large fits begin
+    with a smaller set of nodes.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ def nearest_repeatable(
     region
         Design region Ω.
     degree
-        Alternative to potentials: all polynomials of this degree over the box around Ω. ``"auto"``
-        raises the degree from 1 until the cost on held-out nodes falls by less than 1 %; at most 6,
-        or 8 for n ≤ 3, and 1000 unknowns.
+        Alternative to potentials: all polynomials up to this degree over the box around Ω.
+        ``"auto"`` raises the degree from 1 until the cost on held-out nodes falls by less than 1 %;
+        the maximum is degree 6 (8 for n ≤ 3), and 1000 unknowns.
     shrink
         If Ω contains a singularity, or a leaf margin below 0.1, design over the largest region with
         the same center that has neither.
@@ -76,7 +76,8 @@ def nearest_repeatable(
     Raises
     ------
     InputError
-        If the task is not redundant, potentials or region do not fit it, or nodes are too few.
+        If the task is not redundant, the potentials or the region do not fit the task, or there are
+        too few nodes.
     SingularRegionError
         If J loses rank in Ω, or the nearest V has an algorithmic singularity there; the message
         names a configuration, and the largest singularity-free region with the same center.
@@ -113,7 +114,7 @@ def nearest_repeatable(
 
 
 def _auto(problem: FitProblem, shrink: bool) -> Design:
-    """Raise the degree until the cost on held-out nodes stops falling."""
+    """Design with rising degree until the cost on held-out nodes stops falling; return the best."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
     task = problem.desired.task
@@ -148,7 +149,10 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 
 
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
-    """Design in Ω, or with ``shrink`` in the largest singularity-free part of it."""
+    """Design in Ω; with ``shrink``, in the largest region that is found free of singularities.
+
+    Without ``shrink``, a singularity in Ω raises an error.
+    """
     asked, attempt = problem.region.bounds.half_width, 0
     while True:
         try:
@@ -173,7 +177,7 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
 
 
 def _check_margin(design: Design) -> None:
-    """Refuse a design whose leaf margin is below the one to which regions are shrunk."""
+    """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking."""
     if design.leaf_margin < SHRUNK_MARGIN:
         task, at = design.inverse.task, design.leaf_margin_at
         measure = LeafMargin(task, design.inverse.potentials, design.region.center)
@@ -189,7 +193,7 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 def _check(
     desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
 ) -> None:
-    """Refuse arguments that do not fit each other, before anything is evaluated."""
+    """Check that the arguments of :func:`nearest_repeatable` fit each other; InputError if not."""
     task = desired.task
     if task.r < 1:
         raise InputError(

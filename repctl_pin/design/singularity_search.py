@@ -1,4 +1,4 @@
-"""Search for singularities in Ω: of the arm, and of a choice of potentials."""
+"""Search of a region Ω for singularities of the arm and algorithmic singularities of potentials."""
 
 from __future__ import annotations
 
@@ -17,24 +17,26 @@ from ..solvers import StepLengths, descend_in_box
 from .criterion import named
 
 Measure = Callable[[Array], Array]
-"""Q (K, n) → (K,): 0 at a singularity."""
+"""Function Q (K, n) → (K,) that measures the distance from a singularity; 0 at a singularity."""
 
 _STARTS = 16
 _CORNERS = 256
 _LENGTHS = StepLengths(first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60)
 _DIFFERENCE = 1e-6
 _FEELER = 1e-4
-"""Step down the slope, in units of the region, that shows where the region ends."""
+"""Length of a trial step down the slope, relative to the half-widths of Ω, that shows which
+directions leave Ω."""
 
 _EDGE = 1e-9
-"""Rounding of the scaled distance from the center."""
+"""Tolerance of ``region.ratio(Q) ≤ 1``, the test whether Q lies in the region."""
 
 _NEWTON = 12
 _RANK = 1e-5
 _BISECTIONS = 12
 
 SHRUNK_MARGIN = 0.1
-"""Leaf margin to which a region is shrunk; next to a singularity a design is not usable."""
+"""Minimum leaf margin in a region that is shrunk; close to a singularity, a design is not
+usable."""
 
 
 class SingularRegionError(SingularityError):
@@ -43,12 +45,13 @@ class SingularRegionError(SingularityError):
     Attributes
     ----------
     finding : str
-        The fact; the message adds a remedy.
+        First part of the message, which states the fact; the message adds a remedy.
     at : (n,) array
         Configuration of the singularity, rad (m for prismatic joints).
     free : Region or None
-        Largest region found with the same center and shape that is free of it; of an algorithmic
-        singularity, with a leaf margin of at least 0.1.
+        Largest region found with the same centre and shape that contains no such singularity. If
+        the singularity is an algorithmic one, the leaf margin there is at least 0.1. None if no
+        such region was found or searched for.
 
     Examples
     --------
@@ -69,14 +72,16 @@ class SingularRegionError(SingularityError):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Lowest:
-    """Smallest value of a measure found in a region.
+    """Smallest value of a measure that a search of a region found.
 
     Attributes
     ----------
     value : float
+        Smallest value.
     at : (n,) array
+        Configuration of the smallest value.
     ends, values : (S, n), (S,) arrays
-        Ends of the local searches, and the values there.
+        Final configurations of all local searches, and the values there.
     """
 
     value: float
@@ -86,22 +91,27 @@ class Lowest:
 
 
 class Dexterity:
-    """Measure J's distance from rank loss: ``σ_min(J) / σ_max(J)``, 0 from 1e-5 down."""
+    """Measure of the distance from a singularity of the arm: ``σ_min(J) / σ_max(J)``.
+
+    Values of 1e-5 and less are set to 0.
+    """
 
     def __init__(self, task: Task) -> None:
         self.task = task
 
     def __call__(self, Q: Array) -> Array:
-        """Evaluate it at every row of Q (K, n): (K,)."""
+        """Evaluate the measure (K,) at every row of Q (K, n)."""
         values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
         return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
 
     def newton(self, Q: Array, scale: Array) -> Array:
-        """Take the shortest step to rank loss to first order, (K, n), in units of scale (n,).
+        """Compute the Newton steps (K, n) to the nearest configurations at which J loses rank.
 
-        J = U Σ Vᵀ loses rank where ``V₂ᵀ Jᵀ u = 0``, u the last column of U and V₂ those of V from
-        m on: n − m + 1 equations. A stretched arm is at the tip of a cone of σ_min, which no
-        descent of σ_min reaches."""
+        The steps are in units of scale (n,), and the shortest ones to first order. With the
+        singular value decomposition J = U Σ Vᵀ, J loses rank where the n − m + 1 equations
+        ``V₂ᵀ Jᵀ u = 0`` hold; u is the last column of U, V₂ the columns m, …, n of V. Where the arm
+        is stretched out, σ_min has the shape of a cone, to whose tip gradient descent does not
+        converge."""
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
         slope = np.einsum(
@@ -112,21 +122,21 @@ class Dexterity:
 
 
 class LeafMargin:
-    """Measure ``σ_min(Nᵀ V̂)``, below 0 where ``det [J; Vᵀ]`` has another sign than at a center
-    (n,).
+    """Signed leaf margin: a measure of the distance from an algorithmic singularity.
 
-    The sign changes at an algorithmic singularity. Where J has full rank this is smooth through its
-    zeros but for crossings of singular values.
+    Its absolute value is ``σ_min(Nᵀ V̂)``. It is negative where ``det [J; Vᵀ]`` has the opposite
+    sign of that at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where J
+    has full rank, it is smooth, its zeros included, except at crossings of singular values.
 
-    With ``V = V̂ R`` and ``J_V X = [0; I]``, ``X Rᵀ = N (V̂ᵀ N)⁻¹``, so that ``σ_min(Nᵀ V̂)`` is
-    ``1 / σ_max(X Rᵀ)``. N itself is needed only where J_V is exactly singular."""
+    It is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)`` with ``V = V̂ R`` and ``J_V X = [0; I]``,
+    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. N itself is needed only where J_V is exactly singular."""
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
         self.task, self.potentials, self.side = task, potentials, 1.0
         self.side = float(np.sign(self(center[None]))[0])
 
     def __call__(self, Q: Array) -> Array:
-        """Evaluate it at every row of Q (K, n): (K,)."""
+        """Evaluate the measure (K,) at every row of Q (K, n)."""
         J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
         J_V = np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)
         side = self.side * np.sign(np.linalg.det(J_V))
@@ -142,7 +152,7 @@ class LeafMargin:
         return np.asarray(side / sigma[:, 0])
 
     def _margin(self, J: Array, V: Array) -> Array:
-        """Evaluate ``σ_min(Nᵀ V̂)``: (K,)."""
+        """Evaluate ``σ_min(Nᵀ V̂)`` (K,) from J and V with an explicit null-space basis."""
         N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., self.task.m :]
         V_hat = np.linalg.qr(V)[0]
         sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)
@@ -150,20 +160,20 @@ class LeafMargin:
 
 
 def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
-    """Minimise a measure over Ω from several starts at once, until it is 0 or below, or no step
-    helps.
+    """Minimise a measure over Ω by local searches from several starting points at once.
 
-    A step goes down the slope, at most to where the slope would reach 0. Its bound is doubled after
-    a step that helped and quartered after one that did not.
+    They end when one reaches a value of 0 or below, or when none can go lower. A step goes down the
+    slope, at most to where the measure would be 0 to first order. The bound on the step length is
+    doubled after a step that lowered the measure, and quartered after one that did not.
 
     Parameters
     ----------
     measure
-        The measure; below 0 only beyond a singularity.
+        The measure; it is negative only beyond a singularity.
     region
-        Ω.
+        Region Ω.
     starts : (S, n) array
-        Configurations in Ω.
+        Starting configurations in Ω.
     """
     scale = region.bounds.half_width
     Q, value = starts.copy(), measure(starts)
@@ -199,11 +209,12 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
 
 
 def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
-    """Search Ω for the smallest value of a measure, from the worst of the points Q, of corners, and
-    others.
+    """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
-    A polynomial fitted to few nodes bends most at the corners, where no random point of many joints
-    comes near."""
+    Candidates are the configurations Q (K, n), with their values (K,) if known, and configurations
+    near the corners of Ω. The starting points are those with the smallest values, and a few spread
+    over all values. Corners are included because a polynomial fitted to few nodes deviates most
+    there, and random points in many dimensions rarely lie close to a corner."""
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)
     Q, values = np.concatenate([Q, corners]), np.concatenate([values, measure(corners)])
@@ -214,7 +225,11 @@ def search(measure: Measure, region: Region, Q: Array, values: Array | None = No
 
 
 def _corners(region: Region, Q: Array) -> Array:
-    """Push some of the points Q (K, n) along random diagonals to the edge of Ω."""
+    """Move configurations Q (K, n) along random diagonals of joint space, clipped to Ω.
+
+    Half of the moves are twice the half-widths of Ω, which leads to the corners of a box. The other
+    half are a tenth of the half-widths, because a tube is narrow. Return at most 256 rows.
+    """
     rng, start = np.random.default_rng(0), np.resize(Q, (_CORNERS, Q.shape[1]))
     way = 2 * rng.integers(2, size=start.shape) - 1
     far = np.where(np.arange(_CORNERS) % 2, 0.1, 2.0)[:, None]  # a tube's edge may be near
@@ -223,23 +238,24 @@ def _corners(region: Region, Q: Array) -> Array:
 
 
 def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
-    """Find the largest region with the center and shape of Ω in which a measure is above its floor.
+    """Find the largest region similar to Ω in which a measure exceeds a threshold.
 
-    The floor is 0 for singularities of the arm, and 0.1 for a leaf margin. The first crossings on
-    the lines from known singularities to the center bound the size from above. Then the size is
-    bisected, with a new search of each region.
+    It has the centre and the shape of Ω. The threshold is 0 for singularities of the arm, and 0.1
+    for a leaf margin. On the lines from the centre to known singularities, the points below the
+    threshold give an upper bound of the size. Then the size is bisected, with a new search of each
+    region.
 
     Parameters
     ----------
     measure, region
         The measure, and Ω.
     bad : (B, n) array
-        Points of Ω where the measure is below its floor.
+        Configurations in Ω where the measure is below the threshold.
 
     Returns
     -------
     Region or None
-        None if the center itself is singular, or nearly so.
+        None if the centre itself is singular, or nearly so.
     """
     if isinstance(measure, LeafMargin):
         margin = measure
@@ -271,9 +287,10 @@ def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
 def refuse_singular(
     what: str, task: Task, measure: Measure, region: Region, bad: Array
 ) -> SingularRegionError:
-    """Make the error that names the first of the points (B, n) and the largest region without them.
+    """Make the error for a region with singularities at the configurations ``bad`` (B, n).
 
-    ``what`` begins the message: "the Jacobian loses rank in Ω".
+    The message names the first of them, and the largest singularity-free region with the same
+    centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω".
     """
     at, largest = bad[0], largest_free(measure, region, bad)
     where = f"{what} near {named(task, at)}"

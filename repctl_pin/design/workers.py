@@ -1,8 +1,9 @@
 """Batches in other processes: any ``concurrent.futures`` executor, or a Dask cluster.
 
-The nodes are divided into pieces. A worker that has evaluated a piece keeps its batches. In the
-next pass each worker is asked for the pieces that it holds. Missing ones, such as those of a dead
-worker, are built anew by any free worker. The distribution affects only the time."""
+The nodes are divided into chunks (:class:`Piece`). A worker that has evaluated a chunk stores its
+batches. For the next sum, each worker is asked for the chunks that it stores. Chunks that no worker
+returns, such as those of a worker that ended, are built again by any free worker. Only the
+computing time depends on the distribution."""
 
 from __future__ import annotations
 
@@ -28,17 +29,21 @@ if TYPE_CHECKING:
 
 _PIECES = 32
 _held = threading.local()
-"""State of this worker: its run, and batches by the number of their piece."""
+"""State of this worker: identifier of the fit, batches by chunk number, and number of the last sum
+that it answered."""
 
 Work = Callable[[Iterable[Batch]], Sums]
 Answer = tuple[str, dict[int, Sums]]
-"""Name of the worker, and the sums over pieces by their numbers."""
+"""Name of the worker, and its sums by chunk number."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Piece:
-    """A part of the nodes, and the pickled builder of their batches."""
+    """Chunk of nodes that one worker evaluates, with the pickled builder of its batches.
+
+    Iteration builds the batches.
+    """
 
     builder: bytes
     Q: Array
@@ -59,12 +64,15 @@ def hand_out(
     stream: bool = False,
     tick: Tick = silent,
 ) -> Batches:
-    """Distribute nodes to the workers of an executor or a cluster, in pieces of whole batches.
+    """Distribute nodes to the workers of an executor or a Dask cluster, in chunks of whole batches.
+
+    The parameters are those of :class:`repctl_pin.design.batches.Local`.
 
     Raises
     ------
     InputError
-        If the executor is neither, or the design cannot be sent to another process.
+        If ``executor`` is neither an Executor nor a Dask Client, or the design cannot be pickled
+        for another process.
     """
     try:
         payload = pickle.dumps(builder)
@@ -91,7 +99,7 @@ def hand_out(
 
 
 class InExecutor:
-    """Pieces evaluated by the workers of an executor, and kept there."""
+    """Batches that the workers of an executor build, evaluate and store."""
 
     def __init__(self, pieces: list[Piece], executor: Executor, stream: bool, tick: Tick) -> None:
         self._pieces, self._executor, self._stream, self._tick = pieces, executor, stream, tick
@@ -100,7 +108,7 @@ class InExecutor:
         self._passes = 0
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
         self._passes += 1
         work, submit = partial(over, function=function, arguments=arguments), self._executor.submit
         found: dict[int, Sums] = {}
@@ -116,7 +124,7 @@ class InExecutor:
         return add(found[i] for i in range(len(self._pieces)))
 
     def close(self) -> None:
-        """Ask the workers to release the batches."""
+        """Ask the workers to free the memory of their batches."""
         for _ in self._owners:
             self._executor.submit(_forget, self._run)
 
@@ -135,7 +143,7 @@ class InExecutor:
 
 
 class OnCluster:
-    """Pieces evaluated by Dask workers; the batches are futures that stay where they were built."""
+    """Batches that Dask workers build and evaluate; each stays, as a future, on its worker."""
 
     def __init__(self, pieces: list[Piece], client: Client, stream: bool, tick: Tick) -> None:
         self._client, self._tick = client, tick
@@ -144,7 +152,7 @@ class OnCluster:
         )
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum ``function(batch, *arguments)`` over all batches, item by item."""
+        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
         work = partial(over, function=function, arguments=arguments)
         futures = [self._client.submit(work, batches, pure=False) for batches in self._batches]
         parts: list[Sums] = []
@@ -158,7 +166,7 @@ class OnCluster:
         return add(parts)
 
     def close(self) -> None:
-        """Release the batches."""
+        """Release the futures, so that the workers free the memory of their batches."""
         self._batches = []
 
 
@@ -167,7 +175,7 @@ class OnCluster:
 
 
 def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Work) -> Answer:
-    """Build a piece, evaluate it, and keep it unless ``stream`` is set."""
+    """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set."""
     if stream:
         return _me(), {number: work(piece)}
     if getattr(_held, "run", None) != run:
@@ -178,7 +186,11 @@ def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Wor
 
 
 def _evaluate_held(key: tuple[str, int], owners: dict[str, list[int]], work: Work) -> Answer:
-    """Evaluate the pieces that this worker holds and is asked for, once per pass."""
+    """Evaluate the chunks that this worker stores and owns, once per sum.
+
+    ``key`` is the identifier of the fit and the number of the sum. A second call for the same sum
+    returns no sums.
+    """
     run, number = key
     if getattr(_held, "run", None) != run or _held.answered == number:
         return _me(), {}

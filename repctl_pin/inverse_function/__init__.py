@@ -1,5 +1,5 @@
-"""One inverse kinematic function over a cell of the workspace: the same configuration for the same
-pose."""
+"""Inverse kinematic functions q = F(x) over a cell of the workspace, which give the same
+configuration for the same pose."""
 
 from .cell import Cell
 from .cell_design import CellDesign

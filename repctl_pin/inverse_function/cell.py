@@ -1,4 +1,4 @@
-"""Cell of the workspace: a box of positions, and of rotations around one orientation."""
+"""Cell of the workspace: a box of positions, and a box of rotations around one orientation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EDGE = 1e-9
 """Tolerance of ``|u_i| ≤ 1``."""
 
 TURNED = 1e-6
-"""Tolerance, m or rad, along a held coordinate."""
+"""Tolerance, m or rad, along a coordinate of width 0."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -41,9 +41,9 @@ class Cell:
     r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
     ``|u_i| ≤ 1``.
 
-    p is taken in the rows that the task commands, ω about the base's axes for a pose, and about the
-    tool's own x and y for an axis task; other tasks leave the rotation free. A coordinate of width
-    0 is held.
+    p has only the components that the task commands. ω is a rotation vector, in base axes for a
+    pose task; for an axis task it lies along the tool's own x and y axes. Other tasks leave the
+    rotation free. A coordinate of half-width 0 is held constant and does not belong to u.
 
     Parameters
     ----------
@@ -55,20 +55,21 @@ class Cell:
     half_width : float or (k,) array
         w, m: one number, or one per position that the task commands, in base axes.
     half_angle : float or (3,) array
-        θ, rad: one number, or one per axis; 0 is one orientation. Every rotation up to θ is inside,
-        and some larger ones, because each component of ω is bounded by itself.
+        θ, rad: one number, or one per axis; with 0 the cell has one orientation. Every rotation by
+        an angle up to θ is inside, and some larger ones, because each component of ω is bounded
+        separately.
 
     Attributes
     ----------
     k : int
         Number of coordinates u.
     widths : (m,) array
-        Half-widths (w, θ) of all coordinates that the task commands, m and rad; 0 where held.
+        Half-widths (w, θ) of all m task coordinates, m and rad; 0 for those held constant.
 
     Raises
     ------
     InputError
-        If a size is wrong, all half-widths are 0, or the rotations reach half a turn.
+        If a half-width is not valid, all half-widths are 0, or the rotations reach half a turn.
 
     Examples
     --------
@@ -125,7 +126,7 @@ class Cell:
         margin: ArrayLike = 0.02,
         half_angle: ArrayLike = 0.0,
     ) -> Cell:
-        """Make the smallest cell around several poses or a closed path, with a margin.
+        """Make the cell that encloses several poses or a closed path, with a margin.
 
         Parameters
         ----------
@@ -179,14 +180,14 @@ class Cell:
         return self.widths[min(3, self.task.m) :]
 
     def scaled(self, factor: float) -> Cell:
-        """Make the cell with the same middle and all half-widths scaled."""
+        """Return a cell with the same middle and all half-widths multiplied by a factor."""
         factor = positive(factor, "the factor")
         turn = self.rotation * factor if len(self.rotation) else 0.0
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
     @property
     def centre(self) -> Array:
-        """Values of all m coordinates in the middle, m and rad."""
+        """Values (m,) of all task coordinates at the middle, m and rad; the angles are 0."""
         centre = np.zeros(len(self.widths))
         positions = len(self.half_width)
         centre[:positions] = self.placement.translation[self.task.rows[:positions]]
@@ -196,7 +197,7 @@ class Cell:
     # -------------------------------------------------------
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Convert coordinates U (K, k) to positions (K, 3), m, and rotations (K, 3, 3)."""
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
         Y = self.spread(U)
         positions = len(self.half_width)
         p = np.tile(self.placement.translation, (len(Y), 1))
@@ -212,18 +213,19 @@ class Cell:
         return pin.SE3(R[0].copy(), p[0])
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Convert placements to coordinates u, and measure their distance along held coordinates.
+        """Convert placements to coordinates u, and their deviation in the coordinates of width 0.
 
         Parameters
         ----------
         p, R : (K, 3) and (K, 3, 3) arrays
+            Positions, m, and rotation matrices.
 
         Returns
         -------
         U : (K, k) array
-            Beyond ±1 for a placement outside.
+            Coordinates; beyond ±1 if a placement lies outside the cell.
         off : (K,) array
-            The largest distance along a held coordinate, m or rad.
+            Largest deviation from the cell in a coordinate of width 0, m or rad; 0 inside.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
@@ -236,18 +238,26 @@ class Cell:
         Raises
         ------
         InputError
-            If it lies outside; the message names the coordinate and the distance.
+            If the placement lies outside; the message names the coordinate and its value.
         """
         target = as_placement(target)
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
-        """Test whether coordinates U (K, k) lie in the cell: (K,)."""
+        """Test whether placements lie in the cell, (K,), given the result (U, off) of
+        :meth:`coordinates`."""
         within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         return within & (off <= TURNED)
 
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
-        """Refuse coordinates U (K, k) that lie outside the cell."""
+        """Return U if all placements lie in the cell, given the result (U, off) of
+        :meth:`coordinates`.
+
+        Raises
+        ------
+        InputError
+            If a placement lies outside; the message names it by its number.
+        """
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~self._contains(U, off)
         if not bad.any():
@@ -269,8 +279,11 @@ class Cell:
         )
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Factor by which the cell would have to be scaled for the pose of each row of Q (K, n) to
-        lie on its boundary: (K,); above 1 is outside."""
+        """Compute the factor by which the cell must be scaled to have given poses on its boundary.
+
+        The poses are those of the configurations Q (K, n). The factors (K,) are above 1 for poses
+        outside, and infinite for those that deviate in a coordinate of width 0.
+        """
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
         )
@@ -281,51 +294,60 @@ class Cell:
 
     @property
     def along(self) -> Array:
-        """∂F/∂y (n, l) of the l coordinates y, m or rad, that a symmetry removes from u; a box has
-        none."""
+        """∂F/∂y (n, l) for the l coordinates y, m or rad, that symmetries of the arm remove from u.
+
+        Only a :class:`Sector` can have such symmetries; here l = 0.
+        """
         return np.zeros((self.task.n, 0))
 
     def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate the part of F that a symmetry adds at placements: (K, n); 0 in a box."""
+        """Evaluate the term (K, n) that symmetries of the arm add to F at placements.
+
+        Only a :class:`Sector` can have such symmetries; here the term is 0.
+        """
         (p,) = as_matrices(("p", p, "K 3"), exact=True, finite=False)
         return np.zeros((len(p), self.task.n))
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each joint to its nearer limit: (…, n); negative outside."""
+        """Compute the distance (…, n) of each joint to its nearer limit; negative outside."""
         return self.task.limit_margin(q)
 
     def _split(self, U: Array) -> tuple[Array, Array]:
-        """Split coordinates U (K, ·) of the whole cell into those of this one (K, k), and the part
-        of F (K, n) that a symmetry adds."""
+        """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
+
+        Return also the term (K, n) that the symmetries add to F there; here it is 0.
+        """
         return U, np.zeros((len(U), self.task.n))
 
     def _lifted(self, u: Array) -> Array:
-        """Convert coordinates u (k,) to those of the whole cell."""
+        """Convert coordinates u (k,) to those of :attr:`whole`, with 0 for the removed ones."""
         return u
 
     def _wrapped(self, away: Array) -> Array:
-        """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
+        """Remove full turns from differences of configurations (…, n), in the joints of removed
+        symmetries; here there are none."""
         return away
 
     @property
     def whole(self) -> Cell:
-        """The cell in all its coordinates."""
+        """The same cell, with the coordinates that symmetries remove included in u."""
         return self
 
     # ---- velocities
     # --------------------------------------------------------------------------------
 
     def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate E = ∂x/∂u in the rows of the task's velocity, (K, m, k + l), m and rad.
+        """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate.
 
-        The last l columns belong to the coordinates that a symmetry removes, see :attr:`along`.
+        The last l columns belong to the coordinates that symmetries remove, see :attr:`along`.
 
         Parameters
         ----------
         U : (K, k) array
+            Coordinates u.
         R : (K, 3, 3) array
-            Rotations of the frame; for an axis task they may differ from the cell's by a rotation
-            about the tool's axis.
+            Actual rotations of the frame. For an axis task they may differ from those of
+            :meth:`placements` by a rotation about the tool's axis.
         """
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         E = self._all_twists(self.spread(U), R)
@@ -334,8 +356,10 @@ class Cell:
         )
 
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate u and ∂u/∂x at placements: (K, k) and (K, k + l, m), rows as the columns of
-        :meth:`twists`."""
+        """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements.
+
+        The rows of ∂u/∂x are in the order of the columns of :meth:`twists`.
+        """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
         inverse = np.linalg.inv(self._all_twists(Y, R))
@@ -343,15 +367,17 @@ class Cell:
         return Y[:, on] / self._active_widths, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate ``(EᵀE)^(−1/2)`` (K, k + l, k + l), which scales ∂F/∂u to joint speed per unit
-        of task speed."""
+        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), with E of :meth:`twists`.
+
+        The product ∂F/∂u C is in joint speed per unit of task speed.
+        """
         _, R = self.placements(U)
         E = self.twists(U, R)
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
         return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
 
     def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate the task errors (K, m) from placements to goals, as :meth:`Task.error` does."""
+        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`."""
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),
             ("R_goal", R_goal, "K 3 3"),
@@ -379,7 +405,7 @@ class Cell:
         return 2 * qmc.Sobol(self.k, seed=seed).random_base2(power)[:count] - 1
 
     def corners(self) -> Array:
-        """List the corners of the box and the middles of its faces: (K, k)."""
+        """Return the coordinates (K, k) of the corners of the box, and its face centres."""
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
 
@@ -388,14 +414,14 @@ class Cell:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each coordinate: ``x``, ``y``, ``z``, and the rotations ``about x`` …"""
+        """Name of each of the k coordinates u: ``x``, ``y``, ``z``, and rotations ``about x`` …"""
         return tuple(
             name for name, on in zip(self.coordinate_names, self._active, strict=True) if on
         )
 
     @property
     def coordinate_names(self) -> list[str]:
-        """Name of each of the m coordinates, held ones too."""
+        """Name of each of the m task coordinates, those of width 0 included."""
         positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
         turns = (
             ["about x", "about y", "about z"]
@@ -406,18 +432,18 @@ class Cell:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each coordinate, m or rad."""
+        """Unit of each of the k coordinates u, m or rad."""
         return tuple(
             unit for unit, on in zip(self.coordinate_units, self._active, strict=True) if on
         )
 
     @property
     def coordinate_units(self) -> list[str]:
-        """Unit of each of the m coordinates, m or rad."""
+        """Unit of each of the m task coordinates, m or rad."""
         return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
 
     def size(self) -> str:
-        """Write the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
+        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
         text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
         if not self.rotation.any():
             return text + (", one orientation" if len(self.rotation) else "")
@@ -430,7 +456,7 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Write a pose: ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
@@ -450,24 +476,25 @@ class Cell:
 
     @property
     def moved(self) -> NDArray[np.intp]:
-        """The k of the m coordinates that belong to u, in order."""
+        """Indices, among the m task coordinates, of the k coordinates u, in order."""
         return np.flatnonzero(self._active)
 
     @property
     def _removed(self) -> list[int]:
-        """Coordinates that a symmetry removes."""
+        """Indices, among the m task coordinates, of those that symmetries remove from u."""
         return []
 
     @property
     def _active(self) -> NDArray[np.bool_]:
-        """Whether each of the m coordinates belongs to u."""
+        """Mask (m,) of the task coordinates that belong to u."""
         active = np.array(self.widths > 0, bool)
         active[self._removed] = False
         return active
 
     @property
     def _bounds(self) -> Array:
-        """Largest |u_i| inside: 1, or more along a coordinate that goes as far as the joints do."""
+        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate of a :class:`Sector` whose
+        range is set by the joint limits (``"all"``)."""
         return np.ones(self.k)
 
     @property
@@ -475,16 +502,17 @@ class Cell:
         return self.widths[self._active]
 
     def spread(self, U: ArrayLike) -> Array:
-        """Scale coordinates U (K, k) to all m coordinates, m and rad: (K, m)."""
+        """Convert coordinates U (K, k) to offsets (K, m) from the middle in all m task coordinates,
+        m and rad."""
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.zeros((len(U), len(self.widths)))
         Y[:, self._active] = U * self._active_widths
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to all m coordinates (K, m), held ones too.
+        """Convert placements to offsets (K, m) from the middle in all m task coordinates.
 
-        They are in m and rad, and 0 in the middle of the cell.
+        They are in m and rad. Coordinates of width 0 are included.
         """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
@@ -497,23 +525,29 @@ class Cell:
         return Y
 
     def vectors(self, turns: ArrayLike) -> Array:
-        """Convert rotations (K, 3) or (K, 2) about the cell's axes to rotation vectors (K, 3), base
-        axes."""
+        """Convert the rotational coordinates, rad, to rotation vectors (K, 3) in base axes.
+
+        The coordinates are about the base axes, (K, 3), for a pose task, and about the x and y axes
+        of the middle placement, (K, 2), for an axis task.
+        """
         (turns,) = as_matrices(
             ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False
         )
         return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
-        """Evaluate the task velocity (K, m, m) per m and rad of every coordinate."""
+        """Evaluate the task velocity per m or rad of each of the m task coordinates: (K, m, m).
+
+        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame.
+        """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":
             return T[:, self.task.rows]
         return np.concatenate([T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1)
 
     def _frame_twists(self, Y: ArrayLike) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per m and rad of each of the m
-        coordinates Y (K, m): (K, 6, m)."""
+        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
+        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
         (Y,) = as_matrices(("Y", Y, f"K {self.task.m}"), exact=True, finite=False)
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))

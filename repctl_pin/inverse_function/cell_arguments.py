@@ -1,4 +1,4 @@
-"""Arguments of a cell: its middle, its half-widths, and placements, checked."""
+"""Validation and conversion of the arguments of a cell: middle, half-widths, placements."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from ..robot.chain_formulas import require_rotation
 from ..robot.task import Task
 
 LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
-"""Smallest and largest half-width, m or rad, of a coordinate that is not held."""
+"""Smallest and largest half-width, m or rad, of a coordinate whose half-width is not 0."""
 
 
 def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
-    """Stack placements: positions (K, 3) and rotations (K, 3, 3), checked if the task has any.
+    """Convert placements to arrays of positions (K, 3) and rotation matrices (K, 3, 3).
 
-    An error message names a placement by ``name`` and its number.
+    The rotations are checked if the task commands a rotation. Error messages call a placement by
+    ``name`` and its number, such as "target 3".
     """
     p = np.array([x.translation for x in placements]).reshape(-1, 3)
     R = np.array([x.rotation for x in placements]).reshape(-1, 3, 3)
@@ -31,7 +32,7 @@ def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array
 
 
 def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
-    """Convert the middle of a cell to a rigid transform."""
+    """Convert the argument ``placement`` of a cell, its middle, to a rigid transform."""
     array = value.homogeneous if isinstance(value, pin.SE3) else as_numbers(value)
     if array is not None and array.shape == (3,):
         middle = pin.SE3(task.placement(task.reference).rotation, array)
@@ -49,7 +50,10 @@ def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
 
 
 def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
-    """Check half-widths: one number, or one per coordinate."""
+    """Convert half-widths, given as one number or one per coordinate, to an array (size,).
+
+    ``name``, ``unit`` and ``each`` (such as "one per axis") serve the error messages.
+    """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
     except (TypeError, ValueError, OverflowError):

@@ -1,4 +1,5 @@
-"""Result of a cell's design: the function, its evaluation, and maps over slices of the cell."""
+"""Result of designing an inverse function over a cell: the function, its evaluation, and maps over
+slices of the cell."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ class CellDesign:
     function : InverseFunction
         The result: ``q = F(x)``.
     desired : Inverse
-        G_d.
+        Desired inverse G_d.
     posture : (n,) array
         Configuration in the middle of the cell, rad (m for prismatic joints).
     evaluation : Evaluation
@@ -42,7 +43,7 @@ class CellDesign:
     samples, held_out : int
         Numbers of fit nodes and of held-out poses.
     seed : int
-        Random seed of both.
+        Random seed of the fit nodes and of the held-out poses.
     steps : int
         Gauss–Newton steps taken.
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
@@ -75,7 +76,10 @@ class CellDesign:
 
     @classmethod
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
-        """Assemble a design."""
+        """Make a design from a chart, whose function is s = 0, and its evaluation.
+
+        ``how`` are the other attributes of the design.
+        """
         middle = chart.solve(np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r)))
         ends = isinstance(chart.cell, Sector) and chart.cell.free
         function = InverseFunction(chart, keep_limits=bool(ends) or not evaluation.everywhere)
@@ -83,12 +87,12 @@ class CellDesign:
 
     @property
     def task(self) -> Task:
-        """The task."""
+        """Task that the function inverts."""
         return self.function.task
 
     @property
     def cell(self) -> Cell:
-        """The cell, the set of poses."""
+        """The cell: set of poses over which the function is designed."""
         return self.function.cell
 
     @property
@@ -98,12 +102,12 @@ class CellDesign:
 
     @property
     def cost(self) -> float:
-        """``mean ‖∂F/∂x − G_d(F)‖_F²``."""
+        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function covers."""
         return self.evaluation.cost
 
     @property
     def extra_speed(self) -> float:
-        """Joint speed relative to G_d at the same configurations, less 1, rms over the cell."""
+        """Rms joint speed over the cell relative to G_d at the same configurations, minus 1."""
         return self.evaluation.extra_speed
 
     @property
@@ -128,26 +132,27 @@ class CellDesign:
 
     @property
     def leaf_margin(self) -> float:
-        """Minimum of ``σ_min(Nᵀ n̂_ref)``; 1 is best."""
+        """Minimum leaf margin ``σ_min(Nᵀ n̂_ref)``; 1 is best, 0 is an algorithmic singularity."""
         return self.evaluation.leaf_margin
 
     @property
     def coverage(self) -> float:
-        """Share of the held-out poses that have a configuration inside the limits."""
+        """Fraction of the held-out poses at which F has a configuration inside the limits."""
         return self.evaluation.coverage
 
     @property
     def failures(self) -> tuple[FailureReason, ...]:
-        """Reasons why the function fails at other poses."""
+        """Reasons why the function fails at some poses of the cell; empty if it fails at none."""
         return self.evaluation.failures
 
     @property
     def body_distance(self) -> float:
-        """Minimum distance between bodies of robot and surroundings, m; infinite without."""
+        """Minimum distance between bodies of the robot and its surroundings, m; infinite if there
+        are no collision bodies."""
         return self.evaluation.body_distance
 
     def figures(self) -> dict[str, str]:
-        """Write the figures: name → text."""
+        """Return the figures as text, by their display names."""
         j, unit = self.evaluation, self.task.unit
         most = (
             "best possible there by self-motion:"
@@ -190,7 +195,8 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _symmetry(self) -> dict[str, str]:
-        """Write the symmetries that are used, and how far round the function goes."""
+        """Return texts by display name: the symmetries that are used, and the range of each
+        symmetric coordinate; empty if the cell is no sector."""
         sector = self.function.chart.cell
         if not isinstance(sector, Sector):
             return {}
@@ -198,7 +204,7 @@ class CellDesign:
         return {"symmetry": sector.symmetry()} | turns
 
     def summary(self) -> str:
-        """Write the figures, one per line."""
+        """Return the figures as text, one per line."""
         task = self.task
         lines = [
             f"  {name:17}  {line}"
@@ -216,26 +222,27 @@ class CellDesign:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Write a note if a requested margin is not met; 0 requests nothing."""
+    """Return a note if a requested margin is not met; an empty text if it is, or is 0."""
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Slice:
-    """Maps over two coordinates of a cell, with the others in the middle.
+    """Maps of a function over two coordinates of its cell; all other coordinates are 0.
 
     Attributes
     ----------
     axes : (int, int)
-        The two coordinates, counted from 0.
+        Indices of the first and the second coordinate, counted from 0.
     u : (C,) array
-        Values of each.
+        Grid values of either coordinate, from −1 to 1.
     limit_margin, extra_speed : (C, C) arrays
-        Rows: the second coordinate. NaN where the function has no value.
+        Smallest joint-limit margin, rad or m, and extra joint speed relative to G_d. The row is the
+        second coordinate, the column the first. NaN where the function has no value.
     turn : (C, C) array or None
-        Range of a sector's angle that is inside the joint's limits at every tilt, rad; None without
-        the symmetry of the angle.
+        Range of the angle of a sector, rad, in which the joint that turns the arm stays inside its
+        limits at every tilt; None if the symmetry of the angle is not used.
     """
 
     axes: tuple[int, int]
@@ -246,9 +253,10 @@ class Slice:
 
 
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
-    """Evaluate slices over each pair of positions of a cell, or over its first two coordinates.
+    """Evaluate maps over each pair of translational coordinates of a cell, at most three pairs.
 
-    Symmetric coordinates of a sector are in the middle; the figures do not depend on them.
+    If the cell has fewer than two translational coordinates, pairs of all its coordinates are
+    taken. The symmetric coordinates of a sector are 0; the figures do not depend on them.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]

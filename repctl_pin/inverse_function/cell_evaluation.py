@@ -1,4 +1,7 @@
-"""Evaluation of a cell's function on poses that were not used in the fit."""
+"""Evaluation of an inverse function over its cell, on poses that the fit did not use.
+
+Formulas use ∂F = ∂F/∂u, with u the coordinates of the cell, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so
+that ∂F C and G_d E C are in joint speed per unit of task speed."""
 
 from __future__ import annotations
 
@@ -28,22 +31,23 @@ from .turning import Turn, expanded
 
 _BLOCK = 4096
 _BODIES = 1024
-"""Held-out poses at which body distances are measured; each takes a quarter of a millisecond."""
+"""Number of held-out poses at which body distances are computed, 0.25 ms each."""
 
 _QUICK_BODIES = 64
-"""Held-out poses of a quick evaluation, which does not search for smaller distances."""
+"""Number of held-out poses at which a quick evaluation computes body distances."""
 
 _BODY_STARTS, _SPEED_STARTS = 6, 16
-"""Poses from which smaller body distances, and larger joint speeds, are searched for."""
+"""Numbers of starting poses of the searches for smaller body distances and for larger joint
+speeds."""
 
 _SPREAD = 0.3
-"""Minimum distance in u between the starts of such a search."""
+"""Minimum distance in u between the starting poses of these searches."""
 
 _DIFFERENCE = 1e-6
-"""Step of u in the differences of joint speeds."""
+"""Step of u in finite differences of joint speeds."""
 
 _REGULAR = 1e-10
-"""Square of σ_min / σ_max of J above which joint speeds are searched."""
+"""Value of (σ_min / σ_max)² of J above which joint speeds are evaluated in a search."""
 
 _FOLDED = 0.05
 """Leaf margin below which a function counts as folded."""
@@ -51,45 +55,49 @@ _FOLDED = 0.05
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures on held-out poses; joint speeds over the poses that the function covers.
+    """Figures of a function F over a cell, evaluated on held-out poses.
+
+    The figures of joint speed refer to the poses that the function covers. ∂F = ∂F/∂u, E = ∂x/∂u
+    and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
 
     Attributes
     ----------
     cost, cost_error : float
-        ``mean ‖(∂F − G_d E) C‖²``, and its standard error.
+        ``mean ‖(∂F − G_d E) C‖_F²``, and its standard error.
     extra_speed, extra_speed_error : float
-        ``√(mean ‖∂F C‖² / mean ‖G_d E C‖²) − 1``, and its standard error.
+        ``√(mean ‖∂F C‖_F² / mean ‖G_d E C‖_F²) − 1``, and its standard error.
     extra_speed_worst : float
-        Maximum of ``‖∂F C‖ / ‖G_d E C‖ − 1`` over poses, by search.
+        Maximum of ``‖∂F C‖_F / ‖G_d E C‖_F − 1`` over poses, by search.
     extra_speed_direction : float
-        Maximum of ``‖∂F ẋ‖ / ‖G_d ẋ‖ − 1`` over poses and task velocities ẋ, by search; NaN in
+        Maximum of ``‖∂F/∂x ẋ‖ / ‖G_d ẋ‖ − 1`` over poses and task velocities ẋ, by search; NaN in
         older files.
     limit_margin, limit_margin_worst : float
-        Minimum distance of a joint to its limit, rad or m: at the held-out poses, and by search
-        from the smallest of them and from the corners.
+        Minimum distance of a joint to its limit, rad or m: over the held-out poses, and over these
+        and all poses visited by a search for smaller margins.
     attainable_margin, attainable_margin_worst : float
-        Limit margin of the best leaf at those two poses. If it is no larger, the arm determines the
-        margin.
+        Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
+        ``limit_margin_worst``. If it equals that margin, no leaf with a larger one was found.
     smallest_singular_value : float
         Minimum σ_min of J, by search.
     body_distance : float
-        Minimum distance between bodies of robot and surroundings, m, on the first 1024 poses, the
-        corners, and by search from the smallest of them, see :class:`rp.Bodies`; infinite without
-        bodies that move relative to each other.
+        Minimum distance between bodies of the robot and its surroundings, m, see
+        :class:`rp.Bodies`. It is evaluated at the first 1024 held-out poses and the corners, and by
+        a search from the smallest distances; infinite if no bodies move relative to each other.
     nearest_bodies : (str, str)
-        The links of these two bodies; ("", "") without bodies.
+        Links of the two bodies with this distance; ("", "") if there are no bodies.
     leaf_margin : float
-        Minimum of ``σ_min(Nᵀ n̂_ref)``.
+        Minimum leaf margin ``σ_min(Nᵀ n̂_ref)``.
     residual : float
         Maximum task error, m or rad.
     coverage : float
-        Share of the held-out poses with a configuration inside the limits, on one sheet. Collisions
-        are among the failures, and do not count here.
+        Fraction of the held-out poses at which F has a configuration inside the limits, connected
+        to the middle of the cell without a fold. Collisions do not reduce it, but are listed in
+        ``failures``.
     failures : tuple of FailureReason
-        Reasons why the function fails at other poses: held-out ones, corners, and poses found by
+        Reasons why the function fails at some poses: held-out ones, corners, or poses found by
         search.
     turns : tuple of Turn
-        How far the function goes along the symmetric coordinates of a sector; empty in a box.
+        Range of the function along the symmetric coordinates of a sector; empty in a box.
     """
 
     cost: float
@@ -113,13 +121,13 @@ class Evaluation:
 
     @property
     def everywhere(self) -> bool:
-        """Whether every pose examined has a configuration inside the limits."""
+        """Whether F has a configuration inside the limits at every evaluated pose."""
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
 
     @property
     def covered(self) -> str:
-        """Coverage in words: ``100.00%`` only if no failure was found at any pose."""
+        """Coverage as text: ``100.00%`` only if no failure but collisions was found at any pose."""
         if self.everywhere:
             return "100.00%"
         if self.coverage == 1.0:
@@ -130,18 +138,19 @@ class Evaluation:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Speeds:
-    """Joint speeds at points of a candidate function, per unit of task speed, and its regularity.
+    """Joint speeds of a function at K poses, per unit of task speed, and distances from
+    singularities.
 
     Attributes
     ----------
     difference, own, desired_square : (K,) arrays
-        ``‖(∂F − G_d E) C‖²``, ``‖∂F C‖²`` and ``‖G_d E C‖²``; NaN where it is singular.
+        ``‖(∂F − G_d E) C‖_F²``, ``‖∂F C‖_F²`` and ``‖G_d E C‖_F²``; NaN at singularities.
     smallest, leaf : (K,) arrays
         σ_min of J, and the leaf margin.
     side : (K,) array
-        Sign of det [J; n_refᵀ].
+        Sign of det [J; n_refᵀ]; it changes where the function folds.
     direction : (K,) array
-        ``max_ẋ ‖∂F ẋ‖² / ‖G_d ẋ‖²``; NaN where it is singular.
+        ``max_ẋ ‖∂F/∂x ẋ‖² / ‖G_d ẋ‖²``; NaN at singularities.
     """
 
     difference: Array
@@ -154,12 +163,12 @@ class Speeds:
 
     @property
     def ratio(self) -> Array:
-        """``‖∂F C‖² / ‖G_d E C‖²``."""
+        """Squared joint speed relative to G_d: ``‖∂F C‖_F² / ‖G_d E C‖_F²``, (K,)."""
         return np.asarray(self.own / self.desired_square, float)
 
 
 def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
-    """Evaluate joint speeds of the function s = 0 at points of it."""
+    """Evaluate the joint speeds of the function s = 0 of a chart at configurations on it."""
     K = len(at.U)
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     N, s = null_bases(at.J, at.n_ref)
@@ -176,7 +185,7 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
 
 
 def _joint_speeds(desired: Batched, chart: Chart, at: Points) -> tuple[Array, Array]:
-    """Evaluate ∂F C and G_d E C (K, n, k) of the function s = 0 at points of it."""
+    """Evaluate ∂F C and G_d E C (K, n, k + l) of the function s = 0 at configurations on it."""
     cell = chart.cell
     dF, _ = chart.derivative(at, np.zeros((len(at.U), cell.task.r, cell.k)))
     C = cell.speeds(at.U)
@@ -184,8 +193,10 @@ def _joint_speeds(desired: Batched, chart: Chart, at: Points) -> tuple[Array, Ar
 
 
 def _largest_ratio(A: Array, B: Array) -> Array:
-    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` of pairs of matrices (K, n, k): with ``BᵀB = L Lᵀ`` it is
-    the largest eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``."""
+    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices (K, n, k).
+
+    With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``.
+    """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
     return np.asarray(np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float)
@@ -193,14 +204,16 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 
 @dataclass(frozen=True)
 class SpeedRatio:
-    """Ratio of joint speeds, of the desired controller over the function, which a search minimises.
+    """Joint speed of G_d divided by that of the function s = 0, squared; a search minimises it.
 
     Attributes
     ----------
     desired : Batched
+        G_d.
     chart : Chart
+        Chart of the function.
     direction : bool
-        Whether the ratio is that of the worst direction of ẋ, instead of the mean square.
+        Whether the ratio is that for the worst direction of ẋ, instead of the rms over directions.
     """
 
     desired: Batched
@@ -208,7 +221,7 @@ class SpeedRatio:
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate the square of the ratio: (K,); infinite where the function does not exist."""
+        """Evaluate the squared ratio (K,); infinite where the function does not exist."""
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
@@ -222,7 +235,10 @@ class SpeedRatio:
         return np.where(np.isfinite(ratio), ratio, np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Differentiate the square with respect to u: (K, k); 0 where that is impossible."""
+        """Evaluate the gradient (K, k) of the squared ratio with respect to u, by differences.
+
+        It is 0 where the function does not exist.
+        """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_DIFFERENCE, _DIFFERENCE)  # into the cell
         U = at.U[:, None] + step[:, :, None] * np.eye(k)
@@ -235,16 +251,19 @@ class SpeedRatio:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Sampled:
-    """A candidate function at several poses.
+    """Configurations and figures of a candidate function at K poses.
 
     Attributes
     ----------
     U, Q : (K, k) and (K, n) arrays
+        Poses, in coordinates of the cell, and configurations.
     speeds : Speeds
+        Joint speeds.
     residual, limit_margin : (K,) arrays
-        Task error, and smallest joint-limit margin.
+        Task error, m or rad, and smallest joint-limit margin, rad or m.
     ok, sheet : (K,) arrays of bool
-        Whether it exists, and whether it lies on the sheet of the middle.
+        Whether the function exists at the pose; and whether no fold separates the pose from the
+        middle of the cell: the same sign of det [J; n_refᵀ], and a leaf margin above 0.05.
     """
 
     U: Array
@@ -257,7 +276,10 @@ class _Sampled:
 
 
 def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: float) -> _Sampled:
-    """Evaluate a candidate function at poses U (K, k)."""
+    """Evaluate a candidate function at poses U (K, k).
+
+    ``side`` is the sign of det [J; n_refᵀ] in the middle of the cell.
+    """
     parts, found = [], []
     for start in range(0, len(U), _BLOCK):
         parts.append(candidate.at(U[start : start + _BLOCK]))
@@ -278,10 +300,11 @@ def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: flo
 def evaluate_cell(
     desired: Batched, chart: Chart, count: int, seed: int, *, quick: bool = False
 ) -> Evaluation:
-    """Evaluate the function s = 0 of a chart on Sobol points, corners, and poses found by search.
+    """Evaluate the function s = 0 of a chart on ``count`` held-out poses, corners, and poses found
+    by search.
 
-    A quick evaluation searches neither for the largest joint speeds nor for the smallest distances
-    between bodies.
+    The held-out poses are Sobol points. A quick evaluation searches neither for the largest joint
+    speeds nor for the smallest distances between bodies.
     """
     cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell)
     middle = candidate.at(np.zeros((1, cell.k)))
@@ -317,7 +340,8 @@ def evaluate_cell(
     both = [(x, x.sheet & (x.limit_margin >= 0)) for x in (at, low)]
 
     def most_of(name: str) -> float:
-        """Evaluate the largest ratio of joint speeds at any pose, less 1."""
+        """Return the maximum of an attribute of :class:`Speeds`, a squared ratio of joint speeds,
+        as extra joint speed: its square root minus 1."""
         largest = max(getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both)
         return float(np.sqrt(largest) - 1)
 
@@ -345,7 +369,11 @@ def evaluate_cell(
 
 
 def _searched(desired: Batched, candidate: CandidateFunction, at: _Sampled, quick: bool) -> Array:
-    """Search for worse poses from the worst of the sampled ones, in limits, σ_min(J) and speed."""
+    """Search for poses with smaller limit margins, smaller σ_min(J), and larger joint speeds.
+
+    The searches start from the worst of the sampled poses. Return all poses visited (L, k). A quick
+    evaluation does not search for joint speeds.
+    """
     limits, singular = (
         limits_of(candidate.chart.cell),
         singular_values_of(candidate.chart.cell.task),
@@ -366,8 +394,10 @@ def _searched(desired: Batched, candidate: CandidateFunction, at: _Sampled, quic
 
 
 def _worst(values: Array, U: Array, count: int) -> Array:
-    """Select poses of U (K, k) with the lowest values, at a distance from each other: at most
-    (count, k)."""
+    """Select the rows of U (K, k) with the lowest values (K,), at most ``count`` of them.
+
+    Selected rows differ from each other by more than 0.3 in some coordinate.
+    """
     kept: list[Array] = []
     for u in U[np.argsort(values)]:
         if all(np.abs(u - other).max() > _SPREAD for other in kept):
@@ -378,9 +408,10 @@ def _worst(values: Array, U: Array, count: int) -> Array:
 
 
 def _failures(cell: Cell, at: _Sampled, low: _Sampled, near: Array) -> tuple[FailureReason, ...]:
-    """List the reasons for failure at sampled poses and at those found by search.
+    """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
-    Shares refer to the sampled poses.
+    ``near`` (L, n) are configurations from which a reachability test starts. The ``share`` of each
+    reason refers to the sampled poses.
     """
     U, Q = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("U", "Q"))
     ok, sheet = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("ok", "sheet"))
@@ -395,7 +426,10 @@ def _failures(cell: Cell, at: _Sampled, low: _Sampled, near: Array) -> tuple[Fai
 def _bodies(
     candidate: CandidateFunction, at: _Sampled, covered: NDArray[np.bool_], count: int, quick: bool
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
-    """Measure the minimum body distance: the distance, the two links, and a collision if any."""
+    """Compute the minimum body distance over covered poses of the cell.
+
+    Return the distance, m, the two links, and the failure by collision; None without collision.
+    """
     cell, margin, bodies = (
         candidate.chart.cell.whole,
         distances_of(candidate.chart.cell.task),
@@ -420,8 +454,12 @@ def _bodies(
 def _all_round(
     candidate: CandidateFunction, U: Array, Q: Array
 ) -> tuple[Array, Array, CandidateFunction]:
-    """Move poses along the symmetric coordinates of a sector, where body distances change: the
-    coordinates of the whole sector, the configurations, and the candidate there."""
+    """Move poses by random amounts along the symmetric coordinates of a sector.
+
+    Body distances, unlike other figures, depend on these coordinates. Return the coordinates in the
+    sector with all its coordinates, the configurations (K, n), and the candidate function over that
+    sector. In other cells nothing is changed.
+    """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = np.array([cell._lifted(u) for u in U]).reshape(-1, cell.whole.k)
     removed = (cell._lifted(np.ones(cell.k)) == 0).nonzero()[0]

@@ -1,4 +1,5 @@
-"""Fit of a function over a cell: degree by degree, then with its margins, from the best posture."""
+"""Fit of an inverse function over a cell: choice of the configuration in the middle, minimisation
+of the cost with rising degree, then with penalties on small margins."""
 
 from __future__ import annotations
 
@@ -28,36 +29,41 @@ from .sector import ANGLE, Sector
 from .turning import Turn, centred
 
 MOST_UNKNOWNS, _MOST_TERMS = 260, 220
-"""Largest numbers of unknowns of the fit, and of monomials of the last chart."""
+"""Maximum numbers of unknowns of the fit, and of monomials of the final chart."""
 
 _WORTHWHILE = 0.05
-"""Predicted decrease of the cost for which the degree is raised."""
+"""Relative decrease of the cost, predicted for the highest degree, for which the degree is
+raised."""
 
 _NOTHING = 2e-4
-"""Share of ‖G_d‖² below which the cost is not lowered further: 0.01 % of joint speed."""
+"""Cost relative to ‖G_d‖² at which the degree is not raised further: 0.01 % extra joint speed."""
 
 _HOPELESS = 0.98
-"""Share of the rays that reach their ends below which the cell cannot be covered."""
+"""Fraction of the rays from the middle followed to their ends, below which the cell counts as not
+coverable."""
 
 _DEAR = 0.02
-"""Extra joint speed above which other configurations of the middle are tried."""
+"""Extra joint speed above which other configurations in the middle are tried."""
 
 _FAR_ROUND = 0.9
-"""Share of the joints' ranges, of a sector as far as the joints go, below which they are, too."""
+"""Fraction of the joint range that a coordinate with the range ``"all"`` must cover; below it,
+other configurations in the middle are tried."""
 
 _NEARLY = 0.9
-"""Coverage below which no other configuration of the middle is tried."""
+"""Coverage below which no other configuration in the middle is tried."""
 
 _SPARE = 0.5
-"""Range of a joint beyond a given angle, rad, from which on the angle costs nothing."""
+"""Surplus of the attainable range over the requested angle of a sector, rad, with which the request
+is assumed to cost no joint speed."""
 
 _PRICED = 1024
-"""Held-out poses of the design without the given angle."""
+"""Number of held-out poses for the comparison design with the angle ``"all"``."""
 
 _CLOSE = 3e-5
-"""Distance, rad, of the last chart from the function; Newton's method then takes two steps."""
+"""Maximum deviation, rad or m, of q_ref of the final chart from the function, so that Newton's
+method takes two steps."""
 _STRAIGHT = 0.999
-"""Leaf margin, at the nodes of the last chart, with which a lower degree of n_ref suffices."""
+"""Minimum leaf margin at the nodes of the final chart with which n_ref may have a lower degree."""
 
 Found = CellDesign | tuple[FailureReason, ...]
 """A design, or the reasons for failure."""
@@ -65,7 +71,11 @@ Found = CellDesign | tuple[FailureReason, ...]
 
 @dataclass(frozen=True)
 class CellFit:
-    """A design over a cell: its arguments, and the search for the best one."""
+    """Arguments of a design over a cell, and methods that compute the design.
+
+    The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
+    ``incomplete="keep"``.
+    """
 
     desired: Inverse
     degree: int | Literal["auto"]
@@ -79,10 +89,14 @@ class CellFit:
     report: reporting.Report = reporting.silent
 
     def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, Found]:
-        """Design from the first posture; if its margins are too small or its cost is high, from the
-        best of all too, by quick designs.
+        """Compute the best design over a cell, given configurations in its middle, the best first.
 
-        Where bodies collide, and by their rays do so from every posture, no other is tried."""
+        The design from the first configuration is returned if it is good. If its margins are too
+        small or its joint speed is high, quick designs from all configurations are compared, and
+        the best configuration is used. If collisions are its only fault, only configurations whose
+        rays are free of collisions are compared. If its coverage is below 90 %, no other is tried.
+
+        Return the configuration used (n,), and the design or the reasons for failure."""
         first = postures[0]
         found = self.design(cell, first.q)
         separate = [c for c in postures[1:] if c.body_distance >= 0 and c.share >= first.share]
@@ -103,7 +117,10 @@ class CellFit:
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
     def good(self, found: Found, *, bodies: bool = True) -> bool:
-        """Whether a design covers the cell without collisions, near limits, or high joint speed."""
+        """Whether a design covers the cell with good margins and low extra joint speed.
+
+        With ``bodies=False``, collisions are allowed.
+        """
         coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
         kept = (coverage, everywhere, separate or not bodies, margin)
         least = (1.0, True, True, 0.4 * self.limit_margin)
@@ -113,7 +130,11 @@ class CellFit:
         return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
     def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
-        """Design over one cell; the reasons for failure if it cannot be reached."""
+        """Design over one cell from the configuration q (n,) in its middle.
+
+        Return the design, or the reasons for failure if too few poses are reached from the middle.
+        A quick design has a lower degree, fewer nodes, and a quick evaluation.
+        """
         self.report("the reference", 0.1)
         edge = cell.corners()
         count = self.samples or (
@@ -161,9 +182,11 @@ class CellFit:
         )
 
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
-        """Add the price of a given angle: a design that goes as far as the joint does, beside it.
+        """Add to a design over a sector the extra joint speed that its requested angle costs.
 
-        There is none where the joint is far from its limits at both ends of the angle."""
+        The cost is the difference from a second design, with the angle ``"all"``, whose range is
+        set by the joint limits. The design is returned unchanged if its angle is not requested in
+        rad, or if the joint stays far from its limits at both ends of the angle."""
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
         turns = {turn.coordinate: turn for turn in found.evaluation.turns}
@@ -184,7 +207,7 @@ class CellFit:
         return replace(found, evaluation=replace(found.evaluation, turns=tuple(turns.values())))
 
     def _highest(self, cell: Cell) -> int:
-        """Highest degree that is tried."""
+        """Return the highest degree to try, as the number of unknowns allows if it is "auto"."""
         if self.degree != "auto":
             return int(self.degree)
         d = 1
@@ -195,7 +218,24 @@ class CellFit:
     def _descended(
         self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
-        """Minimise the cost degree by degree, then with the margin penalties."""
+        """Minimise the cost with rising degree, then with penalties on small margins.
+
+        Parameters
+        ----------
+        cell, chart
+            The cell, and the chart in which the function is written.
+        U, edge : (K, k) and (L, k) arrays
+            Nodes of the cost, and corners at which margins are checked, too.
+        quick
+            Try only one degree, at most 2.
+        rounds
+            Maximum number of rounds with penalties.
+
+        Returns
+        -------
+        Descent, Monomials, tuple of (degree, cost)
+            The final coefficients, their monomials, and the degrees that were tried.
+        """
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
@@ -222,26 +262,34 @@ class CellFit:
         return penalties.kept(best[-1], terms, self.report), terms, tuple(tried)
 
     def margins(self, cell: Cell) -> list[Margin]:
-        """Make the requested margins."""
+        """Make the margins that are constrained: joint limits, and body distance and σ_min(J) if
+        requested."""
         found = [limits_of(cell, self.limit_margin)]
         found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
         return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
-    """Select the first poses of U: at least 256, and about three per monomial."""
+    """Return the first poses of U (K, k): at least 256, and at least three per monomial."""
     return U[: max(256, _power_of_two(3 * terms.size))]
 
 
 def _fit(cost: Cost, a: Array) -> Descent:
-    """Minimise the cost from coefficients a (N, r), or from the reference if a node has no solution
-    there."""
+    """Minimise the cost from coefficients a (N, r).
+
+    If the function of these coefficients does not exist at some node, start from zero, which is the
+    reference function.
+    """
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
-    """Fit a chart whose s = 0 is the function: q_ref its configurations, n_ref its null space."""
+    """Fit the final chart, in which the optimised function is s = 0.
+
+    Its q_ref approximates the configurations of the function, its n_ref the null spaces there. The
+    degree is raised until q_ref is accurate enough for two Newton steps.
+    """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
         degree += 1
@@ -259,9 +307,10 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> 
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
-    """Fit n_ref by a lower degree, if it stays near the null spaces N (K, n, r) at U (K, k).
+    """Reduce the degree of n_ref if it still approximates the null spaces N (K, n, r) at U (K, k).
 
-    The function stays: its label is 0, whatever the fibre's direction. In C it takes less time."""
+    The function s = 0 stays close to q_ref for any n_ref near the null space. A lower degree of
+    n_ref makes the C code faster."""
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)
         fibres = low.fit(U, N)
@@ -274,7 +323,10 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
 
 
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
-    """List the reasons for failure of rays that did not reach their ends."""
+    """Return the reasons for failure of a cell, from rays that could not be followed to their ends.
+
+    ``count`` is the number of poses to which the ``share`` of each reason refers.
+    """
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
     failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
@@ -284,14 +336,17 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
-    """Report that no angle is inside the limits at every pose."""
+    """Make the failure that no value of a symmetric coordinate has all poses inside the limits."""
     what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
 
 def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
-    """Sort key: coverage of held-out poses, of all poses, no collision, limit margin, how far
-    round, speed."""
+    """Sort key of designs, larger is better.
+
+    It compares coverage of the held-out poses, coverage of all poses, absence of collisions, limit
+    margin up to 0.4 of the requested one, range of the symmetric coordinates, and negative cost.
+    """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf
     margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere
@@ -299,8 +354,9 @@ def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, 
 
 
 def _share(found: CellDesign) -> float:
-    """How far a function goes along the coordinates that go as far as the joints do, as a share of
-    the joints' ranges, to 5 %; 1 in a box."""
+    """Range of a function along the coordinates of a sector with the range ``"all"``, as a fraction
+    of the joint's range, rounded to 5 %. The minimum of all such coordinates; 1 if there is none.
+    """
     cell = found.cell
     free = cell.free if isinstance(cell, Sector) else ()
     names = [cell.coordinate_names[i] for i in free]

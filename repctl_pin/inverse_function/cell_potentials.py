@@ -1,5 +1,5 @@
-r"""Potentials of a cell's function: ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, with u the cell's
-coordinates of f(q)."""
+r"""Potentials of which an inverse function over a cell is a leaf: ``h(q) = n_ref(u)ᵀ (q −
+q_ref(u))``, with u the coordinates of the pose f(q) in the cell."""
 
 from __future__ import annotations
 
@@ -15,30 +15,29 @@ from .kinematics import placed
 
 
 class CellPotentials:
-    r"""r potentials whose leaf h = 0 is the function of a chart, and whose leaf h = c is that with
-    label c.
+    r"""The r potentials of a chart, whose leaf {h(q) = c} is the function with s = c.
 
     .. math:: V^T = n_{ref}^T + \left[ (\partial n_{ref}^T)(q - q_{ref})
               - n_{ref}^T \partial q_{ref} \right] \frac{\partial u}{\partial x} J
 
-    :class:`RepeatableInverse` takes them like polynomials of q. Outside the cell the polynomials of
-    u extrapolate and are not meaningful.
+    ∂ is the derivative with respect to u. :class:`RepeatableInverse` accepts these potentials like
+    polynomials of q. Outside the cell, the polynomials in u extrapolate and are not meaningful.
 
     Parameters
     ----------
     chart
-        The chart; the function is its s = 0.
+        Chart with q_ref and n_ref.
     """
 
     def __init__(self, chart: Chart) -> None:
         self.chart, self.n = chart, chart.cell.task.n
 
     def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
+        """Evaluate the potentials h (r,) at q (n,)."""
         return self.values(np.asarray(q, float)[None])[0]
 
     def values(self, Q: Array) -> Array:
-        """Evaluate h at every row of Q (K, n): (K, r)."""
+        """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
@@ -46,11 +45,11 @@ class CellPotentials:
         return np.einsum("Knr,Kn->Kr", n_ref, away)
 
     def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        """Evaluate the gradients V = ∂hᵀ/∂q at q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        """Evaluate the gradients V at every row of Q (K, n): (K, n, r)."""
         Q = np.asarray(Q, float)
         p, R, J = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
@@ -63,7 +62,11 @@ class CellPotentials:
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+        """Make allocation-free functions for a control loop.
+
+        Function ``slope`` of the result evaluates the potentials at q, and writes Vᵀ into the array
+        ``V_T`` (r, n). Function ``gap`` then writes c − h into the array ``e`` (r,).
+        """
         chart, task = self.chart, self.chart.cell.task
         n, m, r, k, N = task.n, task.m, task.r, chart.cell.k, chart.monomials.size
         J = np.zeros((m, n))

@@ -1,5 +1,5 @@
-r"""Chart of the configurations over a cell: one smooth set of them, and those beside it along the
-null space."""
+r"""Chart of the configurations over a cell: coordinates (u, s) of configurations, with u the pose
+and s the position along the self-motion of that pose."""
 
 from __future__ import annotations
 
@@ -26,17 +26,20 @@ _EXACT = 1e-11
 @dataclass(frozen=True, eq=False)
 @read_only
 class Chart:
-    r"""Labels the fibre ``f(q) = x`` over each pose of a cell: ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
+    r"""Coordinates (u, s) of configurations: ``f(q) = x(u)``, ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
-    q_ref and n_ref are polynomials in the cell's coordinates u. They only have to be smooth and
-    close to f(q) = x and to its null space: the q of ``f(q) = x`` with label s is exact.
+    u are the coordinates of the pose in the cell. The label s (r,) selects one configuration on the
+    self-motion manifold of that pose. q_ref and n_ref are polynomials in u that approximate a
+    configuration of the pose, and the null space there. The approximation does not affect the
+    accuracy of q, because both equations are solved exactly by Newton's method.
 
     Attributes
     ----------
     cell : Cell
     monomials : Monomials
+        Monomials of u in which q_ref and n_ref are written.
     coefficients : (N, n, 1 + r) array
-        Coefficients of q_ref, then of the columns of n_ref.
+        Coefficients of q_ref, ``[..., 0]``, and of the columns of n_ref, ``[..., 1:]``.
     """
 
     cell: Cell
@@ -44,12 +47,12 @@ class Chart:
     coefficients: Array
 
     def reference(self, U: Array) -> tuple[Array, Array]:
-        """Evaluate q_ref (K, n) and n_ref (K, n, r)."""
+        """Evaluate q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
         both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
         return both[:, :, 0], both[:, :, 1:]
 
     def slopes(self, U: Array) -> tuple[Array, Array]:
-        """Differentiate q_ref and n_ref with respect to u: (K, n, k) and (K, n, r, k)."""
+        """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k)."""
         monomials, coefficients = self._differentiated
         values = monomials.values(U)
         both = (values @ coefficients.reshape(len(coefficients), -1)).reshape(
@@ -59,20 +62,29 @@ class Chart:
 
     @cached_property
     def _differentiated(self) -> tuple[Monomials, Array]:
-        """Coefficients (N', n, 1 + r, k) of the derivatives, in monomials of a degree lower."""
+        """Monomials of one degree less, and coefficients (N', n, 1 + r, k) of the derivatives of
+        q_ref and n_ref with respect to u in these monomials."""
         return self.monomials.differentiated(self.coefficients)
 
     def solve(
         self, U: Array, s: Array, Q: Array | None = None, *, iterations: int = _ITERATIONS
     ) -> Points:
-        """Find the q with ``f(q) = x(u)`` and label s, at every row of U (K, k), by Newton's
-        method.
+        """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
 
         Parameters
         ----------
         U, s : (K, k) and (K, r) arrays
+            Poses, in coordinates of the cell, and labels.
         Q : (K, n) array, optional
             Initial configurations; by default q_ref + n_ref s.
+        iterations
+            Maximum number of Newton steps.
+
+        Returns
+        -------
+        Points
+            The configurations and their kinematics; ``found`` is False where the method did not
+            converge.
         """
         cell = self.cell
         q_ref, n_ref = self.reference(U)
@@ -106,7 +118,9 @@ class Chart:
         return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
 
     def derivative(self, at: Points, ds: Array) -> tuple[Array, Array]:
-        r"""Differentiate the function through points with respect to u, and to the label.
+        r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
+
+        The derivative ∂ with respect to u follows from the two equations of the chart:
 
         .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
                   \partial s + n_{ref}^T \partial q_{ref}
@@ -115,16 +129,17 @@ class Chart:
         Parameters
         ----------
         at
-            Result of :meth:`solve`.
+            Configurations, from :meth:`solve`.
         ds : (K, r, k) array
             ∂s/∂u.
 
         Returns
         -------
         dF : (K, n, k + l) array
-            Its last l columns are the constant ones of :attr:`Cell.along`.
+            ∂F/∂u, s(u) included. The last l columns are for the coordinates that symmetries remove
+            from u, see :attr:`Cell.along`.
         B : (K, n, r) array
-            ∂F/∂s.
+            ∂F/∂s at constant u.
         """
         m = self.cell.task.m
         dq, dn = self.slopes(at.U)
@@ -145,19 +160,20 @@ class Chart:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Points:
-    """Configurations of a candidate function at several poses, and the kinematics there.
+    """Configurations that solve the equations of a chart at K poses, and the kinematics there.
 
     Attributes
     ----------
     U, Q : (K, k) and (K, n) arrays
+        Poses, in coordinates of the cell, and configurations.
     R, J : (K, 3, 3) and (K, m, n) arrays
         Rotation of the frame, and Jacobian, at Q.
     q_ref, n_ref : (K, n) and (K, n, r) arrays
-        Reference and null space of the chart at U.
+        Reference configuration and reference null-space basis of the chart at U.
     residual : (K,) array
         Largest entry of the task error, m or rad.
     found : (K,) array of bool
-        Whether the equations are solved.
+        Whether Newton's method converged to a solution.
     """
 
     U: Array
@@ -170,11 +186,11 @@ class Points:
     found: NDArray[np.bool_]
 
     def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
-        """Select some of the points."""
+        """Return the points with the given indices, or at which a mask is True."""
         return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
-        """Replace some of the points."""
+        """Return a copy in which the points with the given indices are those of ``other``."""
         arrays = {name: values.copy() for name, values in vars(self).items()}
         for name, values in arrays.items():
             values[at] = getattr(other, name)

@@ -1,5 +1,4 @@
-"""Batched kinematics and Newton's method of a chart in C (chart_solve.c), where there is a
-compiler."""
+"""Batched kinematics and Newton's method of a chart in C (chart_solve.c); needs a C compiler."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
 _MOST = 32
-"""Joints for which chart_solve.c has memory."""
+"""Maximum number of joints that chart_solve.c supports."""
 
 
 class _Chain(ctypes.Structure):
@@ -34,7 +33,7 @@ class _Chain(ctypes.Structure):
 
 @dataclass(frozen=True, eq=False)
 class CompiledChain:
-    """The chain of a task, for the functions of chart_solve.c."""
+    """Kinematic chain of a task in C, and calls of the functions of chart_solve.c with it."""
 
     m: int
     library: ctypes.CDLL
@@ -63,16 +62,20 @@ class CompiledChain:
         Parameters
         ----------
         goal : (K, 3) and (K, 3, 3) arrays
+            Positions, m, and rotations of the target poses.
         chart : (K, n), (K, n, r) and (K, r) arrays
             q_ref, n_ref and s.
-        Q, iterations, longest, tolerance
-            As of :func:`repctl_pin.solvers.newton_rows`.
+        Q : (K, n) array
+            Initial configurations.
+        iterations, longest, tolerance
+            See :func:`repctl_pin.solvers.newton_rows`.
 
         Returns
         -------
-        Q, R, J, residual, size
-            Configurations, rotations and Jacobians there, largest entries of the task error, and
-            sizes of the last step.
+        Q, R, J : (K, n), (K, 3, 3) and (K, m, n) arrays
+            Configurations, and rotations and Jacobians there.
+        residual, size : (K,) arrays
+            Largest entry of the task error, and of the last step.
         """
         K, n = Q.shape
         Q = np.array(Q, float, order="C")
@@ -94,7 +97,11 @@ _known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = weakref.WeakKeyD
 
 
 def compiled_chain(task: Task) -> CompiledChain | None:
-    """Make the C functions of a task's chain, once; None without a compiler."""
+    """Return the compiled chain of a task, cached per task.
+
+    None if there is no compiler, or the C code does not support the task: more than 32 joints, or
+    transformed joint coordinates.
+    """
     if task not in _known:
         _known[task] = _made(task)
     return _known[task]

@@ -1,4 +1,5 @@
-r"""Cost of a candidate function: its distance from the desired control, and margin penalties."""
+r"""Cost of a candidate for the inverse function over a cell: mean distance of ∂F/∂x from G_d, plus
+penalties on small margins; and its minimisation."""
 
 from __future__ import annotations
 
@@ -15,35 +16,41 @@ from .margins import Margin
 from .monomials import Monomials
 
 _DIFFERENCE = 1e-5
-"""Step of s, rad, in the central differences of the residual along the self-motion."""
+"""Step of the label s, rad, in central differences of the residual along the self-motion."""
 
 _MOST = 30
 _ENOUGH = 1e-4
 
 _REGULAR = 1e-10
-"""Damping that is always there, in units of the diagonal of H."""
+"""Minimum damping, relative to the diagonal of H."""
 
 _RULES = Damping()
-"""A step that does not lower the cost is computed anew, with more damping."""
+"""Parameters of the damping: a step that does not lower the cost is computed again with more
+damping."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Value:
-    """The cost at some coefficients.
+    """The cost at given coefficients, with the configurations at which it was evaluated.
+
+    ∂F = ∂F/∂u, E = ∂x/∂u and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
 
     Attributes
     ----------
     cost : float
-        ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``, with a mean per margin over
-        its own poses; infinite if a node has no solution.
+        ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``. The outer sum is over the
+        kinds of margins, and each mean over the poses at which that kind is penalised. Infinite if
+        the function does not exist at some pose.
     nearness : float
-        ``mean ‖(∂F − G_d E) C‖_F²``.
+        ``mean ‖(∂F − G_d E) C‖_F²``, the distance from G_d.
     desired_square : float
-        ``mean ‖G_d E C‖_F²``; for J⁺, half of nearness / desired_square is the extra joint speed.
+        ``mean ‖G_d E C‖_F²``. If G_d is J⁺, the extra joint speed is about
+        ½ nearness / desired_square.
     points : Points
+        Configurations of the function at the nodes and penalised poses.
     ds : (K, r, k) array
-        ∂s/∂u.
+        ∂s/∂u there.
     """
 
     cost: float
@@ -56,15 +63,16 @@ class Value:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Penalty:
-    """A penalised margin.
+    """A kind of margin that the cost penalises, and the poses at which it does.
 
     Attributes
     ----------
     margin : Margin
+        The kind of margin, such as joint limits.
     U : (L, k) array
-        Poses at which it is penalised.
+        Poses at which the margin is penalised.
     asked : (L,) array
-        Margin below which it is penalised there.
+        Value of the margin, at each of these poses, below which it is penalised.
     """
 
     margin: Margin
@@ -76,8 +84,9 @@ class Cost:
     r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
     T_t(u)``.
 
-    ∂F/∂x is written ``∂F (EᵀE)^(−1/2)``, in joint speed per unit of task speed, because a cell may
-    have fewer coordinates than the task. T are the monomials of u.
+    The unknowns are the coefficients a of the label s(u) in the monomials T_t of the cell's
+    coordinates u. A cell may have fewer coordinates than the task, so ∂F/∂x is replaced by ∂F/∂u C
+    with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint speed per unit of task speed.
 
     Parameters
     ----------
@@ -86,11 +95,11 @@ class Cost:
     chart
         The chart in which the function is written.
     terms
-        T.
+        The monomials T.
     U : (K, k) array
-        Nodes of the mean.
+        Nodes over which the mean is taken.
     kept
-        Penalised margins; each penalty is a mean over its own poses.
+        Penalties on margins.
     weight
         Weight of the penalties.
     """
@@ -118,7 +127,7 @@ class Cost:
         self._last: Array | None = None
 
     def value(self, a: Array) -> Value:
-        """Evaluate the cost at coefficients a (N, r)."""
+        """Evaluate the cost at coefficients a (N, r), with the function's configurations."""
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
         points = self.chart.solve(self.U, s, self._last)
         if not points.found.all():
@@ -141,11 +150,12 @@ class Cost:
         )
 
     def model(self, at: Value) -> tuple[Array, Array]:
-        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) at coefficients just
-        evaluated.
+        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
-        The residual depends on a through s and ∂s at its node alone: linearly on ∂s, by ``B ∂s``;
-        its derivative by s is taken by central differences. A margin depends on s alone."""
+        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node depends
+        on a only through s and ∂s/∂u at that node. It is linear in ∂s/∂u, with the matrix B =
+        ∂F/∂s. The derivative with respect to s is taken by central differences. A margin depends on
+        s only."""
         chart, r = self.chart, self.chart.cell.task.r
         points, ds = at.points.chosen(self.inner), at.ds[self.inner]
         residual, B, _ = self._residual(points, ds)
@@ -192,7 +202,8 @@ class Cost:
         return gradient, 2 * rows.T @ rows
 
     def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
-        """Evaluate ``(∂F − G_d E) C`` (K, n, k), ∂F/∂s (K, n, r), and ``G_d E C`` (K, n, k)."""
+        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), ∂F/∂s (K, n, r), and ``G_d E C``
+        (K, n, k + l)."""
         dF, B = self.chart.derivative(points, ds)
         desired_square = (
             self.desired.batch(points.Q, points.J)
@@ -203,23 +214,25 @@ class Cost:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """Evaluate the part of each requested margin that is missing: (L, P)."""
+    """Evaluate ``max(0, asked − margin)`` (L, P) at the configurations Q (L, n) of a penalty."""
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """End of a minimisation of the cost.
+    """Result of a minimisation of the cost.
 
     Attributes
     ----------
     a : (N, r) array
+        Final coefficients.
     value : Value
-        The cost there.
+        The cost at a.
     start : float
-        The cost at the start.
+        The cost at the initial coefficients.
     steps : int
+        Number of steps.
     """
 
     a: Array
@@ -229,7 +242,7 @@ class Descent:
 
 
 def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
-    """Minimise the cost from coefficients a (N, r), by Levenberg and Marquardt's method.
+    """Minimise the cost from coefficients a (N, r) by the Levenberg–Marquardt method.
 
     Parameters
     ----------
@@ -238,34 +251,36 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     a
         Initial coefficients; the function must exist there at every node.
     enough
-        Relative decrease of the cost below which the iteration ends.
+        Relative change of the cost in a step below which the iteration ends.
     """
     found = levenberg_marquardt(_Problem(cost), a, _RULES, steps=_MOST, tolerance=enough)
     return Descent(found.at.x, found.at.data, found.start, found.steps)
 
 
 class _Problem:
-    """The cost as a least-squares problem, with Marquardt's scaling by the diagonal of H."""
+    """The cost as a problem for :func:`levenberg_marquardt`, with D = diag H."""
 
     def __init__(self, cost: Cost) -> None:
         self.cost = cost
 
     def evaluate(self, x: Array) -> Point[Value]:
-        """Evaluate the cost; a step may not end where a node has no solution."""
+        """Evaluate the cost at x, with the values that :meth:`model` needs; infinite if the
+        function does not exist at some node."""
         value = self.cost.value(x)
         return Point(value.cost, value.cost, True, value, x)
 
     def merit(self, x: Array) -> float:
-        """Evaluate the cost alone."""
+        """Evaluate the cost alone, as a number."""
         return self.cost.value(x).cost
 
     def model(self, at: Point[Value]) -> tuple[Array, Array, Array]:
-        """Evaluate the gradient, the Gauss–Newton Hessian, and the scaling (N r,)."""
+        """Evaluate the gradient (N r,), the Gauss–Newton Hessian (N r, N r), and the scaling
+        (N r,)."""
         gradient, H = self.cost.model(at.data)
         return gradient, H, _scaling(H)
 
     def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g``."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``."""
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)
         dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
@@ -274,15 +289,16 @@ class _Problem:
 
 
 def _scaling(H: Array) -> Array:
-    """Take the diagonal of H, with its zeros lifted."""
+    """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0."""
     diagonal = np.diag(H)
     return diagonal + 1e-12 * diagonal.max()
 
 
 def predicted_gain(cost: Cost, a: Array) -> float:
-    """Predict the relative decrease of the cost in one Gauss–Newton step from a (N, r).
+    """Predict the relative decrease of the cost by a Gauss–Newton step from coefficients
+    a (N, r).
 
-    Infinite if the function does not exist at some node.
+    Return infinity if the function does not exist at some node.
     """
     value = cost.value(a)
     if not np.isfinite(value.cost):

@@ -1,4 +1,5 @@
-"""Reasons why a function fails in a cell: reach, singularity, limit, fold, collision."""
+"""Reasons why an inverse function fails at poses of a cell: out of reach, singularity, joint limit,
+fold, collision."""
 
 from __future__ import annotations
 
@@ -27,9 +28,9 @@ class FailureReason:
     cause : str
         ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
-        Share of the sampled poses that fail for this reason.
+        Fraction of the sampled poses that fail for this reason.
     u : (k,) array
-        Worst pose, in the cell's coordinates.
+        Worst pose, in all coordinates u of the cell (those of :attr:`Cell.whole`).
     what : str
         Message.
     """
@@ -44,10 +45,10 @@ class FailureReason:
 
 
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
-    """Name the joint and the pose of the largest limit violation, of configurations Q (K, n) at U
-    (K, k).
+    """Make the failure that states the joint and the pose of the largest joint-limit violation.
 
-    ``share`` is the share of the sampled poses that violate a limit.
+    Q (K, n) are the configurations at the poses U (K, k). ``share`` is the fraction of the sampled
+    poses that violate a limit. Return None if no configuration violates one.
     """
     task = cell.task
     margin = cell.limit_margin(Q)
@@ -63,17 +64,26 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
 
 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
-    """Find out why poses U (K, k) have no configuration: they are out of reach, or behind a
-    singularity.
+    """Make the failures of poses at which the function has no configuration.
+
+    If Newton's method reaches a pose from some configuration, a singularity lies between the middle
+    of the cell and the pose. Otherwise the pose is out of reach. Up to 24 poses are tested.
 
     Parameters
     ----------
-    cell, U
-        The cell and the poses.
+    cell
+        The cell.
+    U : (K, k) array
+        Poses at which the function has no configuration.
     near : (L, n) array
-        Initial configurations of the search.
+        Initial configurations of Newton's method.
     share
-        Share of the sampled poses that have none.
+        Fraction of the sampled poses at which the function has no configuration.
+
+    Returns
+    -------
+    list of FailureReason
+        At most one for reach and one for singularity; empty if there are no poses.
     """
     if not len(U):
         return []
@@ -106,7 +116,11 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
 
 
 def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
-    """Report a fold of the function at poses U (K, k), where the leaf margin goes through 0."""
+    """Make the failure that the function folds at poses U (K, k); None if there are no poses.
+
+    At a fold the leaf margin goes through 0. ``share`` is the fraction of the sampled poses beyond
+    a fold.
+    """
     if not len(U):
         return None
     what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
@@ -116,9 +130,10 @@ def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
 def touching(
     cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float
 ) -> FailureReason | None:
-    """Report a collision, from body distances (K,) at poses U (K, k) and the two nearest links.
+    """Make the failure that two links collide, from body distances (K,), m, at poses U (K, k).
 
-    ``share`` is the share of the sampled poses with a collision.
+    ``links`` are the links with the smallest distance, ``share`` is the fraction of the sampled
+    poses with a collision. Return None if no distance is below 0.
     """
     touch = distances < 0
     if not touch.any():
@@ -129,7 +144,11 @@ def touching(
 
 
 def round_the_base(cell: Cell) -> str:
-    """Explain that the cell contains the axis of the arm's first joint; empty if it does not."""
+    """Return a text which says that the cell contains the axis of the arm's first joint.
+
+    Return an empty text if it does not, if the first joint is prismatic, or if the cell is a
+    sector.
+    """
     task = cell.task
     turning = np.flatnonzero(task.revolute)
     if isinstance(cell, Sector) or not len(turning) or turning[0] != 0:

@@ -1,6 +1,7 @@
-"""Allocation-free q = F(x), one placement at a time: a cell's coordinates, their monomials, Newton.
+"""Allocation-free evaluation of q = F(x) in a control loop, one placement at a time.
 
-Closures over preallocated memory, see :mod:`repctl_pin.strategies.fast_loop`."""
+The steps are the coordinates u of the placement in the cell, their monomials, and Newton's method.
+The functions are closures over preallocated memory, see :mod:`repctl_pin.strategies.fast_loop`."""
 
 from __future__ import annotations
 
@@ -27,23 +28,26 @@ _MOST = 12
 _STEP = 0.3
 _EDGE = 1 + 1e-9
 _ENOUGH = 1e-6
-"""Size of a Newton step, rad or m, after which the error is at rounding level."""
+"""Largest entry of the last Newton step, rad or m; the error after it is at rounding level."""
 
 
 @dataclass(frozen=True, eq=False)
 class InPlace:
-    """Closures that convert placements to coordinates u, for one thread.
+    """Functions that convert placements to coordinates u of a cell; for one thread.
 
     Attributes
     ----------
     u : (k,) array
-        Memory of the coordinates.
+        Output array of ``locate``: the coordinates.
     locate : function (p, R) → float
-        Write u of a placement; returns its distance along held coordinates, m or rad.
+        Write the coordinates of a placement into ``u``. Return the deviation of the placement from
+        the cell in the coordinates of width 0, m or rad.
     pull : function (D, X) → None
-        Write ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement last located. X starts as 0.
+        Write ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement of the last call of ``locate``.
+        X must be 0 before the first call.
     shift : (n,) array or None
-        Memory of the part of F that the symmetries of a sector add; D then has k + l columns.
+        Output array of ``locate``: the term that the symmetries of a sector add to F; D then has
+        k + l columns. None without symmetries.
     """
 
     u: Array
@@ -53,7 +57,7 @@ class InPlace:
 
 
 def in_place(cell: Cell) -> InPlace:
-    """Make the closures of a cell."""
+    """Make the functions that convert placements to coordinates of a cell."""
     if isinstance(cell, Sector):
         own, shift, place, slope = closures(cell)
         return InPlace(own, place, slope, shift if cell.removed else None)
@@ -121,7 +125,10 @@ def in_place(cell: Cell) -> InPlace:
 
 
 def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], None]]:
-    """Make memory for the monomials T (N,), and the function that evaluates them at u."""
+    """Make an array T (N,) for monomials, and a function without arguments that evaluates them.
+
+    The function reads the coordinates from the array u (k,), and writes the monomials into T.
+    """
     T = np.ones(monomials.size)
     at = {tuple(e): i for i, e in enumerate(monomials.exponents.tolist())}
     linear = T[1 : 1 + monomials.k]
@@ -154,14 +161,15 @@ def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], No
 
 
 class OutsideError(Exception):
-    """The target is outside the cell, or Newton's method does not converge."""
+    """The target is outside the cell or no rigid transform, or Newton's method fails."""
 
 
 def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
-    """Make the function (target, leaf or None) → q (n,) of a chart: a polynomial and a few Newton
-    steps.
+    """Make the function (target, leaf or None) → q (n,) that evaluates a chart in a control loop.
 
-    It works in memory of its own, for one thread.
+    It evaluates the polynomials q_ref and n_ref, then takes a few Newton steps. It uses its own
+    preallocated memory, so each thread needs its own function. It raises OutsideError if the target
+    is outside the cell or Newton's method does not converge.
     """
     task = chart.cell.task
     n, m, r = task.n, task.m, task.r
@@ -218,7 +226,10 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
 def _errors(
     task: Task, J: Array, e: Array
 ) -> tuple[Callable[[pin.SE3, Array, Array], None], Callable[[], None]]:
-    """Make two functions: set a target; write the task error to it, at the last Jacobian's q."""
+    """Make two functions: one sets a target, the other writes the task error to that target into e.
+
+    The error is that at the configuration at which the Jacobian J was last evaluated.
+    """
     if task.kind not in ("pose", "axis"):
         write, goal = fast_kinematics.in_place(task, J, e).error, [pin.SE3.Identity()]
 

@@ -1,4 +1,4 @@
-"""Coordinates of a sector in control loops: one placement at a time, in plain floats."""
+"""Coordinates of a sector in control loops, for one placement at a time, computed with floats."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ Located = tuple[Array, Array, Callable[[Array, Array], float], Callable[[Array, 
 
 
 def closures(cell: Sector) -> Located:
-    """Make the memory of u (k,) and of the shift (n,) of the symmetries, and two functions.
+    """Make the arrays and functions of :class:`InPlace` for a sector: u, shift, locate, pull.
 
-    The first writes both of a placement (p, R), and returns the distance along held coordinates, m
-    or rad, or infinity beyond a symmetric one. The second writes ``X = D ∂u/∂x`` for D (r, k + l).
+    ``locate(p, R)`` writes the coordinates of a placement into u (k,), and the term that the
+    symmetries add to F into shift (n,). It returns the deviation in the coordinates of width 0, m
+    or rad, or infinity outside the range of a symmetric coordinate. ``pull(D, X)`` writes
+    ``X = D ∂u/∂x`` for D (r, k + l).
     """
     m, (rho, z), B = cell.task.m, cell.middle, np.ascontiguousarray(cell.directions)
     origin, C = cell.axis[0].copy(), np.ascontiguousarray(B @ cell.placement.rotation)
@@ -74,14 +76,20 @@ def closures(cell: Sector) -> Located:
 
 
 def _back(c: float, s: float) -> Array:
-    """Make the rotation by −φ in the directions of the middle."""
+    """Return the matrix of the rotation by −φ about the sector's axis, in its ``directions``.
+
+    c and s are cos φ and sin φ.
+    """
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _per_tilt(
     R: Array, B: Array, C: Array, c: float, s: float, every: list[float]
 ) -> tuple[list[list[float]], list[float]]:
-    """Evaluate the frame's own angular velocity per rad of each tilt, and of the angle."""
+    """Evaluate the angular velocity, in axes of the frame, per rad/s of tilts and angle.
+
+    Return the two columns of the tilts as rows of a matrix, and the column (3,) of the angle φ.
+    """
     x, y = every[3], every[4]
     square = x * x + y * y
     theta = sqrt(square)
@@ -94,7 +102,11 @@ def _per_tilt(
 
 
 def _solved(A: list[list[float]], d: list[float]) -> list[float]:
-    """Convert a gradient in tilts and spin to one in the frame's own angular velocity."""
+    """Convert a gradient d (3,) with respect to tilts and spin to one with respect to rotation.
+
+    The rotation is in axes of the frame; A is the matrix of :func:`_per_tilt`. The result is a list
+    of three numbers.
+    """
     (a, b, e), (f, g, h) = A
     first, second, spin = d[0] - e * d[2], d[1] - h * d[2], d[2]
     det = a * g - b * f
@@ -106,8 +118,11 @@ def _most(cell: Sector, i: int) -> float:
 
 
 def _turns(C: Array, turned: Array, angle: float) -> list[float]:
-    """Measure the tilts and the spin, from the rotations of middle and target in the directions of
-    the middle: ``T = R_0ᵀ R_a(−φ) R``."""
+    """Compute the two tilts and the spin, rad, of a target at the angle φ of the sector.
+
+    They follow from the rotation ``R_0ᵀ R_a(−φ) R``. C and ``turned`` are the rotations R_0 of the
+    middle and R of the target, in the ``directions`` of the sector.
+    """
     back = _back(cos(angle), sin(angle))
     (a, _, x), (d, _, y), (g, _, h) = C.T.dot(back.dot(turned)).tolist()
     sine = hypot(x, y)

@@ -35,15 +35,16 @@ from .targets import as_poses
 _MOST_THREADS = 256
 _MARCH = 0.05
 _LEAST = 0.1
-"""Leaf margin at which a leaf ends."""
+"""Leaf margin at which the intervals of :meth:`InverseFunction.leaves` end."""
 
 
 class InverseFunction:
     """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the
     workspace.
 
-    It needs no start and no history. The same pose gives the same configuration, which changes
-    smoothly with the pose: ``f(F(x)) = x``, ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``.
+    It needs no initial configuration and no history. The same pose gives the same configuration,
+    which changes smoothly with the pose. F solves ``f(F(x)) = x`` and
+    ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``; c selects the leaf, by default c = 0.
 
     Several threads may use one object at the same time.
 
@@ -52,7 +53,8 @@ class InverseFunction:
     chart
         The chart, with q_ref and n_ref.
     keep_limits : bool
-        Refuse targets whose configuration violates a limit; not needed if none does in the cell.
+        Raise an error for targets whose configuration violates a joint limit; not needed if no
+        configuration in the cell does.
 
     Raises
     ------
@@ -73,12 +75,12 @@ class InverseFunction:
 
     @property
     def cell(self) -> Cell:
-        """The cell on which it is defined."""
+        """The cell over which the function is defined."""
         return self.chart.cell.whole
 
     @property
     def task(self) -> Task:
-        """The task that it inverts."""
+        """The task whose forward kinematics the function inverts."""
         return self.chart.cell.task
 
     def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
@@ -89,7 +91,8 @@ class InverseFunction:
         target : pinocchio.SE3 or (4, 4) array
             Pose x of the frame.
         leaf : (r,) array, optional
-            c, by default 0: moves the elbow along the self-motion, see :meth:`leaves`.
+            Leaf c, by default 0. Other values move the arm along its self-motion, see
+            :meth:`leaves`.
 
         Raises
         ------
@@ -127,18 +130,18 @@ class InverseFunction:
             Placements; homogeneous matrices; positions, m, with quaternions, ``x, y, z, qx, qy, qz,
             qw``; or coordinates U of the cell.
         leaf : (r,) or (K, r) array, optional
-            c, by default 0: one for all, or one for each target.
+            Leaf c, by default 0: one for all targets, or one for each target.
         missing : "raise" or "nan"
-            What becomes of a target outside the cell or without a configuration: an error, or a row
-            of NaN.
+            Result for a target outside the cell or without a configuration: an error, or a row of
+            NaN.
         threads
-            Number of threads of a compiled function; Python's takes one.
+            Number of threads of a compiled function; this one uses a single thread.
 
         Raises
         ------
         InputError
-            If a target is outside the cell or has no configuration; it is named by its number, from
-            0. Or if a rotation is none.
+            If a target is outside the cell, has no configuration, or its rotation matrix is not a
+            rotation. The message names the target by its number, counted from 0.
         """
         cell, threads = self.cell, as_int(threads, "threads", 1, _MOST_THREADS)
         require_choice(missing, ("raise", "nan"), "missing")
@@ -151,10 +154,10 @@ class InverseFunction:
         return Q
 
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Find the pose of each configuration, and the leaf c that it is on: ``F(x; c) = q``.
+        """Compute the pose x of each configuration, and its leaf c, so that ``F(x; c) = q``.
 
-        ``c = n_ref(x)ᵀ (q − q_ref(x))``. Far from the function several configurations have the same
-        pose and leaf, of which F gives one.
+        ``c = n_ref(x)ᵀ (q − q_ref(x))``. Far from the function, several configurations have the
+        same pose and leaf; F then returns only one of them.
 
         Parameters
         ----------
@@ -166,12 +169,12 @@ class InverseFunction:
         X : (K, 4, 4) array
             Homogeneous matrices of the frame.
         C : (K, r) array
-            Leaves; NaN where the pose lies outside the cell.
+            Leaves c; NaN where the pose lies outside the cell.
 
         Raises
         ------
         InputError
-            If Q has another shape.
+            If Q is not an array (K, n) of numbers.
         """
         Q = as_configurations(Q, self.task.n, "this function")
         p, R, _ = placed(self.task, Q)
@@ -182,7 +185,10 @@ class InverseFunction:
         return X, C
 
     def _batch(self, U: Array, C: Array, threads: int, *, missing: bool = False) -> Array:
-        """Evaluate F at coordinates U (K, k) inside the cell, on the leaves C (K, r): (K, n)."""
+        """Evaluate F (K, n) at coordinates U (K, k) inside the cell, on the leaves C (K, r).
+
+        With ``missing``, rows without a configuration are NaN; otherwise they raise an InputError.
+        """
         cell = self.cell
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)
@@ -201,7 +207,7 @@ class InverseFunction:
         return Q
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F/∂x (n, m), joint velocity per task velocity, rad or m per m and rad."""
+        """Evaluate ∂F/∂x (n, m) at a target, the joint velocity per task velocity."""
         return self.inverse(self(target, leaf=leaf))
 
     @cached_property
@@ -210,9 +216,9 @@ class InverseFunction:
         return RepeatableInverse(self.task, CellPotentials(self.chart), region=self.cell)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval of each c_j at a pose, with the others 0: (r, 2).
+        """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
 
-        It ends at a joint limit, where the leaf margin falls to 0.1, or after half a turn.
+        An interval ends at a joint limit, where the leaf margin falls to 0.1, or at ±π.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -232,7 +238,8 @@ class InverseFunction:
         return np.stack([-done[:r], done[r:]], axis=1)
 
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
-        """Convert targets to coordinates U (K, k), and their distances along held ones (K,)."""
+        """Convert targets to coordinates U (K, k), and to their deviations (K,) from the cell in
+        the coordinates of width 0."""
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(
                 ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
@@ -241,7 +248,7 @@ class InverseFunction:
         return self.cell.coordinates(*as_poses(self.task, targets))
 
     def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
-        """Take one leaf (r,) for all targets, or one for each (K, r)."""
+        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r)."""
         array = None if leaf is None else as_numbers(leaf)
         if array is not None and array.ndim == 2:
             form = f"{count} {self.task.r}"

@@ -1,4 +1,5 @@
-"""Batched kinematics and linear solves, in which a singular row does not fail the others."""
+"""Batched kinematics, linear solves and null-space bases, in which a singular matrix does not
+affect the results of the other rows."""
 
 from __future__ import annotations
 
@@ -12,15 +13,18 @@ from ..robot.task import Task
 from .chart_solve import compiled_chain
 
 _REGULAR = 1e-6
-"""Square of σ_min / σ_max of J above which J Jᵀ determines the null space to 1e-10."""
+"""Value of (σ_min / σ_max)² of J above which J Jᵀ gives the null space to an accuracy of 1e-10."""
 
 _LONG = 0.5
-"""Length of a projection onto the null space that suffices to normalise it."""
+"""Minimum length of the projection of a unit vector onto the null space from which the unit null
+vector is computed by normalising."""
 
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate f and J at every row of Q (K, n): positions (K, 3), rotations (K, 3, 3) and J (K, m,
-    n)."""
+    """Evaluate the forward kinematics and the task Jacobian at every row of Q (K, n).
+
+    Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
+    """
     fast = compiled_chain(task)
     if fast is not None:
         return fast.placed(Q)
@@ -40,7 +44,7 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Solve ``A x = b`` (K, n, n), (K, n, …); NaN where A is singular."""
+    """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular."""
     rhs = b[..., None] if b.ndim == 2 else b
     try:
         x = np.linalg.solve(A, rhs)
@@ -53,22 +57,25 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
-    """Split joint space at every J (K, m, n): J⁺, the null-space basis nearest to another, and the
-    singular values.
+    """Evaluate J⁺, null-space bases aligned to given ones, and singular values, batched.
 
-    Unlike :func:`redundancy.pseudoinverse` it does not raise: where J loses rank, J⁺ is large.
+    Unlike :func:`redundancy.pseudoinverse`, it raises no error where J loses rank; J⁺ is then
+    large.
 
     Parameters
     ----------
     J : (K, m, n) array
     near : (K, n, r) array
+        Reference bases to which N is aligned; see :func:`redundancy.align`.
 
     Returns
     -------
     G : (K, n, m) array
         J⁺.
     N : (K, n, r) array
+        Orthonormal null-space bases.
     s : (K, m) array
+        Singular values of J, the largest first.
     """
     m = J.shape[1]
     U, s, Vt = np.linalg.svd(J, full_matrices=True)
@@ -77,11 +84,11 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
 
 
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
-    """Evaluate N and the singular values of :func:`bases`.
+    """Evaluate N and the singular values, with the arguments and results of :func:`bases`; faster.
 
-    With r = 1, N is ``near`` projected onto the null space, by the eigenvectors of J Jᵀ: half the
-    time of a singular value decomposition, which serves near singularities and where the projection
-    is short.
+    For r = 1, N is the normalised projection of ``near`` onto the null space, computed from the
+    eigenvectors of J Jᵀ in half the time of a singular value decomposition. That decomposition is
+    used only for r > 1, near singularities, and where the projection is short.
     """
     if near.shape[2] > 1:
         return bases(J, near)[1:]

@@ -1,5 +1,5 @@
-"""Margins of a candidate function (joint limits, bodies, singularities) and a search for the
-smallest ones."""
+"""Margins of a candidate function (distance from joint limits, body distance, σ_min of J), and a
+search of the cell for the poses of the smallest margins."""
 
 from __future__ import annotations
 
@@ -19,48 +19,54 @@ from .chart import Chart, Points
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
-"""Step of q, per unit of the direction, in central differences of a margin."""
+"""Factor of the direction in joint space that gives the step of central differences of a margin."""
 
 _ENDLESS = 1e6
-"""Value that replaces an infinite margin, of a joint without limits, in a difference."""
+"""Value that replaces the infinite margin of a joint without limits in finite differences."""
 
 _NEARBY, _FAR, _APART = 12, 40, 0.06
-"""Number of leaves to either side that are searched for a larger margin, near and far, and their
-spacing, rad."""
+"""Number of leaves on either side of a configuration at which a larger margin is searched for, with
+``far=False`` and with ``far=True``; and the spacing of these leaves, rad."""
 
 _HALVINGS = 6
-"""Number of times that the spacing is halved around the best of them."""
+"""Number of times that the spacing is halved around the leaf with the largest margin."""
 
 _LENGTHS = StepLengths(first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25)
-"""Step lengths in u."""
+"""Step lengths of the search for small margins, in coordinates u of the cell."""
 
 _JUMP = 1.0
-"""Joint step, rad or m, that means a jump to another solution."""
+"""Change of a joint in one step of u, rad or m, from which on the step is taken for a jump to a
+different solution branch."""
 
 
 _TESTED, _AT_ONCE = 32, 8
-"""Poses with overlapping hulls at which the bodies themselves are tested: for the share that
-collides, and at a time in the search for the deepest."""
+"""Numbers of configurations with overlapping convex hulls at which the bodies themselves are tested
+for collision: to estimate the fraction that collides, and per step in the search for the
+minimum."""
 
 
 @dataclass(frozen=True)
 class Margin:
-    """A quantity with a required minimum.
+    """A kind of margin, such as joint limits, with its required minimum.
 
     Attributes
     ----------
     name : str
+        Display name.
     measure : function (K, n) → (K, P)
-        The P margins at configurations: one per joint for its limits, one for all bodies, or σ_min
-        of J.
+        Evaluates P margins at each of K configurations: the distance of each joint from its limit,
+        the body distance, or σ_min of J.
     required : float
-        Required minimum.
+        Required minimum of the margin.
     slack : float
-        Share of it that may be missing.
-    watched, starts, violators : int
-        Maximum numbers of poses at which it is checked, from which smaller ones are searched for,
-        and that a round may add to the cost. A body distance takes a hundred times as long as a
-        joint limit.
+        Fraction of the required minimum by which a margin may fall short without being penalised.
+    watched : int
+        Maximum number of poses at which the margin is checked.
+    starts : int
+        Maximum number of poses from which smaller margins are searched for.
+    violators : int
+        Maximum number of poses that one round of the penalty method adds. These numbers are smaller
+        for body distances, which take a hundred times as long to compute as joint limits.
     """
 
     name: str
@@ -72,18 +78,23 @@ class Margin:
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Find the smallest margin at points (K,); infinite where the function does not exist."""
+        """Return the smallest of the P margins at each point (K,); infinite where the function does
+        not exist."""
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Differentiate the smallest margin with respect to u, at points: (K, k)."""
+        """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
+
+        ``at`` are points of the candidate function.
+        """
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
 
     def slopes(self, Q: Array, D: Array) -> Array:
-        """Differentiate the P margins along p joint directions, by differences: (K, P, p).
+        """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
 
-        The directions at each row of Q (K, n) are the columns of D (K, n, p).
+        The directions at each configuration of Q (K, n) are the columns of D (K, n, p). Central
+        differences are used.
         """
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
@@ -94,19 +105,20 @@ class Margin:
         return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
 
     def attainable(self, chart: Chart, at: Points, *, far: bool = False) -> Array:
-        """Find the largest margin (K,) of any leaf near the points, along each direction of the
-        label.
+        """Find the largest margin (K,) that self-motion attains at the poses of the given points.
 
-        The leaves lie within 0.7 rad, or with ``far`` within 2.4 rad, which for r = 1 is the extent
-        of the self-motion inside the limits. They are tried one after another, then around the best
-        of them with smaller steps.
+        The configurations of each pose on nearby leaves are compared, along each component of the
+        label s. The leaves lie within 0.7 rad of the points. With ``far`` they lie within 2.4 rad,
+        which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and smaller
+        around the best leaf.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
         s = here.copy()
 
         def look(label: Array, Q: Array) -> Array:
-            """Keep a label (K, r) where its leaf has a larger margin; return its configurations."""
+            """Evaluate labels (K, r), and update the best label of each pose if its margin is
+            larger; return the configurations (K, n)."""
             nonlocal most, best, s
             points = chart.solve(at.U, label, Q, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
@@ -128,14 +140,14 @@ class Margin:
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
-    """Make the margin of joint limits: the distance of each joint to its nearer limit, rad or m."""
+    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m."""
     return Margin(
         "joint limits", limited.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
     )
 
 
 def distances_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the margin of bodies: the minimum distance between their hulls, m."""
+    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m."""
     distances = bodies_of(task).hull_distances
     return Margin(
         "bodies",
@@ -149,7 +161,7 @@ def distances_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def singular_values_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the margin of singularities: σ_min of J."""
+    """Make the :class:`Margin` of singularities: σ_min of J."""
 
     def measure(Q: Array) -> Array:
         return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
@@ -158,10 +170,13 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def lowest_distances(bodies: Bodies, Q: Array) -> tuple[Array, float]:
-    """Compute body distances (K,) at Q (K, n), with an exact minimum, and the share of collisions.
+    """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    Where only the hulls overlap, a test of the bodies themselves takes forty times as long. The
-    deepest are tested until no other can be deeper, and some more for the share; the others are 0.
+    The minimum is that of :meth:`Bodies.distances`. Where the convex hulls of bodies overlap, a
+    collision test of the bodies themselves takes forty times as long as the distance of the hulls.
+    So it is done only for the deepest overlaps, until no untested one can be a deeper collision,
+    and for a sample of the overlaps, which gives the fraction. At untested overlaps the distance is
+    set to 0.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -181,14 +196,15 @@ def lowest_distances(bodies: Bodies, Q: Array) -> tuple[Array, float]:
 @dataclass(frozen=True, eq=False)
 @read_only
 class CandidateFunction:
-    """A candidate for F: the configurations with label ``s(u) = Σ_t a_t T_t(u)`` of a chart.
+    """A candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
 
     Attributes
     ----------
     chart : Chart
     terms : Monomials
-        T.
+        Monomials T of the cell's coordinates u.
     a : (N, r) array
+        Coefficients of the label s.
     """
 
     chart: Chart
@@ -197,36 +213,36 @@ class CandidateFunction:
 
     @classmethod
     def zero(cls, chart: Chart) -> CandidateFunction:
-        """Make the function s = 0."""
+        """Make the candidate with s = 0, the function of the chart itself."""
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
-        """Evaluate the function at U (K, k), from Q (K, n) if given."""
+        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given."""
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Differentiate the function with respect to u, at points of its graph: (K, n, k)."""
+        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
 
 
 class Minimised(Protocol):
-    """A quantity along a candidate function that a search minimises."""
+    """Interface of a quantity at the points of a candidate function that a search minimises."""
 
     def least(self, at: Points) -> Array:
-        """Evaluate the quantity at points (K,); infinite where the function does not exist."""
+        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Differentiate the quantity with respect to u, at points: (K, k)."""
+        """Evaluate the gradient (K, k) of the quantity with respect to u, at points."""
 
 
 def searched(candidate: CandidateFunction, margin: Minimised, U: Array) -> Array:
-    """Descend from poses U (K, k) to smaller margins inside the cell.
+    """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
-    Return all poses visited (L, k), the ends of the descents last. A step goes down the gradient,
-    without its components that point out of the cell. Poses at which the function does not exist
-    are among those visited.
+    At the boundary of the cell, gradient components that point outward are set to 0. Return all
+    poses visited (L, k), among them poses at which the function does not exist. The final poses of
+    the descents are last.
     """
     here = candidate.at(U)
     here = here.chosen(here.found)

@@ -1,4 +1,4 @@
-"""Monomials of the coordinates of a cell: values, derivatives, least-squares fit."""
+"""Monomials of k variables: values, derivatives, least-squares fit of polynomials."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from ..arguments import Array
 
 
 class Monomials:
-    """All monomials ``u^α`` with ``|α| ≤ d`` of k numbers, ordered by degree, the constant first.
+    """All monomials ``u^α`` up to degree d in k variables u, ordered by degree.
+
+    The first monomial is the constant 1.
 
     Attributes
     ----------
     exponents : (N, k) array of int
-        α.
+        Exponents α of each monomial.
     parent, variable : (N,) arrays of int
-        Each monomial but the first is ``u^α = u^α[parent] · u[variable]``.
+        Recurrence for the values: monomial i is monomial ``parent[i]`` times ``u[variable[i]]``;
+        not used for the constant.
     """
 
     def __init__(self, k: int, degree: int) -> None:
@@ -53,12 +56,17 @@ class Monomials:
         return T
 
     def slopes(self, T: Array) -> Array:
-        """Differentiate the monomials, given their values T (K, N): (K, N, k)."""
+        """Evaluate the derivatives (K, N, k) of the monomials with respect to u.
+
+        T (K, N) are the values of the monomials at the same u, from :meth:`values`.
+        """
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
     def differentiated(self, C: Array) -> tuple[Monomials, Array]:
-        """Differentiate the polynomials of coefficients C (N, …): monomials of a degree lower, and
-        the coefficients (N', …, k) of the derivatives."""
+        """Compute the coefficients of the derivatives of polynomials with coefficients C (N, …).
+
+        Return the monomials of one degree less, and the coefficients (N', …, k) in them.
+        """
         lower = Monomials(self.k, max(self.degree - 1, 0))
         D = np.zeros((lower.size, *C.shape[1:], self.k))
         for j in range(self.k):
@@ -68,6 +76,6 @@ class Monomials:
         return lower, D
 
     def fit(self, U: Array, values: Array) -> Array:
-        """Fit coefficients C (N, …) to values (K, …) at U (K, k) by least squares."""
+        """Fit polynomials to values (K, …) at U (K, k) by least squares: coefficients (N, …)."""
         C, *_ = np.linalg.lstsq(self.values(U), values.reshape(len(U), -1), rcond=1e-12)
         return np.asarray(C.reshape(self.size, *values.shape[1:]), float)

@@ -1,4 +1,4 @@
-"""Design of the inverse kinematic function over a cell that is nearest to a desired control."""
+"""Design of the inverse kinematic function over a cell that is nearest to a desired inverse."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _HELD_OUT = 8192
 _MOST_DEGREE = 12
 _MOST_SAMPLES, _MOST_HELD_OUT = 2**16, 2**20
 _LARGE = 1e6
-"""Largest margin that can be requested, rad, m, or m and rad."""
+"""Largest limit margin (rad or m), body distance (m) or σ_min(J) that can be requested."""
 
 _LEAST_FACTOR = 0.03
-"""Smallest factor by which a cell is scaled in the search for one that is covered."""
+"""Smallest factor by which a cell is scaled in the search for a cell that is covered."""
 
 
 class NoFunctionError(InputError):
@@ -46,9 +46,10 @@ class NoFunctionError(InputError):
     failures : tuple of FailureReason
         Reasons for failure.
     fits : float
-        Factor by which the cell, scaled about its middle, is covered; 0 if there is none.
+        Factor below 1 such that the cell, scaled by it about its middle, is covered; 0 if none was
+        found.
     partly : bool
-        Whether a function covers a part of the cell.
+        Whether a function covers some of the poses, so that ``incomplete="keep"`` works.
 
     Examples
     --------
@@ -87,38 +88,40 @@ def nearest_inverse_function(
     options: FitOptions | None = None,
     progress: bool | Callable[[str, float], None] = False,
 ) -> CellDesign:
-    """Find the function ``q = F(x)`` over a cell nearest to a desired control in the mean.
+    """Find the function ``q = F(x)`` over a cell whose ∂F/∂x is nearest to a desired inverse.
 
-    ``min mean ‖∂F/∂x − G_d(F)‖_F²``. Following G_d along straight rays from the middle gives a
-    reference. Among the functions beside it, ``n_refᵀ (F − q_ref) = s(u)`` with s a polynomial,
-    Gauss–Newton steps find the best one. Small distances from joint limits, between bodies and from
-    singularities are penalised.
+    The criterion is ``min mean ‖∂F/∂x − G_d(F)‖_F²`` over the poses of the cell. Following G_d
+    along straight rays from the middle of the cell gives reference configurations q_ref, with
+    null-space bases n_ref. Among the functions ``n_refᵀ (F − q_ref) = s(u)``, with s a polynomial
+    in the coordinates u of the cell, Gauss–Newton steps find the best one. Small distances from
+    joint limits, between bodies and from singularities are penalised.
 
     Parameters
     ----------
     desired
         Desired inverse G_d, any strategy with ``J G = I``.
     cell
-        The poses.
+        Set of poses: a :class:`Cell` or :class:`Sector`.
     posture : (n,) array, optional
-        Configuration in the cell's middle, rad (m for prismatic joints). By default, the one with
-        the largest margins of those searched on the self-motion there.
+        Configuration in the middle of the cell, rad (m for prismatic joints). By default, the best
+        of the configurations that a search finds there.
     degree
-        Degree of s; ``"auto"`` raises it from 1 until no higher one, as far as the number of
-        unknowns allows, is predicted to lower the cost by 5 %, or the cost is below 0.01 % of joint
-        speed.
+        Degree of s. ``"auto"`` raises it from 1 until no higher degree, as far as the number of
+        unknowns allows, is predicted to lower the cost by 5 %, or until the extra joint speed is
+        below 0.01 %.
     limit_margin
         Joint-limit margin to keep where possible, rad or m.
     body_distance
-        Body distance to keep where possible, m; with 0, bodies are not in the cost. In narrow
-        places it can cost much joint speed. The summary tells where this, ``limit_margin`` or
-        ``sigma_min`` is not met.
+        Body distance to keep where possible, m; with 0, bodies are not in the cost. Close to
+        obstacles it can require much extra joint speed. The summary states which of
+        ``body_distance``, ``limit_margin`` and ``sigma_min`` are not met.
     sigma_min
         σ_min of J to keep where possible, in m and rad; with 0 it is not in the cost.
     incomplete
-        Action if no single function covers the cell, by held-out poses, corners, and a search for
-        the worst poses: ``"refuse"`` it and name a cell that works, ``"shrink"`` the cell about its
-        middle, or ``"keep"`` the function on the part that it covers.
+        Action if no single function covers the cell, which is tested at held-out poses, corners,
+        and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
+        works, ``"shrink"`` scales the cell about its middle, and ``"keep"`` returns the function on
+        the poses that it covers.
     options
         Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
     progress
@@ -127,12 +130,13 @@ def nearest_inverse_function(
     Returns
     -------
     CellDesign
-        ``function``, ``inverse``, and their evaluation; see ``summary()``.
+        ``function``, the controller ``inverse``, and their evaluation; see ``summary()``.
 
     Raises
     ------
     InputError
-        If the task is not redundant, the cell is another task's, or its middle cannot be reached.
+        If the task is not redundant, the cell is for a different task than ``desired``, or the
+        middle of the cell cannot be reached.
     NoFunctionError
         If no single function covers the cell.
 
@@ -190,7 +194,7 @@ def nearest_inverse_function(
 
 
 def _require_one_task(desired: Inverse, cell: Cell) -> None:
-    """Require a control and a cell of the same redundant task."""
+    """Check that the desired inverse and the cell are for one redundant task; else InputError."""
     require_type(desired, Batched, "desired", AN_INVERSE)
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
     if desired.task.as_dict() != cell.task.as_dict():
@@ -205,7 +209,7 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
 
 
 def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
-    """Check the degree against the number of unknowns of the whole cell."""
+    """Return the degree, after a check that it does not make too many unknowns."""
     if isinstance(degree, str) and degree == "auto":
         return degree
     degree, k = as_int(degree, "degree", 1, _MOST_DEGREE), cell.whole.k
@@ -218,7 +222,16 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 
 
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
-    """Leave the symmetric coordinates of a sector out, unless bodies break the symmetry."""
+    """Return a sector without its symmetric coordinates, as far as the symmetry holds.
+
+    A requested body distance, or a desired inverse without the symmetry, requires all coordinates.
+    Other cells are returned unchanged.
+
+    Raises
+    ------
+    InputError
+        If a coordinate with the range "all" would remain.
+    """
     if not isinstance(cell, Sector):
         return cell
     found = cell if body_distance else reduced(cell, desired)
@@ -234,7 +247,7 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
 
 
 def _margin(value: float, name: str, unit: str = "") -> float:
-    """Convert a requested margin."""
+    """Check a requested margin, which may be 0, and return it as float."""
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
         raise InputError(f"can be at most {_LARGE:g}, not {number:g}", argument=name)
@@ -242,10 +255,17 @@ def _margin(value: float, name: str, unit: str = "") -> float:
 
 
 def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
-    """Find the factor, within 20 %, by which the cell has to be scaled about its middle to be
-    covered.
+    """Find the largest factor below 1 by which the cell can be scaled to be covered, within 20 %.
 
-    Rays to the corners and other poses give a first guess, which a design confirms or lowers.
+    The cell is scaled about its middle, with the configuration q (n,) there. Rays to the corners
+    and other poses give a first guess. Designs confirm or lower it.
+
+    Returns
+    -------
+    factor : float
+        0 if no smaller cell is covered.
+    design : CellDesign or None
+        Design over the scaled cell.
     """
     U = np.concatenate([cell.corners(), cell.sample(32, fit.seed)])
     if cell.widths[cell.widths > 0].min() < LEAST_WIDTH / _LEAST_FACTOR:
@@ -269,9 +289,10 @@ def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float,
 def _refusal(
     cell: Cell, failures: tuple[FailureReason, ...], fits: float, *, keep: bool
 ) -> NoFunctionError:
-    """Make the error that names the causes, the most frequent first, and a cell that works.
+    """Make the error that names the reasons for failure, the most frequent first, and the remedy.
 
-    A collision is no cause: it does not refuse a cell.
+    ``fits`` is the factor of a smaller cell that is covered, 0 if there is none. Collisions are
+    left out, because they do not make a cell incomplete.
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))

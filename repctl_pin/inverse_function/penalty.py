@@ -1,5 +1,5 @@
-"""Margin penalties in the cost: the weight of a violated margin is raised until the margin is met
-wherever the arm can meet it."""
+"""Penalty method for margins (joint limits, body distance, σ_min of J): the weight of the penalties
+is raised until each margin is met wherever the arm can meet it."""
 
 from __future__ import annotations
 
@@ -16,36 +16,39 @@ from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
 
 _WEIGHTS = (1e2, 1e5)
-"""First and last weight of the penalties; it is raised tenfold in each round."""
+"""First and last weight of the penalties; the weight is multiplied by 10 in each round."""
 
 _LOW = 2
-"""Degree of the first fit with penalties: with many terms a few poses would cause large bends."""
+"""Degree of the first fit with penalties: with a higher degree, few penalised poses would cause
+large variations of the function between them."""
 
 _FAR = 2
-"""Multiple of the required margin above which no smaller margins are searched for."""
+"""If the margin is above this multiple of the required one at all checked poses, there is no search
+for smaller ones."""
 
 _NEARLY = 0.1
-"""Share of the best attainable margin, and of the required one, that is not asked for."""
+"""Fraction of the attainable margin, and of the required one, by which a margin may fall short."""
 
 _GRID = 0.05
-"""Grid in u to which the poses found by a search are rounded, so that they do not cluster."""
+"""Spacing in u of the grid to which poses found by a search are rounded, to avoid clusters."""
 
 
 def padded(a: Array, terms: Monomials) -> Array:
-    """Pad coefficients a (M, …) of a lower degree with zeros: monomials are ordered by degree."""
+    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree."""
     return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
 
 class ActiveConstraint:
-    """One margin, the poses at which it is checked, and those where it is penalised.
+    """One kind of margin, the poses U (K, k) at which it is checked, and those where it is
+    penalised.
 
     Attributes
     ----------
     edge : (L, k) array
-        Poses where it is penalised.
+        Poses at which the margin is penalised.
     asked : (L,) array
-        Margin asked for there: the required one, or slightly less than the best one that any leaf
-        nearby has.
+        Margin that the penalty asks for at each of these poses: the required margin, or slightly
+        less than the largest margin on the leaves nearby if that is smaller.
     """
 
     def __init__(self, margin: Margin, U: Array) -> None:
@@ -53,10 +56,11 @@ class ActiveConstraint:
         self.edge, self.asked = U[:0], np.zeros(0)
 
     def short(self, candidate: CandidateFunction) -> bool:
-        """Whether the margin is too small somewhere; penalise the worst of these poses.
+        """Test whether the margin of a candidate function is too small at some pose.
 
-        From poses where it is small, smaller margins are searched for. The poses found are checked
-        from then on.
+        The poses with the smallest margins are starting points of a search for smaller ones. Poses
+        found by the search are added to the checked poses. If the margin is too small somewhere,
+        the worst poses are added to the penalised ones.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -86,7 +90,7 @@ class ActiveConstraint:
 
 
 class PenaltyMethod:
-    """Penalty method on the worst poses found so far.
+    """Minimisation of the cost with penalties on margins, at the worst poses found so far.
 
     Parameters
     ----------
@@ -95,9 +99,9 @@ class PenaltyMethod:
     nodes : (K, k) array
         Nodes of the cost.
     constraints
-        The margins.
+        The margins that are penalised.
     rounds
-        Maximum number of rounds, in each of which the weight is raised or poses are added.
+        Maximum number of rounds; each raises the weight of the penalties or adds poses.
     """
 
     def __init__(
@@ -114,9 +118,10 @@ class PenaltyMethod:
     def kept(
         self, descent: Descent, terms: Monomials, report: Callable[[str, float], None]
     ) -> Descent:
-        """Minimise with penalties, if a margin is too small at the minimum without them.
+        """Minimise the cost with penalties, from the result of a minimisation without them.
 
-        A fit of low degree comes first, then one of the final degree.
+        If no margin is too small there, that result is returned. Otherwise the cost is minimised
+        with the monomials ``terms``; if their degree is above 2, after a first fit of degree 2.
         """
         if not self.rounds or not self._short(terms, descent.a):
             return descent
@@ -150,13 +155,13 @@ class PenaltyMethod:
         return descent
 
     def _short(self, terms: Monomials, a: Array) -> bool:
-        """Whether any margin is too small somewhere."""
+        """Test whether any margin is too small at some pose, for the coefficients a (N, r)."""
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
         return any(short)
 
 
 def _without(U: Array, known: Array) -> Array:
-    """Take each row of U once, without those of another array."""
+    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k)."""
     once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
     return once[first >= len(known)]

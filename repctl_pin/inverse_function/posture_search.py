@@ -1,5 +1,5 @@
-"""Search for the configuration in the middle of a cell from which the cell is reached with the
-largest margins."""
+"""Search for the best configuration in the middle of a cell: one from which straight rays reach all
+corners of the cell with large margins."""
 
 from __future__ import annotations
 
@@ -20,40 +20,42 @@ from .reference import SINGULAR, rays
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 6
 _TESTED = 3
-"""Ends of rays with overlapping hulls at which the bodies themselves are tested."""
+"""Maximum number of ends of rays with overlapping convex hulls, per configuration in the middle, at
+which the bodies themselves are tested for collision."""
 
 _STEP = 0.4
 """Longest Newton step of any joint, rad or m."""
 
 _SINGULAR_MIDDLE = "the arm is at a singularity; move the cell, or turn it"
 _ENOUGH, _ALIKE = 0.1, 0.02
-"""Limit margin, rad or m, above which speed counts more; and differences of margins that count as
-none."""
+"""Limit margin, rad or m, above which a larger margin is no longer an advantage; and difference of
+margins below which two margins count as equal."""
 
 _AS_QUICK = 1.2
-"""Ratio of mean squared joint speeds that counts as 1; of those the configuration nearest to the
-reference is taken."""
+"""Ratio of mean squared joint speeds up to which configurations count as equally fast; of these,
+the nearest to the reference is chosen."""
 
 
 def reached(
     cell: Cell, Q: Array, u: Array, *, push: float = 0.0, iterations: int = 60
 ) -> tuple[Array, Array]:
-    """Bring configurations Q (K, n) to one pose of a cell by Newton's method with J⁺.
+    """Solve the inverse kinematics of one pose from K configurations, by Newton's method with J⁺.
 
     Parameters
     ----------
     cell, Q
-        The cell, and the initial configurations.
+        The cell, and the initial configurations (K, n).
     u : (k,) array
-        The pose.
+        The pose, in coordinates of the cell.
     push
-        Gain with which joints beyond their limits are pushed back along the null space.
+        Gain of a null-space motion that moves joints away from their limits.
 
     Returns
     -------
     Q : (K, n) array
+        Final configurations.
     left : (K,) array
-        Remaining task error, m and rad.
+        Norm of the remaining task error, m and rad.
     """
     task = cell.task
     goal = cell.placements(np.tile(u, (len(Q), 1)))
@@ -74,12 +76,12 @@ def reached(
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Bring a configuration given by the user exactly to the middle of the cell.
+    """Move a configuration that the user gives exactly to the middle of the cell; return it (n,).
 
     Raises
     ------
     InputError
-        If that fails, or violates a limit.
+        If the middle is not reached from it, or the result is singular or violates a limit.
     """
     task, u = cell.task, np.zeros(cell.k)
     q = vector(posture, task.n, "the posture")
@@ -100,17 +102,18 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 
 
 def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
-    """Find configurations in the middle from which the cell is reached, the best first.
+    """Search for configurations in the middle of the cell; return the best six, the best first.
 
-    If bodies are apart at some candidates, those where bodies collide are dropped. From each other
-    one the arm moves along rays to the corners of the cell. The order is: most corners reached, no
-    collision, largest joint-limit margin (up to 0.1 rad), smallest joint speed, nearest to the
-    reference.
+    If some candidates are free of collisions, the others are dropped. From each remaining one, the
+    arm moves along straight rays to the corners of the cell. The order is: most corners reached, no
+    collision, largest joint-limit margin (up to 0.1 rad or m), smallest joint speed. Among nearly
+    equal ones, the first is the nearest to the task's reference configuration.
 
     Raises
     ------
     InputError
-        If the middle is out of reach, or only reached outside the joint limits.
+        If the middle is out of reach, reached only outside the joint limits, or only at
+        singularities.
     """
     task, u = cell.task, np.zeros(cell.k)
     rng = np.random.default_rng(seed)
@@ -155,19 +158,21 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Candidate:
-    """A configuration in the middle, and figures of the rays from it.
+    """A configuration in the middle of a cell, and figures of the rays from there to the corners.
 
     Attributes
     ----------
     q : (n,) array
+        The configuration.
     share : float
-        Share of the corners reached.
+        Fraction of the corners that are reached.
     margin : float
-        Minimum joint-limit margin on the rays, rad or m.
+        Minimum joint-limit margin on the rays that reach their corners, rad or m.
     body_distance : float
-        Minimum body distance in the middle and at the ends of the rays, m.
+        Minimum body distance in the middle and at the corners reached, m.
     speed : float
-        ``mean ‖G_d E C‖²`` at the ends of the rays.
+        Mean squared joint speed per unit of task speed at the corners reached,
+        ``mean ‖G_d E C‖_F²`` with E = ∂x/∂u and C = (EᵀE)^(−1/2).
     """
 
     q: Array
@@ -178,9 +183,9 @@ class Candidate:
 
 
 def judged(desired: Batched, cell: Cell, Q: Array) -> list[Candidate]:
-    """Evaluate configurations (L, n) in the middle by rays to the corners of the cell.
+    """Evaluate configurations Q (L, n) in the middle of a cell by rays to its corners.
 
-    If bodies are apart at some of them, those where bodies collide are left out.
+    If some of them are free of collisions, those with collisions are left out.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     middle = bodies.distances(Q)
@@ -218,8 +223,12 @@ def _parts(count: int, length: int) -> list[slice]:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Select by share, then no collision or the shallowest, margin, speed, distance from a
-    reference."""
+    """Choose the best candidate.
+
+    The criteria are, in this order: most corners reached; no collision, or the largest body
+    distance if all collide; joint-limit margin up to 0.1; joint speed, within 20 % of the squared
+    minimum; distance from the configuration ``reference`` (n,).
+    """
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
     farthest = max(c.body_distance for c in candidates)
@@ -234,8 +243,11 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
 
 
 def _unwound(cell: Cell, q: Array) -> Array:
-    """Remove whole turns from revolute joints: take the values nearest to the reference that limits
-    allow."""
+    """Remove full turns from the revolute joints of a configuration q (n,).
+
+    Each joint gets the value nearest to the task's reference, if that is inside its limits. If the
+    pose would change, q is returned unchanged.
+    """
     task = cell.task
     near = q - 2 * np.pi * np.rint((q - task.reference) / (2 * np.pi)) * task.revolute
     near = np.where((near > task.lower) & (near < task.upper), near, q)
@@ -246,12 +258,12 @@ def _unwound(cell: Cell, q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Whether each configuration (K, n) is far enough from a singularity to start at."""
+    """Test which configurations Q (K, n) are far enough from a singularity to start rays: (K,)."""
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 
 def _apart(candidates: list[Candidate], count: int) -> list[Candidate]:
-    """Select the first ``count`` candidates that differ from those before them."""
+    """Return the first ``count`` candidates, without those close to an earlier one."""
     kept: list[Candidate] = []
     for c in candidates:
         if len(kept) < count and all(np.linalg.norm(c.q - other.q) > 0.3 for other in kept):
@@ -260,7 +272,10 @@ def _apart(candidates: list[Candidate], count: int) -> list[Candidate]:
 
 
 def _spread(Q: Array, count: int) -> Array:
-    """Select at most ``count`` rows of Q, each as far as possible from those before it."""
+    """Return at most ``count`` rows of Q (K, n), each as far as possible from those before it.
+
+    Rows closer than 0.05 to a selected one are left out.
+    """
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
     while len(kept) < min(count, len(Q)):

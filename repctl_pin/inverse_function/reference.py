@@ -1,5 +1,5 @@
-"""Reference function: configurations along straight rays from the middle of a cell, under the
-desired control."""
+"""Reference function over a cell, obtained by following straight rays from the middle of the cell
+with the desired inverse."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ from .kinematics import null_bases, placed
 from .monomials import Monomials
 
 _STEP = 0.5
-"""Joint step, rad or m, between points of a ray that means that the arm no longer follows it."""
+"""Joint step, rad or m, between two points of a ray at which following the ray is stopped."""
 
 SINGULAR = 0.01
-"""σ_min / σ_max of J at which a ray ends."""
+"""σ_min / σ_max of J at which following a ray is stopped."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Rays:
-    """Ends of the rays from the middle of a cell.
+    """Results of following K straight rays from the middle of a cell.
 
     Attributes
     ----------
-    U, Q, N : (K, k), (K, n) and (K, n, r) arrays
-        Poses of the ends, configurations there, and null-space bases, aligned along each ray.
+    U : (K, k) array
+        End poses of the rays, in coordinates of the cell.
+    Q, N : (K, n) and (K, n, r) arrays
+        Last configuration on each ray, and null-space basis there, aligned along the ray.
     reached : (K,) array
-        Share of each ray that was followed; 1 is the whole.
+        Fraction of each ray that was followed; 1 means that the end pose was reached.
     least : (K,) array
         Minimum joint-limit margin on each ray, rad or m.
     """
@@ -45,17 +47,18 @@ class Rays:
 
 
 def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:
-    """Follow straight rays from the middle of a cell to U (K, k), by ``Δq = G_d (x_next − f(q))``.
+    """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 
-    All rays are followed at once.
+    The steps along a ray are ``Δq = G_d (x_next − f(q))``.
 
     Parameters
     ----------
     desired
         G_d.
     cell, q_middle
-        The cell, and the configuration (n,) in its middle; or one for each ray, (K, n).
+        The cell, and the configuration (n,) in its middle; or one configuration per ray, (K, n).
     U : (K, k) array
+        End poses of the rays, in coordinates of the cell.
     steps
         Number of points on each ray.
     """
@@ -86,6 +89,7 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
 
 
 def fitted(cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:
-    """Fit a chart to configurations Q (K, n) and null spaces N (K, n, r) at U (K, k)."""
+    """Fit a chart: polynomials q_ref to configurations Q (K, n), and n_ref to null-space bases N
+    (K, n, r), at the poses U (K, k)."""
     monomials = Monomials(cell.k, degree)
     return Chart(cell, monomials, monomials.fit(U, np.concatenate([Q[:, :, None], N], axis=2)))

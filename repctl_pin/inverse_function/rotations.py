@@ -1,4 +1,5 @@
-"""Batched rotations: exp, log, left Jacobian of SO(3), and the rotation between two tool axes."""
+"""Batched functions of rotations: exp, log and left Jacobian of SO(3), and the tilt between two
+tool axes."""
 
 from __future__ import annotations
 
@@ -9,14 +10,17 @@ from ..arguments import Array
 
 
 def exp3(omega: Array) -> Array:
-    """Evaluate exp(ω̂): (K, 3) → (K, 3, 3)."""
+    """Convert rotation vectors ω (K, 3), rad, to rotation matrices exp(ω̂) (K, 3, 3)."""
     return (
         Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))
     )  # SciPy 1.15 refuses K = 0
 
 
 def log3(R: Array) -> Array:
-    """Evaluate ω with exp(ω̂) = R, ‖ω‖ ≤ π: (K, 3, 3) → (K, 3); NaN where R is not finite."""
+    """Convert rotation matrices R (K, 3, 3) to rotation vectors (K, 3), rad, of length at most π.
+
+    Rows are NaN where R is not finite.
+    """
     usable = np.isfinite(R).all(axis=(1, 2))
     omega = np.full((len(R), 3), np.nan)
     if usable.any():
@@ -25,8 +29,8 @@ def log3(R: Array) -> Array:
 
 
 def left_jacobian(omega: Array) -> Array:
-    r"""Evaluate the left Jacobian of SO(3), which takes ω̇ to the angular velocity of exp(ω̂) in
-    fixed axes.
+    r"""Evaluate the left Jacobian of SO(3), which maps the time derivative of a rotation vector ω
+    to the angular velocity of exp(ω̂) in fixed axes.
 
     .. math:: J_l(\omega) = I + \frac{1 - \cos\theta}{\theta^2} \hat\omega
               + \frac{\theta - \sin\theta}{\theta^3} \hat\omega^2, \qquad \theta = \|\omega\|.
@@ -50,7 +54,7 @@ def left_jacobian(omega: Array) -> Array:
 
 
 def skew(omega: Array) -> Array:
-    """Write ω × as a matrix: (K, 3) → (K, 3, 3)."""
+    """Return the skew-symmetric matrices (K, 3, 3) of the cross products with ω (K, 3)."""
     x, y, z = np.moveaxis(omega, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(
@@ -59,9 +63,11 @@ def skew(omega: Array) -> Array:
 
 
 def tilts(R: Array, goal: Array) -> Array:
-    """Measure the rotations (K, 2), rad, about a tool's x and y that turn its z axis to the goal's.
+    """Compute the smallest rotations that align the z axes of frames with those of goal frames.
 
-    The batch form of :func:`repctl_pin.robot.chain_formulas.axis_turn`.
+    The rotation axis of each lies in the xy plane of the frame. Return the components (K, 2), rad,
+    of the rotation vector along the x and y axes of R (K, 3, 3). This is the batch form of
+    :func:`repctl_pin.robot.chain_formulas.axis_turn`.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goal[..., :, 2])  # the goal's axis as the tool sees it
     sine = np.hypot(aim[:, 0], aim[:, 1])

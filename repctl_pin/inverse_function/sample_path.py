@@ -1,4 +1,4 @@
-"""Random smooth closed path through a cell."""
+"""Random smooth closed path through a cell, for tests of its inverse function."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ _POINTS = 721
 
 
 def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
-    r"""Draw a random smooth closed path: ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks``, every
-    ``|u_i| ≤ reach``.
+    r"""Make a random smooth closed path through a cell.
+
+    Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
+    1, with random a and b, scaled so that the maximum of every |u_i| is ``reach``.
 
     Parameters
     ----------
@@ -37,16 +39,16 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
     turns = cell.task.m > 3 and bool(turning.any())
 
     def at(s: float) -> Array:
-        """Evaluate the coordinates u."""
+        """Evaluate the coordinates u (k,) at the path parameter s."""
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)
 
     def placed(s: float) -> tuple[Array, Array]:
-        """Evaluate the position, m, and the rotation."""
+        """Evaluate the position (3,), m, and the rotation (3, 3) at the path parameter s."""
         p, R = cell.placements(at(s)[None])
         return p[0], R[0]
 
     def twist(s: float) -> Array:
-        """Differentiate the placement: (v, ω), base axes."""
+        """Evaluate the twist (v, ω), base axes, per unit of the path parameter s: (6,)."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
         rates = cell.spread(du[None])[0]
         return np.asarray(cell._frame_twists(cell.spread(at(s)[None]))[0] @ rates, float)

@@ -1,4 +1,5 @@
-"""Sector of the workspace: a cell in cylindrical coordinates around the base's vertical axis."""
+"""Sector of the workspace: a cell in cylindrical coordinates around an axis, by default the base's
+vertical axis."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ from .sector_arguments import (
 from .symmetry import Symmetry, axis_symmetry, tool_symmetry
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
-"""Places of these among the m coordinates; 3 and 4 are the tilts."""
+"""Indices of radius, angle, height and spin among the m task coordinates; 3 and 4 are the tilts."""
 
 _NEAR = 1e-6
 """Distance from the axis, m, at which the angle is no longer defined."""
@@ -47,39 +48,41 @@ class Sector(Cell):
     r"""All placements ``p = o + R_a(φ) (ρ e + z a)``, ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
 
     ρ, φ and z are the radius, angle and height of p around an axis a through o, by default the
-    vertical one of the base; e is the direction from that axis to the middle. t tilts about the
-    tool's own x and y, ψ turns about its z. The orientation turns with φ. A coordinate of
-    half-width 0 is held.
+    vertical axis of the base; e is the direction from that axis to the middle. t tilts about the
+    tool's own x and y axes, ψ turns about its z axis. The orientation turns with φ. A coordinate of
+    half-width 0 is held constant.
 
-    Where a joint turns the whole arm about the axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact, and
-    where the last joint's axis is the tool's z axis through the frame's origin, so is ``F(x R_z(ψ))
-    = F(x) ± ψ e_j``. A function is then designed for φ = ψ = 0 alone. Both are found from the task;
-    an arm without them has the same coordinates.
+    An arm can have two symmetries, which are detected. If a joint j turns the whole arm about the
+    axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact. If the axis of a joint j is the tool's z axis
+    through the frame's origin, ``F(x R_z(ψ)) = F(x) ± ψ e_j`` is exact. A function is then designed
+    for φ = 0 or ψ = 0 alone. A sector can be used without the symmetries, too.
 
     Parameters
     ----------
     task
-        The task. A task in two coordinates requires an axis across its plane.
+        The task. A task in two coordinates requires an axis normal to its plane.
     placement
         Middle of the sector, away from the axis, as in :class:`Cell`.
     radius, height : float
         Half-widths, m.
     angle : float or "all"
-        Half-width of φ, rad; ``"all"`` is as far as the joints go, with a middle of its own.
+        Half-width of φ, rad. With ``"all"``, the design finds the largest range of φ that the joint
+        limits allow, and its middle.
     half_angle : float or (2,) or (3,) array
-        Half-widths of the tilts, rad: one number, or one per axis. A third number turns about the
-        tool, as ``spin`` does, but without use of the symmetry: over a small range F can then do
-        better.
+        Half-widths of the tilts, rad: one number, or one per axis. A third number is a half-width
+        of ψ, like ``spin``, but the symmetry is not used; over a small range this can give a lower
+        cost.
     spin : float or "all"
-        Half-width of ψ, rad, of a pose task.
+        Half-width of ψ, rad, for a pose task; ``"all"`` as for ``angle``.
     axis : (2, 3) array, optional
-        A point on the axis, m, and its direction, from the base.
+        A point on the axis, m, and the direction of the axis, in base coordinates.
 
     Raises
     ------
     InputError
-        If the placement is on the axis, the radius reaches it, an angle is above a full turn, or
-        the task leaves free what is asked for.
+        If the placement is on the axis, the half-width of the radius reaches the axis, an angle
+        covers more than a full turn, a half-width is given for a coordinate that the task does not
+        command, or ``"all"`` for one without symmetry.
 
     Examples
     --------
@@ -91,13 +94,13 @@ class Sector(Cell):
     """
 
     axis: Array
-    """(2, 3): point, m, and unit direction of the axis."""
+    """(2, 3): point on the axis, m, and its unit direction."""
     free: tuple[int, ...]
-    """Coordinates that go as far as the joints do."""
+    """Indices of the coordinates with the range ``"all"``, which the joint limits determine."""
     symmetries: tuple[Symmetry, ...]
-    """Symmetries of the arm along coordinates that are not held."""
+    """Symmetries of the arm along coordinates whose half-width is not 0."""
     removed: tuple[Symmetry, ...]
-    """Symmetries whose coordinates are left out of u, at 0."""
+    """Symmetries that a design uses: their coordinates do not belong to u, and are 0."""
 
     def __init__(
         self,
@@ -145,7 +148,8 @@ class Sector(Cell):
         self._require_apart()
 
     def _require_apart(self) -> None:
-        """Refuse a sector that reaches its axis, or has no width beside the symmetric ones."""
+        """Raise an InputError if the sector reaches its axis, or all its half-widths but those of
+        symmetric coordinates are 0."""
         away, (radius, *_) = self.middle[0], self.widths
         if away < _NEAR:
             raise InputError(
@@ -165,16 +169,17 @@ class Sector(Cell):
     # --------------------------------------------------------------------------------
 
     def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
-        """Make the sector whose u leaves out the coordinates of symmetries, which stay at 0.
+        """Return the sector with the coordinates of the given symmetries removed from u, at 0.
 
-        Coordinates in ``free`` go as far as the joints do.
+        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
+        sector.
         """
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
 
     @property
     def whole(self) -> Sector:
-        """The sector whose u includes the coordinates of all symmetries."""
+        """The same sector, with the coordinates that symmetries remove included in u."""
         return self._changed(removed=()) if self.removed else self
 
     @property
@@ -183,37 +188,44 @@ class Sector(Cell):
 
     @property
     def along(self) -> Array:
-        """∂F/∂y (n, l) of the coordinates that a symmetry removes from u."""
+        """∂F/∂y (n, l) for the l coordinates y, rad, that symmetries remove from u."""
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
             along[one.joint, column] = one.sign
         return along
 
     def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate the part of F that the symmetries add at placements: (K, n)."""
+        """Evaluate the term (K, n) that the removed symmetries add to F at placements."""
         return self._measured(np.asarray(p), np.asarray(R))[:, self._removed] @ self.along.T
 
     def _split(self, U: Array) -> tuple[Array, Array]:
-        """Split coordinates U (K, ·) of the whole sector into those of this one (K, k), and the
-        part of F (K, n) that a symmetry adds."""
+        """Convert coordinates U (K, ·) of :attr:`whole` to those of this sector (K, k).
+
+        Return also the term (K, n) that the removed symmetries add to F there.
+        """
         Y = self.whole.spread(U)
         return Y[:, self._active] / self._active_widths, Y[:, self._removed] @ self.along.T
 
     def _lifted(self, u: Array) -> Array:
-        """Convert coordinates u (k,) to those of the whole sector."""
+        """Convert coordinates u (k,) to those of :attr:`whole`, with 0 for the removed ones."""
         return self.spread(u[None])[0][self.whole._active] / self.whole._active_widths
 
     def _wrapped(self, away: Array) -> Array:
-        """Remove whole turns from differences of configurations (…, n) along symmetric joints."""
+        """Remove full turns from differences of configurations (…, n), in place, in the joints of
+        removed symmetries."""
         for one in self.removed:
             turns = np.rint(away[..., one.joint] / (2 * np.pi))
             away[..., one.joint] -= 2 * np.pi * turns
         return away
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each joint to its nearer limit, at the worst of the symmetric
-        coordinates that are removed: (…, n). A coordinate that goes as far as the joints do has no
-        margin of its own."""
+        """Compute the distance (…, n) of each joint to its nearer limit, for configurations q
+        (…, n) at which the removed coordinates are 0.
+
+        The distance of a joint that moves the frame along a removed coordinate is the minimum over
+        the range of that coordinate. It is infinite if the range is ``"all"``, because the joint
+        limits then determine the range.
+        """
         margin = self.task.limit_margin(q)
         for one in self.removed:
             beyond = np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
@@ -232,13 +244,13 @@ class Sector(Cell):
 
     @property
     def centre(self) -> Array:
-        """Values of all m coordinates in the middle, m and rad."""
+        """Values (m,) of all task coordinates at the middle of the sector, m and rad."""
         rho, z = self.middle
         return np.array([rho, 0.0, z, 0.0, 0.0, 0.0])[: self.task.m]
 
     @property
     def directions(self) -> Array:
-        """Unit vectors (3, 3) at the middle: outward, around, and along the axis."""
+        """Unit vectors at the middle, as rows (3, 3): radial, tangential, and along the axis."""
         a = self.axis[1]
         away = self.placement.translation - self.axis[0]
         outward = away - (away @ a) * a
@@ -246,7 +258,7 @@ class Sector(Cell):
         return np.stack([outward, np.cross(a, outward), a])
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Convert coordinates U (K, k) to positions (K, 3), m, and rotations (K, 3, 3)."""
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
         Y, (rho, z) = self.spread(U), self.middle
         K = len(Y)
         outward, _, a = self.directions
@@ -262,9 +274,10 @@ class Sector(Cell):
         return p, round_about @ R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to all m coordinates (K, m), held ones too.
+        """Convert placements to offsets (K, m) from the middle in all m task coordinates.
 
-        They are in m and rad, and 0 in the middle of the cell.
+        They are in m and rad, in the order radius, angle, height, two tilts, spin. p (K, 3) and R
+        (K, 3, 3) are positions and rotation matrices.
         """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
@@ -282,8 +295,8 @@ class Sector(Cell):
         return Y
 
     def _frame_twists(self, Y: ArrayLike) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per m and rad of each of the m
-        coordinates Y (K, m): (K, 6, m)."""
+        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
+        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
         Y = np.asarray(Y, float)
         T, round_about = np.zeros((len(Y), 6, self.task.m)), exp3(Y[:, ANGLE, None] * self.axis[1])
         outward, around, a = self.directions
@@ -311,21 +324,25 @@ class Sector(Cell):
 
     @classmethod
     def around(cls, *_: object, **__: object) -> Sector:
-        """Refuse: a sector has a middle and half-widths."""
+        """Raise an InputError: unlike a :class:`Cell`, a sector is not made around given poses."""
         raise InputError(
             "a sector is not made around poses; give its placement, radius=, height= and angle=, "
             "or use rp.Cell.around"
         )
 
     def scaled(self, factor: float) -> Sector:
-        """Make the sector with the same middle and all half-widths scaled, apart from the symmetric
-        coordinates."""
+        """Return a sector with the same middle and scaled half-widths, except those of symmetric
+        coordinates, which keep their half-widths."""
         factors = np.full(len(self.widths), positive(factor, "the factor"))
         factors[[one.coordinate for one in self.symmetries]] = 1.0
         return self._changed(widths=self.widths * factors)
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
-        """Move the middle along symmetric coordinates, and set the half-widths there, rad."""
+        """Return a sector whose middle is moved along symmetric coordinates.
+
+        ``middles`` and ``halves`` are the offsets of the middle and the new half-widths, rad, by
+        the index of the coordinate.
+        """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():
             y[i], widths[i] = middle, halves[i]
@@ -345,16 +362,16 @@ class Sector(Cell):
 
     @property
     def coordinate_names(self) -> list[str]:
-        """Name of each of the m coordinates, held ones too."""
+        """Name of each of the m task coordinates, those of width 0 included."""
         return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][: self.task.m]
 
     @property
     def coordinate_units(self) -> list[str]:
-        """Unit of each of the m coordinates, m or rad."""
+        """Unit of each of the m task coordinates, m or rad."""
         return ["m", "rad", "m", "rad", "rad", "rad"][: self.task.m]
 
     def size(self) -> str:
-        """Write the half-widths: ``radius ±0.17 m, height ±0.2 m, angle ±2.9 rad``."""
+        """Format the half-widths: ``radius ±0.17 m, height ±0.2 m, angle ±2.9 rad``."""
         w, parts = self.widths, [f"radius ±{self.widths[RADIUS]:.3g} m"]
         if self.task.m > 2:
             parts.append(f"height ±{w[HEIGHT]:.3g} m")
@@ -375,7 +392,7 @@ class Sector(Cell):
         return f"±{self.widths[i]:.3g} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Write a pose: ``(0.1, 0.2, 0.5) m, tilted by (0.3, 0) rad``."""
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, tilted by (0.3, 0) rad``."""
         x, u = self.at(u), vector(u, self.k, "u", "one per coordinate of the cell")
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         y = self.spread(u[None])[0]
@@ -386,7 +403,7 @@ class Sector(Cell):
         return text
 
     def symmetry(self) -> str:
-        """Write which symmetries of the arm are used."""
+        """Return a text that names the symmetries of the arm that are used."""
         names = self.task.joint_names
         words = {
             ANGLE: "{} turns the whole arm about the axis",

@@ -1,4 +1,4 @@
-"""Arguments of a sector: its axis and half-widths, checked."""
+"""Validation and conversion of the arguments of a sector: axis and half-widths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ Angle = float | Literal["all"]
 
 
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
-    """Check an axis: a point, m, and its unit direction (2, 3)."""
+    """Convert the argument ``axis`` to an array (2, 3): a point, m, and the unit direction.
+
+    None is the vertical axis of the base. The axis must be normal to the plane of a planar task.
+    """
     line = as_numbers(_VERTICAL if axis is None else axis)
     if line is None or line.shape != (2, 3) or not np.isfinite(line).all() or not line[1].any():
         raise InputError(
@@ -38,12 +41,12 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
 
 
 def as_half_width(value: Any, name: str, unit: str) -> float:
-    """Check a half-width."""
+    """Check a half-width, and return it as float; ``name`` and ``unit`` serve error messages."""
     return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
 
 
 def as_height(task: Task, height: float) -> float:
-    """Check the half-width of the height, which a planar task does not command."""
+    """Check the half-width of the height, m, and return it; it must be 0 for a planar task."""
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
@@ -53,7 +56,7 @@ def as_height(task: Task, height: float) -> float:
 
 
 def as_turn(angle: Angle, name: str) -> float:
-    """Check a half-width of a turn, rad; half a turn for ``"all"``."""
+    """Check the half-width of the angle or the spin, and return it, rad; ``"all"`` gives π."""
     if isinstance(angle, str):
         require_choice(angle, ("all",), name)
         return np.pi
@@ -66,7 +69,8 @@ def as_turn(angle: Angle, name: str) -> float:
 
 
 def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
-    """Check the half-widths of the tilts, and of a third turn if there is one."""
+    """Check the argument ``half_angle``, and return an array (2,) or (3,), rad: half-widths of the
+    two tilts and, if given, of the rotation about the tool's z axis."""
     array = as_numbers(half_angle)
     if task.m <= 3:
         if array is None or array.any():
@@ -87,7 +91,7 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
 
 
 def no_spin(task: Task) -> InputError:
-    """Make the error of a spin that the task or a third half_angle excludes."""
+    """Make the error for a ``spin`` that is not possible with the task or a third half_angle."""
     if task.kind == "pose":
         return InputError("spin and a third half_angle are mutually exclusive")
     return InputError(
@@ -98,7 +102,7 @@ def no_spin(task: Task) -> InputError:
 
 
 def no_joint(task: Task, name: str) -> str:
-    """Write that an arm has no joint along a coordinate that shall go as far as the joints do."""
+    """Return the message that the arm has no joint for the range "all" of ``angle`` or ``spin``."""
     what = {
         "angle": "turns the whole arm about the axis",
         "spin": "turns the tool about its z axis through the frame's origin",

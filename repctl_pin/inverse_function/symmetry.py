@@ -1,4 +1,5 @@
-r"""Symmetries of an arm that a function can have: one joint turns the whole arm, or the tool."""
+r"""Detection of symmetries of an arm: one joint turns the whole arm about an axis, or the tool
+about its z axis."""
 
 from __future__ import annotations
 
@@ -12,26 +13,26 @@ from ..arguments import Array
 from ..robot.task import Task
 
 _TOLERANCE = 1e-9
-"""Largest deviation of a symmetry, m or rad."""
+"""Maximum deviation from an exact symmetry, m or rad."""
 
 _CONFIGURATIONS, _STEP = 6, 0.7
-"""Random configurations at which a symmetry is tested, and the joint step, rad. An analytic
-identity that holds at random points holds everywhere."""
+"""Number of random configurations at which a symmetry is tested, and the joint step of the test,
+rad. An analytic identity that holds at random points holds everywhere."""
 
 
 @dataclass(frozen=True)
 class Symmetry:
-    """A joint that moves the frame along one coordinate of a sector, from every configuration.
+    """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    ``f(q + s e_j)`` is ``f(q)`` with the coordinate increased by ``sign · s``, and nothing else
-    changed; so ``F + sign · y e_j`` is the function at a coordinate larger by y.
+    The pose ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So if the
+    coordinate of a pose x is increased by y, its configuration is ``F(x) + sign · y e_j``.
 
     Attributes
     ----------
     coordinate : int
-        The coordinate: 1 for the angle, 5 for the spin.
+        Index of the coordinate: 1 for the angle, 5 for the spin.
     joint : int
-        j, counted from 0.
+        Index j of the joint, counted from 0.
     sign : int
         1 or −1.
     """
@@ -42,7 +43,10 @@ class Symmetry:
 
 
 def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
-    """Find the joint that turns the whole arm about an axis (2, 3): point and unit direction."""
+    """Find the joint that turns the whole arm about an axis; None if there is none.
+
+    The axis (2, 3) is a point, m, and a unit direction.
+    """
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
         R = pin.exp3(angle * axis[1])
@@ -52,7 +56,7 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
 
 
 def tool_symmetry(task: Task) -> Symmetry | None:
-    """Find the joint whose axis is the tool's z axis through the frame's origin."""
+    """Find the joint whose axis is the tool's z axis through the frame's origin, or None."""
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
         return pin.SE3(x.rotation @ pin.exp3(np.array([0.0, 0.0, angle])), x.translation)
@@ -78,7 +82,8 @@ def _found(
 
 
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
-    """Measure the difference of two placements in what the task commands, m and rad."""
+    """Compute the largest difference of two placements in the task's components, m or entries of
+    the rotation matrix."""
     e = [(x.translation - y.translation)[task.rows[: min(3, task.m)]]]
     if task.kind == "pose":
         e.append((x.rotation - y.rotation).ravel())

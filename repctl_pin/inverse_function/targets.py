@@ -1,4 +1,4 @@
-"""Arrays of poses: homogeneous matrices, or positions with quaternions."""
+"""Conversion of target poses to arrays, from placements, matrices, or positions and quaternions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..robot.task import Task
 from .cell_arguments import stacked
 
 _UNIT = 1e-4
-"""How far the length of a quaternion may be from 1; it is normalised."""
+"""Maximum deviation of the norm of a quaternion from 1; quaternions are normalised."""
 
 _ROTATION = 1e-6
 
@@ -31,15 +31,16 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
     Parameters
     ----------
     task
-        The task; only one with a rotation has the rotations checked.
+        The task. Rotation matrices are checked only if the task commands a rotation.
     targets : list of placements, (K, 4, 4) or (K, 7) array
-        A row of seven is a position and a quaternion, ``x, y, z, qx, qy, qz, qw``. A row that is
-        not finite stays so.
+        A row of seven is a position, m, and a quaternion, ``x, y, z, qx, qy, qz, qw``. Rows that
+        are not finite are not checked, and remain not finite.
 
     Raises
     ------
     InputError
-        If the form is another, or a rotation or quaternion is none; it is named by its number.
+        If ``targets`` has none of these forms, a matrix is not a rotation, or a quaternion does not
+        have norm 1. The message names the target by its number.
     """
     array: Any = targets
     if isinstance(array, np.ndarray) and array.ndim == 2 and array.shape[1] == 7:

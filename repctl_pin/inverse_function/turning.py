@@ -1,5 +1,5 @@
-"""How far a function goes along the symmetric coordinates of its sector, and its chart in all
-coordinates."""
+"""Range of a function along the symmetric coordinates (angle, spin) of its sector, and its chart in
+all coordinates of the sector."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from .monomials import Monomials
 from .sector import ANGLE, HEIGHT, Sector
 
 _POSES, _STARTS = 4096, 24
-"""Poses at which the spread of a joint is measured, and from which its ends are searched for."""
+"""Numbers of poses at which the values of a joint are evaluated, and of those from which smaller
+and larger values are searched for."""
 
 _CONFIGURATIONS, _STEP = 6, 0.7
-"""Configurations at which the symmetry of G_d is tested, and the joint step, rad."""
+"""Number of configurations at which the symmetry of G_d is tested, and the joint step, rad."""
 
 
 @dataclass(frozen=True)
 class Turn:
-    """How far a function goes along a symmetric coordinate.
+    """Range of a function along one symmetric coordinate of a sector.
 
     Attributes
     ----------
@@ -34,18 +35,19 @@ class Turn:
     joint_range : float
         Range of the joint, rad; infinite without limits.
     spread : float
-        Difference between the joint's largest and smallest value over the poses at which the
-        coordinate is 0, rad.
+        Difference between the joint's largest and smallest value over the covered poses at which
+        the coordinate is 0, rad.
     reach : float
-        Range of the coordinate at which all covered poses are inside the joint's limits, rad: the
-        joint's range less the spread, at most a full turn; 0 or less if there is none.
+        Range of the coordinate, rad, in which the joint stays inside its limits at all covered
+        poses. It is ``joint_range − spread``, at most a full turn; 0 or less if there is none.
     nearly, most : float
-        Ranges, around the same middle, at which 99.9 % and 99 % of them are, rad.
+        Ranges around the same middle in which the joint stays inside its limits at 99.9 % and at
+        99 % of the covered poses, rad.
     price : float
-        Extra joint speed of the function, less that of the one that goes as far as the joint does;
-        0 where no range is given that ends it.
+        Extra joint speed of the function, minus that of a function designed for the range
+        ``"all"``; 0 if no such comparison was made.
     unasked : float
-        Reach of that other function, rad.
+        ``reach`` of the function designed for the range ``"all"``, rad; NaN without comparison.
     """
 
     coordinate: str
@@ -82,12 +84,15 @@ class Turn:
 
 
 _SHARES = (0.999, 0.99)
-"""Shares of the covered poses for which a range is given, too."""
+"""Fractions of the covered poses for which the ranges ``nearly`` and ``most`` are computed."""
 
 
 def _ends(chart: Chart, joint: int) -> tuple[float, float, Array]:
-    """Search for the smallest and the largest value of a joint over the covered poses of a cell;
-    and measure the range around their middle of shares of the values."""
+    """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
+
+    Return also the widths (2,) of the intervals, around the mean of both values, that contain
+    99.9 % and 99 % of the values. All are NaN if no pose is covered.
+    """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
@@ -115,8 +120,12 @@ def _limits(task: Task, joint: int) -> tuple[float, float]:
 
 
 def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
-    """Measure how far a chart's function goes along the symmetric coordinates; where it goes as far
-    as the joints do, move the middle of its sector there."""
+    """Compute the range of a chart's function along the symmetric coordinates of its sector.
+
+    Coordinates with the range ``"all"`` get this range: the middle of the sector is moved, and
+    their half-widths are set. Return the chart over the changed sector, and the ranges. A chart
+    without removed symmetries is returned unchanged, with no ranges.
+    """
     sector = chart.cell
     if not isinstance(sector, Sector) or not sector.removed:
         return chart, ()
@@ -140,7 +149,10 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 
 
 def expanded(chart: Chart) -> Chart:
-    """Write a chart in all coordinates of its cell: along a symmetric one, q_ref is linear."""
+    """Convert a chart to all coordinates of its sector, those of removed symmetries included.
+
+    q_ref is linear in these coordinates. Other charts are returned unchanged.
+    """
     sector = chart.cell
     if not isinstance(sector, Sector) or not sector.removed:
         return chart
@@ -162,9 +174,12 @@ def expanded(chart: Chart) -> Chart:
 
 
 def turn_at(chart: Chart, U: Array) -> Array | None:
-    """Measure how far round a function goes, with its tilts anywhere in the sector: (K,) rad, at
-    the radius and height of every row of U (K, k). NaN where no pose is covered;
-    None without the symmetry of the angle."""
+    """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
+
+    In this range, the joint that turns the arm stays inside its limits at every tilt. Rows of U
+    (K, k) are coordinates in the sector, of which tilts and spin are ignored. NaN where no pose is
+    covered. Return None if the symmetry of the angle is not used.
+    """
     sector = chart.cell
     if not isinstance(sector, Sector) or ANGLE not in [one.coordinate for one in sector.removed]:
         return None
@@ -186,9 +201,9 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
 
 
 def reduced(sector: Sector, desired: Batched) -> Sector:
-    """Leave the symmetric coordinates out, where G_d has the symmetry of the arm, too.
+    """Remove from the coordinates of a sector those along which arm and G_d are symmetric.
 
-    ``G_d E`` must be the same at poses that a symmetry joins.
+    G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
     """
     task, one = sector.task, sector.whole
     rng = np.random.default_rng(1)
@@ -202,6 +217,6 @@ def reduced(sector: Sector, desired: Batched) -> Sector:
 
 
 def _rates(sector: Sector, desired: Batched, Q: Array) -> Array:
-    """Evaluate ``G_d E`` per m and rad of every coordinate: (K, n, m)."""
+    """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m)."""
     p, R, J = placed(sector.task, Q)
     return desired.batch(Q, J) @ sector._all_twists(sector._measured(p, R), R)

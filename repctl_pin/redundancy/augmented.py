@@ -14,17 +14,20 @@ SINGULAR = "J_V is singular: the arm is at a singularity, or the control's V is 
 
 
 def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
-    """Invert ``J_V = [J; Vᵀ]`` (37). Its first m columns are G_r, with ``J G_r = I`` and ``Vᵀ G_r =
-    0``.
+    """Invert the augmented Jacobian ``J_V = [J; Vᵀ]`` (37).
+
+    The first m columns of the inverse are G_r, with ``J G_r = I`` and ``Vᵀ G_r = 0``.
 
     Parameters
     ----------
     J : (..., m, n) array
     V : (..., n, r) array
+        Gradients of the potentials.
 
     Returns
     -------
     (..., n, n) array
+        J_V⁻¹.
 
     Raises
     ------
@@ -55,19 +58,21 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
 
 
 def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
-    """Test which square matrices are far enough from singular.
+    """Test which square matrices are numerically regular, given their inverses.
 
     The sine of the angle between row i of A and the span of the other rows is
-    ``1 / (‖row_i of A‖ ‖column_i of A⁻¹‖)``; the smallest must exceed 1e-6. It depends neither on
-    the units of the rows nor on the scale of a potential.
+    ``1 / (‖row_i of A‖ ‖column_i of A⁻¹‖)``. Its minimum over the rows must exceed 1e-6. The sine
+    depends neither on the units of the rows nor on the scale of a potential.
 
     Parameters
     ----------
     A, inverse : (..., n, n) arrays
+        The matrices and their inverses.
 
     Returns
     -------
     (...) array of bool
+        True where A is regular.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # rows whose square overflows are singular
         size = np.sum(A**2, axis=-1) * np.sum(inverse**2, axis=-2)
@@ -75,7 +80,7 @@ def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
 
 
 def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
-    """Correct a desired inverse such that its motions keep h constant, ``V = ∇h``.
+    """Correct a desired inverse so that its motions keep the potentials h constant.
 
     ``G_r = G_d − N (Vᵀ N)⁻¹ Vᵀ G_d`` (32), (38).
 
@@ -86,11 +91,12 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
     N : (..., n, r) array
         Orthonormal null-space basis of J.
     V : (..., n, r) array
-        Augmenting matrix.
+        Gradients of the potentials, ``V = ∂hᵀ/∂q``.
 
     Returns
     -------
     (..., n, m) array
+        The repeatable inverse G_r.
 
     Raises
     ------
@@ -106,16 +112,17 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
 
 
 def leaf_margin(N: ArrayLike, V: ArrayLike) -> Array:
-    """Evaluate the leaf margin ``σ_min(Nᵀ V̂)``, V̂ an orthonormal basis of V; 0 is singular.
+    """Evaluate the leaf margin ``σ_min(Nᵀ V̂)``: from 1 (best) to 0, an algorithmic singularity.
 
-    It is the sine of the smallest angle between span V and the row space of J, at most 1, and does
-    not depend on the gauge V → V T.
+    V̂ is an orthonormal basis of the columns of V. The margin is the sine of the smallest angle
+    between span V and the row space of J. It is the same for V and V T, with T invertible.
 
     Parameters
     ----------
     N : (..., n, r) array
         Orthonormal null-space basis.
     V : (..., n, r) array
+        Gradients of the potentials.
 
     Returns
     -------

@@ -1,4 +1,5 @@
-"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, and G ↔ W (21), (22)."""
+"""Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, and the null-space component
+W of ``G = J⁺ + N Wᵀ`` (21), (22)."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ from ..arguments import Array, as_matrices
 from ..errors import InputError, SingularityError
 
 RANK_TOLERANCE = 1e-6
-"""Minimum sine of the angle between a row of J and the span of the others, for full rank."""
+"""J has full rank if the sine of the angle between each row and the span of the other rows is above
+this."""
 
 
 def pseudoinverse(J: ArrayLike) -> Array:
@@ -68,10 +70,10 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
 
 
 def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
-    """Differentiate the pseudoinverse with respect to every joint.
+    """Evaluate ∂J⁺/∂q, the derivatives of the pseudoinverse with respect to all joints.
 
-    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``; the last factor is
-    ``J⁺ᵀ J⁺``.
+    ``∂J⁺/∂q_k = −J⁺ H_k J⁺ + (I − J⁺J) H_kᵀ (J Jᵀ)⁻¹`` with ``H_k = ∂J/∂q_k``. The factor
+    ``(J Jᵀ)⁻¹`` is computed as ``J⁺ᵀ J⁺``.
 
     Parameters
     ----------
@@ -95,19 +97,23 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 
 
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
-    """Extract W from ``G = J⁺ + N Wᵀ`` (21), (22): ``W = Gᵀ N``, an array (..., m, r)."""
+    """Evaluate the null-space component ``W = Gᵀ N`` (..., m, r) of ``G = J⁺ + N Wᵀ`` (21), (22).
+
+    G (..., n, m) is a generalized inverse of J, N (..., n, r) an orthonormal null-space basis.
+    """
     G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N
 
 
 def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
-    """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (21), an array (..., n, m)."""
+    """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (..., n, m) from its null-space component W
+    (..., m, r) (21)."""
     J, N, W = as_matrices(("J", J, "m n"), ("N", N, "n r"), ("W", W, "m r"))
     return pseudoinverse(J) + N @ np.swapaxes(W, -1, -2)
 
 
 def inverse_condition_number(J: Array) -> Array:
-    """Evaluate ``σ_min / σ_max`` of J (..., m, n); 0 if J loses rank."""
+    """Evaluate the inverse condition number ``σ_min / σ_max`` of J (..., m, n): 0 at rank loss."""
     values = np.linalg.svd(J, compute_uv=False)
     return values[..., -1] / np.maximum(values[..., 0], np.finfo(float).tiny)
 
@@ -115,7 +121,7 @@ def inverse_condition_number(J: Array) -> Array:
 def row_factor(
     J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced"
 ) -> tuple[Array, Array]:
-    """Factor ``Jᵀ = Q R``, and refuse a J without full row rank.
+    """Factor ``Jᵀ = Q R``, and raise an error if J does not have full row rank.
 
     Returns
     -------

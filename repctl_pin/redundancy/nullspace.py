@@ -1,4 +1,4 @@
-"""Null space of J: an orthonormal basis N, the smooth null vector, and alignment of bases."""
+"""Null space of J: orthonormal basis N, smooth null vector for r = 1, alignment of bases."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def nullspace(J: ArrayLike) -> Array:
 def null_vector(J: ArrayLike) -> Array:
     """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
 
-    ``n_i = (−1)^i det(J without column i)``, i counted from 0; not normalised. These are (12), (18)
-    and √2 times (41). ``‖n‖² = det(J Jᵀ)``, so it vanishes where J loses rank.
+    ``n_i = (−1)^i det(J without column i)``, i counted from 0. It equals (12) and (18), and √2
+    times (41). It is not normalised: ``‖n‖² = det(J Jᵀ)``, so it vanishes where J loses rank.
 
     Parameters
     ----------
@@ -48,6 +48,7 @@ def null_vector(J: ArrayLike) -> Array:
     Returns
     -------
     (..., m + 1) array
+        The null vector n.
     """
     (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
@@ -58,19 +59,22 @@ def null_vector(J: ArrayLike) -> Array:
 
 
 def align(N: ArrayLike, reference: ArrayLike) -> Array:
-    """Rotate a basis within its span, closest to a reference basis (orthogonal Procrustes).
+    """Rotate a basis within its span to be closest to a reference basis (orthogonal Procrustes).
 
-    ``N → N U Vᵀ`` with ``Nᵀ N_ref = U S Vᵀ``. Smooth in q wherever ``Nᵀ N_ref`` keeps full rank.
+    N becomes ``N U Vᵀ`` with the singular value decomposition ``Nᵀ N_ref = U S Vᵀ``. The result is
+    smooth in q wherever ``Nᵀ N_ref`` keeps full rank.
 
     Parameters
     ----------
     N : (..., n, r) array
-        Orthonormal columns.
+        Basis with orthonormal columns.
     reference : (..., n, r) array
+        Reference basis N_ref.
 
     Returns
     -------
     (..., n, r) array
+        The rotated basis.
     """
     N, reference = as_matrices(("N", N, "n r"), ("reference", reference, "n r"))
     along = np.swapaxes(N, -1, -2) @ reference

@@ -1,4 +1,4 @@
-"""Numerical methods, each once, with the problem passed in: Newton, Levenberg–Marquardt, descent in
+"""Numerical methods that do not depend on robots: Newton's method, Levenberg–Marquardt, descent in
 a box, block-tridiagonal systems."""
 
 from .block_tridiagonal import solve_block_tridiagonal

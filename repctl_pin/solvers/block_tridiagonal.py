@@ -14,8 +14,8 @@ def solve_block_tridiagonal(
 ) -> Array:
     """Solve a positive definite system ``D_k a_k + U_k a_{k+1} + U_{k−1}ᵀ a_{k−1} = b_k``.
 
-    In a cyclic system the neighbour of the last block is the first one. Its blocks are numbered
-    0, 1, K − 1, 2, K − 2, …, so that neighbours are at most two apart and the matrix is banded.
+    In a cyclic system, block K − 1 is coupled to block 0. The blocks are then reordered as
+    0, 1, K − 1, 2, K − 2, …, so that coupled blocks are at most two apart and the matrix is banded.
 
     Parameters
     ----------
@@ -26,11 +26,12 @@ def solve_block_tridiagonal(
     rhs : (K, r) array
         Right-hand sides b_k.
     cyclic
-        Whether block K − 1 has block 0 as its neighbour.
+        Whether block K − 1 is coupled to block 0.
 
     Returns
     -------
     (K, r) array
+        The solution a_k.
 
     Raises
     ------
@@ -52,6 +53,9 @@ def solve_block_tridiagonal(
 
 
 def _cyclic_order(K: int) -> NDArray[np.intp]:
-    """Place of each block of a cyclic system: 0, 1, 3, 5, … up one side, …, 6, 4, 2 down."""
+    """Compute the position (K,) of each block in the reordered cyclic system: 0, 1, 3, 5, …, 4, 2.
+
+    Blocks on the first half of the cycle have odd positions, those on the second half even ones.
+    """
     k = np.arange(K)
     return np.where(k == 0, 0, np.where(k <= K // 2, 2 * k - 1, 2 * (K - k)))

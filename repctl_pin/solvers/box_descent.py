@@ -1,4 +1,4 @@
-"""Descent in a box from many starts at once, each with a step length of its own."""
+"""Descent in a box from many starting points at once, each with its own adaptive step length."""
 
 from __future__ import annotations
 
@@ -16,14 +16,20 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class StepLengths:
-    """Rules of the step lengths.
+    """Parameters of the adaptive step lengths in :func:`descend_in_box`.
 
     Attributes
     ----------
-    first, longest, shortest : float
-        Bounds; a start whose length is below ``shortest`` has ended.
-    longer, shorter : float
-        Factor after a step that helped, divisor after one that did not.
+    first : float
+        Initial step length.
+    longest : float
+        Maximum step length.
+    shortest : float
+        The search from a starting point ends when its step length is not above this.
+    longer : float
+        Factor of the step length after a step that lowered the function.
+    shorter : float
+        Divisor of the step length after a step that was rejected.
     steps : int
         Maximum number of steps.
     """
@@ -46,24 +52,28 @@ def descend_in_box(
     enough: float = -inf,
     accepted: Callable[[Rows, NDArray[np.bool_]], None] | None = None,
 ) -> None:
-    """Minimise a function over a box from several starts at once; x and value are overwritten.
+    """Minimise a function over a box from several starting points at once.
+
+    The arrays x and value are overwritten by the final points and the function's values there.
 
     Parameters
     ----------
     x : (S, n) array
-        The starts, in the box.
+        Starting points in the box.
     value : (S,) array
-        The function there.
+        Values of the function at x.
     trial : function (rows (L,), lengths (L,)) → (L, n)
-        Points of the box, such steps down the slope from some of the rows of x.
+        Trial points in the box: from each of the given rows of x, one step of the given length
+        down the slope.
     evaluate : function (rows (L,), points (L, n)) → values (L,), allowed (L,)
-        The function at trial points, and whether a step may end there.
+        Values of the function at trial points, and whether each point may be accepted.
     lengths
-        How the step lengths change.
+        Parameters of the step lengths.
     enough
-        The search ends where a value is at most this.
+        The whole search ends as soon as any value is at most this.
     accepted : function (rows (L,), better (L,)), optional
-        Called after each step, with the rows that were tried and which of them moved.
+        Called after each step with the rows that were tried, and a mask of those whose trial point
+        was accepted.
     """
     length = np.full(len(x), lengths.first)
     for _ in range(lengths.steps):

@@ -13,13 +13,13 @@ D = TypeVar("D")
 M = TypeVar("M")
 
 _LESS, _MORE = 5.0, 5.0
-"""Factors of the damping after a step with a good gain, and after one with a poor gain."""
+"""Divisor of the damping after a step with a good gain, and factor after one with a poor gain."""
 
 _RETRY, _FIRST_RETRY = 4.0, 1e-3
-"""Factor of the damping after a step that failed, and the smallest damping then."""
+"""Factor of the damping after a rejected step, and smallest damping after a rejected step."""
 
 _RELAXED = 100.0
-"""Divisor of the damping where the damped step predicts no decrease, but a longer one may."""
+"""Divisor of the damping if the damped step predicts no decrease: a longer step may."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +30,13 @@ class Point(Generic[D]):
     Attributes
     ----------
     merit : float
-        The number that is minimised.
+        The objective that is minimised, penalties included.
     cost : float
-        The part of it by which convergence is judged.
+        The objective whose changes decide on convergence, such as the merit without penalties.
     allowed : bool
-        Whether a step may end here.
+        Whether a step that ends at x may be accepted.
     data
-        Values that the problem keeps for its model.
+        Intermediate values from which :meth:`LeastSquares.model` computes g and H.
     x : array
     """
 
@@ -50,7 +50,7 @@ class Point(Generic[D]):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Step:
-    """A damped step.
+    """Damped Gauss–Newton step; g, H, D and μ as in :class:`LeastSquares`.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Step:
     predicted : float
         Decrease of the merit that the damped model predicts.
     damping : float
-        μ that was used: at least the one that was asked for.
+        μ that was used; larger than the requested one if H + μ D was not positive definite.
     """
 
     dx: Array
@@ -68,37 +68,44 @@ class Step:
 
 
 class LeastSquares(Protocol[D, M]):
-    """A nonlinear least-squares problem."""
+    """Interface of a nonlinear least-squares problem: a merit of x, its gradient g and its
+    Gauss–Newton matrix H."""
 
     def evaluate(self, x: Array) -> Point[D]:
-        """Evaluate the objective at x, with all that a model needs."""
+        """Evaluate the objective at x, and the intermediate values that :meth:`model` needs."""
 
     def merit(self, x: Array) -> float:
-        """Evaluate the merit alone; infinite where a step may not end."""
+        """Evaluate the merit alone; infinite where a step may not be accepted."""
 
     def model(self, at: Point[D]) -> M:
-        """Evaluate gradient g and Gauss–Newton matrix H."""
+        """Evaluate the gradient g and the Gauss–Newton matrix H at a point."""
 
     def step(self, model: M, damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g``; D is the problem's own scaling."""
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``; the problem chooses the scaling D."""
 
 
 @dataclass(frozen=True)
 class Damping:
-    """Rules of the damping μ and of the steps.
+    """Parameters of the damping μ and of the acceptance of steps.
+
+    The gain of a step is the actual decrease of the merit divided by the predicted one.
 
     Attributes
     ----------
-    first, smallest, largest : float
+    first : float
+        Initial μ.
+    smallest, largest : float
         Bounds of μ.
     negligible : float
-        μ below which it is set to ``smallest``.
+        If μ is not above this, lowering it sets it to ``smallest``.
     good, fair : float
-        Gains, true decrease over predicted one, above which μ is lowered, or left as it is.
+        μ is lowered if the gain is above ``good``, and raised if it is not above ``fair``.
     sufficient : float
-        Share of the predicted decrease that a step must bring.
+        Fraction of the predicted decrease that a step must achieve to be accepted.
     halvings : int
-        Lengths tried of a step that brings less; with 0 it is computed anew with a larger μ.
+        Number of step lengths (1, ½, ¼, …) that are tried before a step is rejected and the
+        iteration ends. With 0, only the full step is tried; a rejected one is computed again with
+        a larger μ.
     """
 
     first: float = 0.0
@@ -111,7 +118,7 @@ class Damping:
     halvings: int = 0
 
     def after(self, damping: float, gain: float) -> float:
-        """Choose μ after a step that was taken."""
+        """Return the next μ after an accepted step, from its μ and its gain."""
         if gain > self.good:
             damping = damping / _LESS if damping > self.negligible else self.smallest
         elif gain <= self.fair:
@@ -121,18 +128,18 @@ class Damping:
 
 @dataclass(frozen=True)
 class Solution(Generic[D, M]):
-    """End of the iteration.
+    """Result of :func:`levenberg_marquardt`.
 
     Attributes
     ----------
     at : Point
-        x, and the objective there.
+        Final x, and the objective there.
     model
-        The last model that was evaluated; None if the start was not finite.
+        The last model (g, H) that was evaluated; None if the merit at the start was not finite.
     start : float
         The cost at the start.
     steps : int
-        Steps, and models whose damping was lowered instead.
+        Number of iterations: accepted steps, and iterations that only lowered μ.
     converged : bool
     """
 
@@ -164,18 +171,19 @@ def levenberg_marquardt(
     x
         The start.
     rules
-        How the damping is chosen, and what follows a step that fails.
+        Parameters of the damping, and of the acceptance of steps.
     steps
-        Maximum number of steps.
+        Maximum number of iterations.
     tolerance, patience
         The iteration has converged after ``patience`` steps in a row with a relative change of the
         cost of at most ``tolerance``.
     predicted
-        It has also converged where an undamped step predicts a relative decrease of at most this.
+        It has also converged if a step with the smallest damping predicts a decrease of at most
+        this fraction of the cost.
     enough
-        It has also converged where the cost is at most this.
+        It has also converged if the cost is at most this.
     report : function (steps, cost), optional
-        Called before each step.
+        Progress callback, called before each step.
     """
     here = problem.evaluate(x)
     if not isfinite(here.merit):
@@ -218,9 +226,10 @@ def levenberg_marquardt(
 def _taken(
     problem: LeastSquares[D, M], here: Point[D], step: Step, rules: Damping
 ) -> Point[D] | None:
-    """Take a step, halved until it brings enough of the predicted decrease; None if it never does.
+    """Backtracking line search: halve a step until the merit decreases sufficiently.
 
-    The full step is evaluated with all that a model needs, because it is usually taken.
+    Return the accepted point, or None if no length is accepted. The full step is usually accepted,
+    so it is evaluated with the intermediate values that the next model needs.
     """
 
     def most(length: float) -> float:

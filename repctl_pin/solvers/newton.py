@@ -1,7 +1,7 @@
 """Newton's method with bounded steps, for equations such as f(q) = x on a leaf h(q) = c.
 
-Both forms are needed for speed: :func:`newton` solves one system with few calls and little memory,
-for control loops; :func:`newton_rows` solves many systems at once, with batched linear algebra."""
+For control loops, :func:`newton` solves one system with few calls and little memory.
+:func:`newton_rows` solves many systems at once by batched linear algebra."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scipy.linalg.blas import daxpy, idamax
 from ..arguments import Array
 
 _ROUNDING = 1e-13
-"""Size of a step, rad or m, that rounding errors alone explain."""
+"""Largest entry of a step, rad or m, below which the step is rounding error."""
 
 _SMALLEST_SCALE = 1e-6
 """Scale of a step below which the line search gives up."""
@@ -37,26 +37,29 @@ def newton(
     Parameters
     ----------
     correction : function q → dq (n,)
-        Newton's step ``−F'(q)⁻¹ F(q)``. It may return the same memory each time.
+        Newton's step ``−F'(q)⁻¹ F(q)``. It may reuse one output array in all calls.
     start : (n,) array
         The first q.
     longest
         Longest step of any joint, rad or m; a longer step is shortened to it.
     tolerance
-        Size of the last step, rad or m, or of the residual, if one is given.
+        The method has converged when no joint moves by more than this in a step, rad or m; if
+        ``residual`` is given, when the residual is below this.
     iterations
         Maximum number of steps.
     contraction
-        If given, no step is shortened: the first may be ``longest``, each other one at most this
-        factor of the one before. Otherwise the solution is on another sheet, and None is returned.
+        If given, steps are never shortened. The first step may be at most ``longest``, and each
+        later one at most this factor times the step before. A longer step means that the iteration
+        leads to a different solution branch, and None is returned.
     residual : function q → float, optional
-        ‖F(q)‖. If given, each step is halved until the residual falls, and the iteration ends where
-        it does not. It is evaluated at q just before each correction.
+        ‖F(q)‖. If given, each step is halved until the residual falls; the iteration ends if it
+        never falls. The last call before each ``correction`` is at the same q.
 
     Returns
     -------
     (n,) array or None
-        None if the method did not converge; with a residual, the last q in any case.
+        The solution; None if the method did not converge. With ``residual``, the last q is
+        returned even then.
     """
     q, n = start.copy(), len(start)
     last = float_info.max if contraction is None else longest
@@ -86,7 +89,10 @@ def newton(
 def _line_search(
     residual: Callable[[Array], float], q: Array, dq: Array, scale: float, left: float
 ) -> tuple[Array, float]:
-    """Halve a step until the residual is below ``left``; return q and ``left`` if it never is."""
+    """Halve the step ``scale · dq`` until the residual falls below ``left``, the residual at q.
+
+    Return the new q and its residual; the old ones if the residual never falls.
+    """
     while True:
         trial = q + scale * dq
         lower = residual(trial)
@@ -110,21 +116,23 @@ def newton_rows(
     Parameters
     ----------
     correction : function (Q (L, n), rows (L,)) → dQ (L, n)
-        Newton's steps of some of the systems. Where one is not finite, no step is taken.
+        Newton's steps of the systems with these numbers. Entries that are not finite count as 0.
     start : (K, n) array
         The first q of each system.
     longest
         Longest step of any joint, rad or m; a longer step is shortened to it.
     tolerance
-        Size of a step, rad or m, after which a row is left as it is.
+        A system is finished after a step that moves no joint by more than this, rad or m.
     iterations
         Maximum number of steps.
 
     Returns
     -------
     Q : (K, n) array
+        Last q of each system.
     size : (K,) array
-        Size of each row's last step; infinite where it was not finite.
+        Largest entry of each system's last step before it was shortened, rad or m; infinite if the
+        step was not finite.
     """
     Q = start.copy()
     size = np.full(len(Q), inf)
@@ -141,7 +149,10 @@ def newton_rows(
 
 
 def _shortened(dQ: Array, longest: float) -> Array:
-    """Shorten steps (K, n) whose largest entry is above ``longest``; NaN becomes 0."""
+    """Scale Newton steps dQ (K, n) so that no joint moves by more than ``longest``, rad or m.
+
+    Return the scaled steps (K, n), in which NaN and infinite entries are replaced by 0.
+    """
     dQ = np.where(np.isfinite(dQ), dQ, 0.0)
     size = np.maximum(np.abs(dQ).max(axis=1), 1e-300)
     return dQ * np.minimum(1.0, longest / size)[:, None]
