@@ -18,7 +18,8 @@ REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
 
 class Stopped(BaseException):
-    """SIGTERM or SIGHUP, raised in the main thread, so that half-written files are removed."""
+    """Exception for SIGTERM or SIGHUP, raised in the main thread, so that clean-up code removes
+    half-written files."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -27,7 +28,8 @@ class Stopped(BaseException):
 
 @contextmanager
 def stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
+    """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, instead of ending the process at
+    once."""
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if (
         threading.current_thread() is not threading.main_thread()
@@ -45,7 +47,8 @@ def stopped_cleanly() -> Iterator[None]:
             raise Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Raise it again later if it was raised inside a finaliser, which drops exceptions."""
+        """Send the signal again if its exception was raised in a finaliser, where Python drops
+        exceptions."""
         nonlocal coming
         if isinstance(what.exc_value, Stopped):
             coming = False
@@ -70,7 +73,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
     Parameters
     ----------
     run
-        The command.
+        Function that runs the command and returns its exit code.
     arguments
         Arguments of the command, quoted in the message of an internal error.
     debug
@@ -110,7 +113,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
 
 
 def _say(line: str, code: int) -> int:
-    """Print the line, unless stderr is closed."""
+    """Print an error line on stderr, unless it is closed, and return the exit code."""
     clear_line()
     try:
         say_line(f"repctl: {' '.join(line.split())}")
@@ -120,7 +123,7 @@ def _say(line: str, code: int) -> int:
 
 
 def _drop_output() -> None:
-    """Discard pending output: the interpreter would complain about it at exit."""
+    """Discard output that cannot be written, so that the interpreter does not report it at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:
