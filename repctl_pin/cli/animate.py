@@ -108,8 +108,7 @@ def _check(options: Options) -> None:
 
 
 def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
-    """Run both controllers of a design along the path in real time, shown in the browser, until
-    Ctrl-C or SIGTERM."""
+    """Run both controllers of a design in real time, in the browser, until Ctrl-C or SIGTERM."""
     from ..motion.governed_loop import GovernedLoop
     from ..motion.loop import Loop
 

@@ -130,8 +130,7 @@ def _add_sector(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Find the function of the cell, print its table, and write cell.json, cell.html and
-    cell.png."""
+    """Find the function, print its table, and write cell.json, cell.html and cell.png."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.json)
     needed("matplotlib", "meshcat", by="repctl cell")
@@ -323,8 +322,7 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _turns(design: rp.CellDesign) -> dict[str, Any]:
-    """Convert how far a sector's function reaches in ``angle`` and ``spin``, for JSON; infinite
-    ranges become None."""
+    """Convert a sector's ranges of ``angle`` and ``spin`` for JSON; infinite ones become None."""
     from math import isfinite
 
     turns = [

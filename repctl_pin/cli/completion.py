@@ -74,8 +74,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _words_and_files(name: str, robots: list[str]) -> dict[str, str]:
-    """Write shell code that completes both words and file names, for each shell; shtab offers only
-    one of them."""
+    """Write shell code that completes words and files, by shell; shtab cannot combine the two."""
     words = " ".join(robots) if name == "robot" else WORDS["--path"]
     return {
         "bash": f"_repctl_{name}",

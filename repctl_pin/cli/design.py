@@ -188,8 +188,7 @@ def _check(options: Options, degree: Any) -> None:
 
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
-    """Make the problem: on the path of ``--path``, or without a path and with Ω of
-    :func:`_region`."""
+    """Make the problem: with the path of ``--path`` or, without it, with :func:`_region` as Ω."""
     from ..problem import check_degree
 
     region = None if options.path is not None else partial(_region, options)
@@ -200,8 +199,7 @@ def _problem(options: Options, degree: Any) -> rp.Problem:
 
 
 def _region(options: Options, task: rp.Task, q0: Any) -> Region:
-    """Make Ω: the box around the start q0, cut at the joint limits, or its part inside
-    ``--workspace``."""
+    """Make Ω: the box around the start within the joint limits, or its part in ``--workspace``."""
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:
         return box

@@ -18,8 +18,7 @@ REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
 
 class Stopped(BaseException):
-    """Exception for SIGTERM or SIGHUP, raised in the main thread, so that clean-up code removes
-    half-written files."""
+    """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -28,8 +27,7 @@ class Stopped(BaseException):
 
 @contextmanager
 def stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, instead of ending the process at
-    once."""
+    """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if (
         threading.current_thread() is not threading.main_thread()
@@ -47,8 +45,7 @@ def stopped_cleanly() -> Iterator[None]:
             raise Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Send the signal again if its exception was raised in a finaliser, where Python drops
-        exceptions."""
+        """Send the signal again if it was raised in a finaliser, where Python drops exceptions."""
         nonlocal coming
         if isinstance(what.exc_value, Stopped):
             coming = False

@@ -19,8 +19,7 @@ BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @contextmanager
 def executor_of(options: Options) -> Iterator[Any]:
-    """Open the executor of ``--processes`` or ``--dask``, and close it at the end; None without
-    these options."""
+    """Open the executor of ``--processes`` or ``--dask``, and close it later; None without them."""
     if options.dask is not None:
         try:
             from distributed import Client

@@ -188,8 +188,7 @@ def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
 
 
 def _check_control(options: Options) -> None:
-    """Raise an error for options that exclude or require each other, or for one file given
-    twice."""
+    """Raise an error for options that exclude or require each other, or name one file twice."""
     given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
         raise InputError(
@@ -305,8 +304,7 @@ def _timing(options: Options) -> dict[str, Any]:
 
 
 def _named(text: str, option: str) -> str | list[float]:
-    """Parse the value of --acceleration or --jerk: a name such as panda, one number, or one per
-    joint."""
+    """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint."""
     if text.strip().isidentifier():
         return text.strip()
     return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")

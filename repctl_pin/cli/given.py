@@ -27,7 +27,7 @@ REGION = 0.4
 
 
 class Options(argparse.Namespace):
-    """Parsed options of a command, with methods that make the objects which they describe.
+    """Parsed options of a command, with methods that make the objects described by them.
 
     Attributes
     ----------
@@ -69,8 +69,7 @@ class Options(argparse.Namespace):
         }
 
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
-        """Make the problem that the options describe; ``parts`` replace arguments of
-        ``rp.Problem``."""
+        """Make the problem that the options describe; ``parts`` replace its arguments."""
         asked = {
             "frame": self.frame,
             "kind": self.task,
@@ -81,8 +80,7 @@ class Options(argparse.Namespace):
         return rp.Problem(robot or self.load_robot(), **(asked | parts))
 
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
-        """Make the problem that a saved design solves, with the start and path of the options, if
-        given."""
+        """Make the problem of a saved design, with the start and path of the options, if given."""
         from ..problem import problem_of
 
         asked = {"start": self.asked_start()}
@@ -115,8 +113,8 @@ class Options(argparse.Namespace):
         return design
 
     def _robot_of(self, made_for: TaskFile) -> rp.Robot:
-        """Load the robot that a saved design was made for; raise an error for options that
-        contradict the design."""
+        """Load the robot that a saved design was made for; raise an error if options contradict
+        it."""
         file = self.what
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
@@ -235,8 +233,7 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
 
 
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
-    """Rewrite the remedy of an error on a singular Ω in terms of command-line options; return the
-    error."""
+    """Rewrite the remedy of an error on a singular Ω in terms of options; return the error."""
     from ..problem import half_width_within
 
     if error.free is None:

@@ -22,8 +22,7 @@ class Parser(argparse.ArgumentParser):
     """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
 
     def format_help(self) -> str:
-        """Format the help, with the description and the examples wrapped too, which argparse leaves
-        as they are."""
+        """Format the help, and wrap the description and the examples, which argparse does not."""
         return fitted(super().format_help())
 
     def error(self, message: str) -> NoReturn:

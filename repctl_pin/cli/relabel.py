@@ -51,8 +51,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Relabel a recording, print the figures, and write the new recording, cell.json and
-    report.html."""
+    """Relabel a recording, print the figures, and write the new file, cell.json and report.html."""
     file = Path(options.file)
     folder = options.output_folder(file.stem)
     if file.resolve() == (folder / file.name).resolve():

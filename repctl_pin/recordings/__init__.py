@@ -1,5 +1,4 @@
-"""Recorded joint positions and end-effector poses: relabelling with one configuration per pose, and
-audits of drift."""
+"""Recorded joint positions and poses: one configuration for each pose, and audits of drift."""
 
 from .audit import Audit, audit
 from .recording import Recording

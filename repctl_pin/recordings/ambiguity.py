@@ -1,5 +1,4 @@
-"""Ambiguity of configurations recorded for poses: error of a smooth fit q̂(x) on held-out
-frames."""
+"""Ambiguity of recorded configurations: misfit of a smooth function of the pose."""
 
 from __future__ import annotations
 
@@ -24,8 +23,7 @@ _FRAMES_PER_TERM = 3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Ambiguity:
-    """Misfit of smooth fits q̂(x) to several labellings, which assign configurations to the same
-    poses.
+    """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
 
     Attributes
     ----------
@@ -89,8 +87,7 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 
 
 def _folds(session: Column) -> tuple[Column, str]:
-    """Assign frames to cross-validation folds; return each frame's fold, and what a fold is, in
-    words."""
+    """Assign frames to cross-validation folds; return each frame's fold, and the kind of fold."""
     sessions = np.unique(session)
     if len(sessions) > 1:
         return np.searchsorted(sessions, session) % min(len(sessions), _FOLDS), "sessions"
@@ -108,8 +105,7 @@ def _scaled(U: Array) -> Array:
 
 
 def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]) -> Array:
-    """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the folds other than the
-    frame's.
+    """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
 
     ``parts`` are the columns of each labelling. One pass over the frames sums up the normal
     equations, another evaluates the misfit.
@@ -136,8 +132,8 @@ def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Arra
     """Solve the ridge regressions that each leave out one fold: coefficients (folds, N, ·).
 
     G = TᵀT (``gram``) and B = TᵀQ (``right``) of each fold hold its terms T (K, N) and
-    configurations Q. Each labelling has the λ with the smallest misfit on the left-out folds. Of
-    the squared misfit on a fold, only ``tr(Wᵀ G W − 2 Wᵀ B)`` depends on the coefficients W.
+    configurations Q. Each labelling has the λ with the smallest misfit on the left-out folds. The
+    part of the squared misfit on a fold that depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)``.
     """
     K, total, all_right = counts.sum(), gram.sum(axis=0), right.sum(axis=0)
     made = np.empty((len(_RIDGES), *right.shape))

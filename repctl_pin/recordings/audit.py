@@ -82,8 +82,8 @@ class Audit:
     error : float
         Half-width of the 95 % confidence interval of ``rate``, m/s.
     creeps : bool
-        True if the creep of some joint is larger than its confidence interval, with the number of
-        joints allowed for.
+        True if the creep of some joint is larger than the half-width of its confidence interval,
+        which is corrected for the number of joints (Bonferroni).
     notes : tuple of str
         Remarks on the log.
 
@@ -137,24 +137,27 @@ class Audit:
 
     @property
     def scatter(self) -> float:
-        """Robust standard deviation of the origin of joint ``part`` about its trend, m; 0 if the
-        hand does not return."""
+        """Robust standard deviation of the origin of joint ``part`` about its trend, m.
+
+        It is 0 if the hand does not return.
+        """
         if self.joints is None:
             return 0.0
         return float(np.linalg.norm(trend(self.visits.t, self.origins[:, self.part]).scatter))
 
     @property
     def scatters(self) -> bool:
-        """True if configurations differ between visits without a steady creep, by over 10 times
-        ``floor``."""
+        """True if visits differ, but not steadily: a joint's scatter is over 10 times its floor."""
         if self.joints is None or self.creeps:
             return False
         return bool((self.joints.scatter > _MANY * self.floor).any())
 
     @property
     def floor(self) -> Array:
-        """Smallest difference that counts (n,), rad or m: noise of the joint, or tolerance of a
-        closed cycle."""
+        """Smallest difference of each joint that counts (n,), rad or m.
+
+        It is the noise of the joint, or the tolerance of a closed cycle if that is larger.
+        """
         return np.maximum(self.visits.noise, CLOSED * joint_scale(self.task, self.visits.q[0]))
 
     @property
@@ -187,7 +190,7 @@ class Audit:
         return float(left[joint]), self.task.robot_joints[joint]
 
     def summary(self) -> str:
-        """Say in one line whether the arm returns, and how fast it creeps if not."""
+        """Summarise in one line whether the arm returns, and how fast it creeps if not."""
         name, times = self.log.name, f"{self.returns} returns to one hand pose"
         if not self.repeats:
             return f"{name}: the hand does not return to a pose; nothing can be said about creep"
@@ -373,21 +376,18 @@ def _units(task: Task, log: JointLog) -> list[str]:
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Compute the ratio of joint speed to limit at the 99th percentile of steps, for the worst
-    joint."""
+    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint."""
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
 
 
 def _beyond(q: Array, lower: Array, upper: Array) -> Array:
-    """Compute how far each joint exceeds its limits at most: (n,), rad or m; 0 within the
-    limits."""
+    """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
     return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
 
 
 def _sorted_columns(task: Task) -> Any:
-    """Return the column of each joint in a log whose columns are sorted by joint name, as ROS
-    does."""
+    """Return the column of each joint in a log that is sorted by joint name, as ROS does."""
     return np.argsort(np.argsort(task.robot_joints))
 
 

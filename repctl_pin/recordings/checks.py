@@ -43,8 +43,7 @@ def require_metres(task: Task, p: Array) -> None:
 
 
 def require_radians(task: Task, Q: Array) -> None:
-    """Raise an error for configurations (K, n) that are within the joint limits only if read as
-    degrees."""
+    """Raise an error for configurations (K, n) that fit the joint limits only as degrees."""
     beyond = -task.limit_margin(Q)
     if float((beyond.max(axis=1) > _BEYOND).mean()) < 0.5 or not task.revolute.any():
         return
@@ -73,6 +72,7 @@ def require_limits(task: Task, Q: Array) -> None:
 
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
+
     The message names the mistake in the numbers that would explain it, if one is found.
 
     Parameters
@@ -133,8 +133,7 @@ def _orders(n: int) -> list[list[int]]:
 
 
 def _first_is_w(R: Array) -> Array:
-    """Convert rotations (K, 3, 3) as if their quaternions had been given with qw first, not
-    last."""
+    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]).as_matrix()

@@ -1,5 +1,4 @@
-"""Search for a cell around recorded frames, and a function over it near the recorded
-configurations."""
+"""Cell around recorded frames, and a function over it near the recorded configurations."""
 
 from __future__ import annotations
 
@@ -75,8 +74,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of the frames at which the function has a configuration within the
-    limits."""
+    """Compute the share of the frames at which the function has a value within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -105,8 +103,8 @@ def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign
 def _posture(recording: Recording, cell: Cell) -> Array:
     """Select a typical recorded configuration near the middle of a cell.
 
-    Of each session, the one nearest to the middle is considered; the one with the smallest sum of
-    distances to the others is returned.
+    Candidates are the configurations of each session nearest to the middle. The one with the
+    smallest sum of distances to the others is returned.
     """
     assert recording.joints is not None
     U, _ = cell.coordinates(recording.positions, recording.rotations)
@@ -182,8 +180,10 @@ def _sector(recording: Recording, share: float) -> Cell:
 
 
 def _sector_of(probe: Sector, w: Array) -> Sector:
-    """Make a sector with the middle of ``probe`` and half-widths w (m,); a small spin becomes a
-    tilt."""
+    """Make a sector with the middle of ``probe`` and half-widths w (m,).
+
+    A small spin becomes a third half-angle.
+    """
     task = probe.task
     spin = float(w[SPIN]) if task.m > SPIN else 0.0
     turns = w[3:5] if task.m > 3 else 0.0
@@ -207,8 +207,7 @@ def _measured(probe: Cell, p: Array, R: Array) -> Array:
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select the rows of Y, poses (K, m): the given share of them that is nearest to their
-    median."""
+    """Select the rows of Y (K, m), a share of all poses, that are nearest to their median."""
     if share == 1.0:
         return Y
     away = np.abs(Y - np.median(Y, axis=0))

@@ -99,8 +99,7 @@ def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
 
 
 def joint_log(t: Any, q: Any, n: int) -> JointLog:
-    """Make a log of times t (T,), s, and joint positions q (T, n) in memory, after checking
-    them."""
+    """Check times t (T,), s, and joint positions q (T, n), and make a log of them."""
     times, values = as_numbers(t), as_numbers(q)
     sizes = None if values is None or times is None else (times.shape, values.shape)
     if sizes is None or sizes[1] != (*sizes[0], n):
@@ -149,8 +148,10 @@ def _whole(columns: Mapping[str, Column], n: int) -> Array | None:
 
 
 def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) -> JointLog:
-    """Make a log without rows that lack a number or repeat a time; raise an error if time runs
-    backwards."""
+    """Make a log without rows that lack a number or repeat a time.
+
+    If time runs backwards, an error is raised.
+    """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(q).all(axis=1))
     if len(rows) and abs(float(t[rows[0]])) > _NANOSECONDS:
         t = t * 1e-9

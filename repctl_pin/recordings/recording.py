@@ -26,8 +26,10 @@ from .table import Column, Table, read_table
 
 _CHUNK = 2**14
 _LENGTH, _ROTATION = 1e-2, 1e-2
-"""Maximum deviation from 1 of a quaternion's length, and of a rotation matrix's singular values;
-both are normalised."""
+"""Tolerances for the length of a quaternion, and for the singular values of a rotation matrix.
+
+They may deviate from 1 by this much; both are normalised.
+"""
 
 POSITION, QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 JOINTS = ("joints", "q", "qpos", "observation.state")
@@ -200,8 +202,7 @@ def thinned(recording: Recording, most: int) -> Recording:
 
 
 def forward(task: Task, Q: Array) -> tuple[Array, Array]:
-    """Compute positions (K, 3) and rotations (K, 3, 3) of configurations Q (K, n), block by
-    block."""
+    """Compute positions (K, 3) and rotations (K, 3, 3) of configurations Q (K, n), in blocks."""
     p, R = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3))
     for at in blocks(len(Q)):
         p[at], R[at], _ = placed(task, Q[at])
@@ -252,8 +253,7 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
 
 
 def _rotations(R: Array) -> Array:
-    """Project matrices (K, 3, 3) onto the nearest rotations; raise an error for one that is far
-    from any."""
+    """Project matrices (K, 3, 3) onto the nearest rotations; raise an error if one is far away."""
     made = np.empty_like(R)
     for part in blocks(len(R)):
         U, s, Vt = np.linalg.svd(R[part])

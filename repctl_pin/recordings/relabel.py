@@ -295,8 +295,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Compute the level c of each recorded configuration: (K, r); None if no joints were
-    recorded."""
+    """Compute the level c (K, r) of each recorded configuration; None if none were recorded."""
     if recording.joints is None:
         return None
     Q = recording.joints
@@ -311,11 +310,10 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 
 
 def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
-    """Find the level c nearest to the median of the recorded levels that loses no frame and no
-    margin.
+    """Find the level c nearest to the recorded median that loses no frame and no limit margin.
 
-    Levels between the median and 0 are tried. The function was designed for c = 0, which is
-    returned if no other level is as good.
+    Levels between the median and 0 are tried, the nearest to the median first. The function was
+    designed for c = 0, which is returned if all others lose frames or margin.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
@@ -365,8 +363,7 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[Gap, ...]:
-    """List the ranges of consecutive frames of a session that were not relabelled for one
-    reason."""
+    """List the ranges of consecutive frames of a session that lack a label for one reason."""
     kind = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
     kind, session = kind[order], recording.session[order]

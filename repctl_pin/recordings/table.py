@@ -43,8 +43,10 @@ class Table:
     columns: Mapping[str, Column]
 
     def line(self, frame: int) -> str:
-        """Write where a frame, counted from 0, is in the file, for a message: a line of CSV, else
-        its number."""
+        """Write the line of a frame in a CSV file, or its number in another file, for a message.
+
+        Frames are counted from 0.
+        """
         if self.file.suffix.lower() == ".csv":
             return f"{self.file}, line {_line_of(self.file, frame)}"
         return f"{self.file}, frame {frame}"

@@ -75,8 +75,8 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None = None) 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
     The pose with the most visits is taken, and of equal ones the one where the hand stayed longest.
     If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
-    poses on its way there and back twice. Nearby poses are searched in a k-d tree of points ``(p, ℓ
-    R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
+    poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
+    ``(p, ℓ R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 def _tolerance(
     task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
-    """Compute the default tolerance of a hand pose, m, without its lower bound.
+    """Compute the default tolerance of a hand pose, m, to which ``FLOOR`` is added.
 
     It is four times the noise of the distance between two poses, plus the sagitta of the path
     between two rows. ``whole`` is False for the time steps that are gaps.
@@ -187,8 +187,7 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split sorted row numbers into runs of consecutive ones; in between, the hand was farther
-    away."""
+    """Split sorted row numbers into runs of consecutive ones; between runs, the hand was away."""
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
 
@@ -215,8 +214,10 @@ def _closest(
 
 
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
-    """Compute how near the hand comes to the pose of a row at other visits, m; infinite if it never
-    leaves."""
+    """Compute how near the hand comes to the pose of a row at other visits, or while away, m.
+
+    It is infinite if the hand never leaves the pose.
+    """
     others = [one.distance for one in found if row not in one.run]
     if others:
         return min(others)
@@ -225,8 +226,10 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
 
 
 def _at(values: Array, one: _Pass) -> Array:
-    """Average values (T, …) over the rows of a visit; at a quick visit, interpolate where the hand
-    is nearest."""
+    """Average values (T, …) over the rows of a visit.
+
+    At a quick visit, interpolate where the hand is nearest.
+    """
     if len(one.rows) > 1:
         return values[one.rows].mean(axis=0)
     low = min(int(one.at), len(values) - 2)
@@ -234,8 +237,7 @@ def _at(values: Array, one: _Pass) -> Array:
 
 
 def _onto(task: Task, q: Array, target: pin.SE3) -> Array:
-    """Correct a configuration to reach a pose near it, by two steps ``q + J⁺ e`` with the task
-    error e."""
+    """Correct a configuration to reach a pose near it, by two Newton steps ``q + J⁺ e``."""
     for _ in range(2):
         q = q + np.linalg.pinv(task.jacobian(q), rcond=1e-3) @ task.error(q, target)
     return q
