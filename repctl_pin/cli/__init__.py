@@ -1,4 +1,7 @@
-"""The command ``repctl``: parse, call, print. One file per subcommand, with late imports."""
+"""Command line ``repctl``: parse the options, call the library, print the result.
+
+Each subcommand has its own module, which imports most of what it needs only when it runs.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,11 @@ _EXAMPLES = """examples:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit code: 0 done, 1 internal error, 2 unusable input."""
+    """Run the command and return its exit code.
+
+    The code is 0 for done, 1 for an internal error, 2 for unusable input, and 128 plus the number
+    of the signal that ended the command.
+    """
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
             os.environ.setdefault(variable, "1")
@@ -134,8 +141,12 @@ def parser() -> Parser:
 
 
 def join_values(arguments: list[str]) -> list[str]:
-    """Join ``--start -0.1,0.2`` into one word, which argparse would take for an option; and end
-    ``--best-leaf`` before a design, which it would take for the option's value."""
+    """Rewrite two forms of arguments that argparse would misread.
+
+    ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option;
+    likewise ``--at``. ``--best-leaf`` before a saved design becomes ``--best-leaf=limits``, because
+    the design would be taken for the option's value.
+    """
     joined: list[str] = []
     for argument in arguments:
         if (

@@ -1,4 +1,4 @@
-"""``repctl animate``: motions on a page, in a file; or controllers running in the browser."""
+"""``repctl animate``: write motions to an animation page, or show running controllers live."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ EXAMPLE = """examples:
   repctl animate panda --live"""
 
 RATE = 60.0
-"""Pictures per second of a live view."""
+"""Rate at which a live view is updated, Hz."""
 
 _Shown = tuple["rp.Task", "list[Playback]", "dict[str, Any]"]
 
@@ -62,7 +62,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Make the page and write it; or run the controllers until Ctrl-C."""
+    """Write the animation page of motions; or run the controllers live until Ctrl-C."""
     _check(options)
     say = progress(options.json)
     design = options.load_design() if options.saved else None
@@ -95,7 +95,7 @@ def run(options: Options) -> int:
 
 
 def _check(options: Options) -> None:
-    """Refuse options that exclude or require each other."""
+    """Raise an error for options that exclude or require each other."""
     if options.motion is not None and options.saved:
         raise InputError("--motion requires a robot, not a saved design")
     if options.motion is None and options.only is not None:
@@ -108,7 +108,7 @@ def _check(options: Options) -> None:
 
 
 def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
-    """Run both controllers along the path in real time, in the browser, until Ctrl-C or SIGTERM."""
+    """Run both controllers of a design in real time, in the browser, until Ctrl-C or SIGTERM."""
     from ..motion.governed_loop import GovernedLoop
     from ..motion.loop import Loop
 
@@ -150,7 +150,10 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
 
 
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Read the motions of a file."""
+    """Read the motions to show from the CSV file ``--motion``.
+
+    Return the task, the motions, and further arguments of :func:`playback_page`.
+    """
     from ..show.page.playback import read_playbacks
 
     robot = options.load_robot()
@@ -163,7 +166,7 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
 
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
-    """Select strategies of a file, by their names in the file or in the pictures."""
+    """Select the motions that ``--only`` names from those of a CSV file, by key or by label."""
     from ..strategies.names import KEYS
 
     there = {KEYS.get(track.label, track.label): track for track in tracks}
@@ -179,7 +182,7 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 
 
 def _names(design: rp.Design) -> tuple[str, str]:
-    """Name the two controllers of a design: the desired one, and the nearest repeatable."""
+    """Return the labels of a design's two controllers: the desired inverse, the repeatable one."""
     from ..strategies.names import LABELS
 
     plain = type(design.desired) is rp.Pseudoinverse
@@ -187,7 +190,10 @@ def _names(design: rp.Design) -> tuple[str, str]:
 
 
 def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
-    """Follow the path with a saved design and with its desired inverse."""
+    """Follow the path with a saved design and with its desired inverse.
+
+    Return the task, the two motions, and further arguments of :func:`playback_page`.
+    """
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
@@ -212,7 +218,10 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
-    """Select J⁺ and the nearest repeatable inverse of a study."""
+    """Run a study, and take its motions under J⁺ and the nearest repeatable inverse.
+
+    Return the task, the motions, and further arguments of :func:`playback_page`.
+    """
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
@@ -227,6 +236,6 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
 
 
 def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:
-    """Study the problem that the options describe."""
+    """Run a study of the problem that the options describe."""
     more = options.of("steps", "degree")
     return rp.study(options.problem(), **more, cycles=cycles, progress=say)

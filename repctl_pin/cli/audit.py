@@ -1,4 +1,4 @@
-"""``repctl audit``: a recorded joint log: does the arm come back, and how fast does it creep?"""
+"""``repctl audit``: whether an arm drifts, and how fast, from a log of its joint positions."""
 
 from __future__ import annotations
 

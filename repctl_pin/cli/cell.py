@@ -1,4 +1,4 @@
-"""``repctl cell``: one function for a whole cell of the workspace, and its evaluation."""
+"""``repctl cell``: design one inverse kinematic function for a cell of poses, and evaluate it."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def _add_sector(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Find the function, print the table, write cell.json, cell.html and cell.png."""
+    """Find the function, print its table, and write cell.json, cell.html and cell.png."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.json)
     needed("matplotlib", "meshcat", by="repctl cell")
@@ -181,7 +181,7 @@ def run(options: Options) -> int:
 
 
 def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
-    """Write the remedy of a cell that no function covers in terms of options."""
+    """Write the remedy for a cell that no function covers, in terms of command-line options."""
     if error.fits <= 0:
         other = "no smaller cell around this middle works either"
         remedy = f"{other}, so move it, or choose another --start"
@@ -191,7 +191,7 @@ def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
 
 
 def _cell(options: Options) -> tuple[rp.Cell, Any]:
-    """Make the cell, and the posture in its middle if --start is given."""
+    """Make the cell, and the configuration at its middle: None unless ``--start`` is given."""
     import numpy as np
     import pinocchio as pin
 
@@ -226,11 +226,11 @@ _OF_A_SECTOR = {
     "--spin": "0",
     "--axis": None,
 }
-"""Options of a sector, and their defaults."""
+"""Options that only a sector has, and their defaults."""
 
 
 def _require_one_shape(options: Options, around: bool) -> None:
-    """Refuse options of a box for a sector, and of a sector for a box."""
+    """Raise an error for options of a box with ``--sector``, or of a sector without it."""
     said = vars(options)
     if options.sector:
         for name, there in (("--half-width", options.half_width), ("--path", around or None)):
@@ -251,7 +251,7 @@ def _require_one_shape(options: Options, around: bool) -> None:
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:
-    """Read the half-widths of a box."""
+    """Parse the half-widths of a box: of the positions, m, and of the rotation, rad."""
     return (
         _numbers(options.half_width, "--half-width"),
         _numbers(options.half_angle, "--half-angle"),
@@ -263,7 +263,7 @@ def _box(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
 
 
 def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
-    """Make a sector."""
+    """Make the sector that the options describe."""
 
     def turn(text: str, option: str) -> Any:
         return text if text == "all" else _numbers(text, option, 1)
@@ -282,7 +282,7 @@ def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
-    """Read one number, or numbers separated by commas."""
+    """Parse one number, or a list of numbers separated by commas: ``size`` of them, if given."""
     wrong = f"must be {size or 'one or more'} numbers separated by commas"
     numbers = numbers_of(text, option, wrong)
     if not numbers or size not in (None, len(numbers)):
@@ -291,7 +291,10 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 
 
 def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
-    """Draw the slices and the page with a sample path; with a note if the path fails."""
+    """Write the figure of slices, and the page with a motion along a sample path.
+
+    Return the files and a note, which is empty unless the motion failed.
+    """
     from ..inverse_function.cell_design import slices
     from ..inverse_function.sample_path import tour
     from ..show.cell_page import cell_page
@@ -319,7 +322,7 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _turns(design: rp.CellDesign) -> dict[str, Any]:
-    """Collect how far a sector goes round, with null for what there is not, as a joint's limits."""
+    """Convert a sector's ranges of ``angle`` and ``spin`` for JSON; infinite ones become None."""
     from math import isfinite
 
     turns = [
@@ -330,7 +333,7 @@ def _turns(design: rp.CellDesign) -> dict[str, Any]:
 
 
 def _widths(cell: rp.Cell) -> dict[str, Any]:
-    """Collect the half-widths of a box, or of a sector by name."""
+    """Collect the half-widths of a box, or those of a sector by coordinate, for JSON."""
     from ..studies import picked
 
     if not isinstance(cell, rp.Sector):
@@ -339,7 +342,7 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
-    """Collect the result in plain Python types."""
+    """Convert the result to plain Python types, for JSON output."""
     import numpy as np
 
     from ..studies import picked

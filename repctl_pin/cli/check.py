@@ -39,7 +39,7 @@ EXAMPLE = """examples:
 
 _Drift = dict[str, float]
 SMALL = 4
-"""Maximum number of joints of an arm that is searched for stable surfaces."""
+"""Maximum number of joints for which stable surfaces are searched."""
 
 
 def add_options(parser: Parser) -> None:
@@ -71,7 +71,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Test a strategy and print the result."""
+    """Test whether a strategy is repeatable, and print the result."""
     say = progress(options.json)
     import numpy as np
 
@@ -98,7 +98,10 @@ def run(options: Options) -> int:
 
 
 def _prove(options: Options, say: Callable[[str], None]) -> int:
-    """Prove the margins of a saved design; if it has a certificate, prove that again."""
+    """Prove the margins of a saved design, and print the proof.
+
+    For a design that holds a certificate, the leaf margin of the certificate is proved again.
+    """
     from dataclasses import asdict
 
     if not options.saved:
@@ -119,7 +122,10 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
 
 
 class _Case(NamedTuple):
-    """A strategy to test, and the problem whose region it is tested in."""
+    """Strategy to test, its name, and the problem in whose region Ω it is tested.
+
+    ``start_is`` says where the start comes from.
+    """
 
     strategy: Inverse
     name: str
@@ -129,7 +135,7 @@ class _Case(NamedTuple):
 
 
 def _named(options: Options) -> _Case:
-    """Make J⁺, or a weighted inverse, of a robot."""
+    """Make the case of J⁺, or of the weighted inverse of ``--weight``."""
     from ..problem import choose_desired
 
     half_width = options.region or REGION
@@ -147,7 +153,7 @@ def _named(options: Options) -> _Case:
 
 
 def _saved(options: Options) -> _Case:
-    """Load a design; refuse the options that choose a strategy."""
+    """Load a saved design as the case; raise an error for options that choose another strategy."""
     for option in ("weight", "absolute"):
         if getattr(options, option):
             raise InputError(f"{options.what} is a strategy", remedy=f"omit --{option}")
@@ -163,7 +169,7 @@ def _saved(options: Options) -> _Case:
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
-    """Select the drift per area in each plane of the task's axes."""
+    """Convert drift per area, a matrix over the task's axes, to a dict by plane: ``xy``, …."""
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
     return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
 
@@ -171,7 +177,7 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
 def _as_dict(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
-    """Collect the result in plain Python types."""
+    """Convert the result to plain Python types, for JSON output."""
     from ..studies import picked, region_dict
 
     found: dict[str, Any] = {
@@ -193,7 +199,7 @@ def _as_dict(
 def _lines(
     case: _Case, absolute: str, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
-    """Write the result as lines of text."""
+    """Write the report of a test, as lines of text."""
     task, problem = case.strategy.task, case.problem
     robot = task.robot
     lines = [
@@ -212,7 +218,7 @@ def _lines(
 
 
 def _drift_table(drift: _Drift, unit: str) -> str:
-    """Write the drift per area as a table."""
+    """Format the drift per area as a table, one row per plane."""
     from ..show.text.table import table
 
     rows = []

@@ -27,7 +27,7 @@ WORDS = {
     "--strategy": " ".join(OWN),
     "--only": "pseudoinverse posture posture_off repeatable",
 }
-"""Values offered after an option."""
+"""Completions offered for the values of options."""
 
 
 def add_options(parser: Parser) -> None:
@@ -36,15 +36,15 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Print the script."""
+    """Print the completion script."""
     print(script(options.whole, options.shell), end="")
     return 0
 
 
 def script(whole: argparse.ArgumentParser, shell: str) -> str:
-    """Generate a static completion script, which never calls repctl.
+    """Generate a static completion script for a shell, which never calls repctl.
 
-    Modifies the parser, which must not be reused.
+    Modifies the parser ``whole``, which must not be reused.
     """
     needed("shtab", by="completion")
     import shtab
@@ -74,7 +74,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _words_and_files(name: str, robots: list[str]) -> dict[str, str]:
-    """Write, for each shell, a completion by words and by files, which shtab cannot combine."""
+    """Write shell code that completes words and files, by shell; shtab cannot combine the two."""
     words = " ".join(robots) if name == "robot" else WORDS["--path"]
     return {
         "bash": f"_repctl_{name}",

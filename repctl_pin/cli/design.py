@@ -102,7 +102,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Design, print the table and write the picture."""
+    """Design, print the table, and write design.json and design.png."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     degree = options.asked_degree()
@@ -178,7 +178,7 @@ def run(options: Options) -> int:
 
 
 def _check(options: Options, degree: Any) -> None:
-    """Refuse options that exclude or require each other."""
+    """Raise an error for options that exclude or require each other."""
     if options.fourier is not None and degree == "auto":
         raise InputError("--fourier requires --degree D, the degree of the polynomials")
     if options.path is not None and options.workspace is not None:
@@ -188,7 +188,7 @@ def _check(options: Options, degree: Any) -> None:
 
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
-    """Make the problem: on a path, or in a box cut at the joint limits or in the workspace."""
+    """Make the problem: with the path of ``--path`` or, without it, with :func:`_region` as Ω."""
     from ..problem import check_degree
 
     region = None if options.path is not None else partial(_region, options)
@@ -199,7 +199,7 @@ def _problem(options: Options, degree: Any) -> rp.Problem:
 
 
 def _region(options: Options, task: rp.Task, q0: Any) -> Region:
-    """Make the box around the start, or the part of it that is within --workspace."""
+    """Make Ω: the box around the start within the joint limits, or its part in ``--workspace``."""
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:
         return box
@@ -209,7 +209,7 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
 
 
 def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
-    """Name the joints at whose limits the box was cut."""
+    """Write a note that names the joints at whose limits the box was cut; empty if it was not."""
     if options.path is not None:
         return ()
     box = box_within_limits(problem.task, problem.start, options.region)
@@ -217,7 +217,10 @@ def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
 
 
 def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list[str]]:
-    """Add the cycle of the problem, or the largest circle inside Ω, with a note."""
+    """Add a default cycle to the design: that of the problem, or the largest circle inside Ω.
+
+    Return the design, and notes on the cycle, or on why there is none.
+    """
     from dataclasses import replace
 
     from ..problem import problem_of, timed_cycle
@@ -233,7 +236,10 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
 
 
 def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
-    """Add a Fourier basis to the polynomials; None leaves the polynomials to the degree."""
+    """Make polynomials plus the Fourier basis of ``--fourier``.
+
+    None without that option: the design then makes polynomials of the given degree.
+    """
     if fourier is None:
         return None
     import numpy as np
@@ -255,7 +261,7 @@ def _as_dict(
     problem: rp.Problem,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Collect the result in plain Python types."""
+    """Convert the result to plain Python types, for JSON output."""
     from ..studies import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")

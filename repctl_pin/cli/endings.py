@@ -18,7 +18,7 @@ REFUSED, FAULT, INTERRUPTED = 2, 1, 130
 
 
 class Stopped(BaseException):
-    """SIGTERM or SIGHUP, raised in the main thread, so that half-written files are removed."""
+    """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -45,7 +45,7 @@ def stopped_cleanly() -> Iterator[None]:
             raise Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Raise it again later if it was raised inside a finaliser, which drops exceptions."""
+        """Send the signal again if it was raised in a finaliser, where Python drops exceptions."""
         nonlocal coming
         if isinstance(what.exc_value, Stopped):
             coming = False
@@ -70,7 +70,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
     Parameters
     ----------
     run
-        The command.
+        Function that runs the command and returns its exit code.
     arguments
         Arguments of the command, quoted in the message of an internal error.
     debug
@@ -110,7 +110,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
 
 
 def _say(line: str, code: int) -> int:
-    """Print the line, unless stderr is closed."""
+    """Print an error line on stderr, unless it is closed, and return the exit code."""
     clear_line()
     try:
         say_line(f"repctl: {' '.join(line.split())}")
@@ -120,7 +120,7 @@ def _say(line: str, code: int) -> int:
 
 
 def _drop_output() -> None:
-    """Discard pending output: the interpreter would complain about it at exit."""
+    """Discard output that cannot be written, so that the interpreter does not report it at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment variables of the number of threads of linear algebra, read when it is loaded."""
+"""Environment variables that limit the threads of BLAS libraries, which read them when loaded."""
 
 
 @contextmanager
 def executor_of(options: Options) -> Iterator[Any]:
-    """Open the executor of ``--processes`` or ``--dask``, and close it."""
+    """Open the executor of ``--processes`` or ``--dask``, and close it later; None without them."""
     if options.dask is not None:
         try:
             from distributed import Client

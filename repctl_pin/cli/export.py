@@ -1,4 +1,4 @@
-"""``repctl export``: a saved design as C for the control loop of a robot."""
+"""``repctl export``: write a saved design as C code for a robot's control loop."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Write the folder."""
+    """Write the C code to a folder."""
     if not options.saved:
         raise InputError(
             f"{options.what!r} is not a saved design (.json)",

@@ -1,4 +1,4 @@
-"""``repctl follow``: one closed path with one controller, written for a robot."""
+"""``repctl follow``: follow a closed path with one controller, and write the motion to files."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def run(options: Options) -> int:
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
-    """Name the options that may avoid a violation."""
+    """Write the remedy for a violation: options that may avoid it."""
     from ..problem import NO_BETTER
 
     tried = options.start is None and not options.saved
@@ -188,7 +188,7 @@ def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
 
 
 def _check_control(options: Options) -> None:
-    """Refuse options that exclude or require each other, and a file named twice."""
+    """Raise an error for options that exclude or require each other, or name one file twice."""
     given = [name for name in ("strategy", "potentials") if getattr(options, name)]
     if given and (options.saved or len(given) > 1):
         raise InputError(
@@ -209,7 +209,10 @@ def _check_control(options: Options) -> None:
 
 
 class _Case(NamedTuple):
-    """A controller, the problem that it is to solve, and its region and period if it has them."""
+    """Controller, the problem that it is to solve, and what is known of its design.
+
+    ``region`` is Ω, ``period`` the time of one cycle, s, and ``desired`` the desired inverse G_d.
+    """
 
     strategy: Strategy
     problem: rp.Problem
@@ -220,7 +223,7 @@ class _Case(NamedTuple):
 
 
 def _saved(options: Options) -> _Case:
-    """Load a design, on the cycle that it was made for or on the path that is given."""
+    """Load a saved design, with its default cycle or the path of ``--path``."""
     design = options.load_saved()
     problem = options.problem_of(design)
     return _Case(design.inverse, problem, problem.region, problem.period, desired=design.desired)
@@ -243,7 +246,7 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
 
 
 def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
-    """Design the nearest repeatable inverse around the motion."""
+    """Design the nearest repeatable inverse in a region around the motion on the path."""
     from ..problem import design_for, shrunk_note, timed_cycle
 
     plain = rp.Pseudoinverse(problem.task)
@@ -272,7 +275,7 @@ def _with_potentials(options: Options, problem: rp.Problem) -> _Case:
 
 
 def _plugin(name: str, task: rp.Task) -> Strategy:
-    """Make a registered strategy."""
+    """Make the strategy that a plugin registered under a name."""
     from ..plugins import plugin
     from ..strategies import Strategy
 
@@ -285,7 +288,7 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
 
 
 def _timing(options: Options) -> dict[str, Any]:
-    """Read the options of a timed motion."""
+    """Convert the options of a timed motion to arguments of :func:`repctl_pin.timed`."""
     tool_speed = options.tool_speed
     if tool_speed is not None:
         tool_speed = numbers_of(
@@ -301,14 +304,14 @@ def _timing(options: Options) -> dict[str, Any]:
 
 
 def _named(text: str, option: str) -> str | list[float]:
-    """Read --acceleration or --jerk: a name, one number, or one per joint."""
+    """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint."""
     if text.strip().isidentifier():
         return text.strip()
     return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
 
 
 def _drawn(rest: rp.TimedMotion) -> bytes:
-    """Draw the phase-plane profile."""
+    """Draw joint speed against path length, as the bytes of a PNG file."""
     from matplotlib.figure import Figure
 
     from ..show.plots.cycles import phase_plane
@@ -320,7 +323,10 @@ def _drawn(rest: rp.TimedMotion) -> bytes:
 
 
 def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
-    """Collect the result in plain Python types."""
+    """Convert the motion and its figures to plain Python types, for JSON output.
+
+    ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits.
+    """
     from ..studies import bodies_dict, limits_dict
 
     task = motion.task
@@ -344,7 +350,7 @@ def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[
 
 
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
-    """Write a motion as lines of text."""
+    """Yield the lines of text that report a motion."""
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
         yield f"path options    {motion.path.options}"
@@ -371,7 +377,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
 
 
 def _timing_words(result: dict[str, Any]) -> str:
-    """Say how a motion was timed."""
+    """Write how a motion was timed, as text that follows its duration."""
     slowed = result["slowed_by"]
     if slowed is not None:
         kept = f", slowed down by {slowed:.3g} to keep the speed limits"

@@ -1,4 +1,4 @@
-"""Values of the command line: types of options, and the objects that they describe."""
+"""Parsed options, and the robots, problems and designs that they describe."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ REGION = 0.4
 
 
 class Options(argparse.Namespace):
-    """Options of a command, and the objects that several commands make of them.
+    """Parsed options of a command, with methods that make the objects described by them.
 
     Attributes
     ----------
     ending : ExitStack
         Clean-up at the end of the command, also after an error.
     option_names : dict of str
-        Option, such as ``--task``, of each argument of the library, such as ``kind``.
+        Command-line option for each argument name of the library: ``--task`` for ``kind``.
     """
 
     ending: ExitStack
@@ -42,7 +42,7 @@ class Options(argparse.Namespace):
 
     @property
     def saved(self) -> bool:
-        """True if WHAT is a saved design."""
+        """True if the argument WHAT names a saved design."""
         return is_saved(self.what)
 
     def of(self, *names: str) -> dict[str, Any]:
@@ -50,7 +50,7 @@ class Options(argparse.Namespace):
         return {name: getattr(self, name) for name in names}
 
     def load_robot(self) -> rp.Robot:
-        """Load the robot that ROBOT or WHAT names."""
+        """Load the robot that the argument ROBOT or WHAT names."""
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
             raise InputError("--robot requires a saved design", remedy=f"the robot is {name}")
@@ -62,14 +62,14 @@ class Options(argparse.Namespace):
         return rp.Robot.load(name, lock=self.lock, base=self.base, **self.beside())
 
     def beside(self) -> dict[str, Any]:
-        """Select the folders of a robot's meshes, and its surroundings."""
+        """Return the mesh folders and the surroundings, as arguments of ``Robot.load``."""
         return {
             "package_dirs": self.package_dir,
             "surroundings": getattr(self, "surroundings", None),
         }
 
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
-        """Make the problem that the options describe, with some parts given otherwise."""
+        """Make the problem that the options describe; ``parts`` replace its arguments."""
         asked = {
             "frame": self.frame,
             "kind": self.task,
@@ -80,7 +80,7 @@ class Options(argparse.Namespace):
         return rp.Problem(robot or self.load_robot(), **(asked | parts))
 
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
-        """Make the problem that a saved design solves, or the same with another start or path."""
+        """Make the problem of a saved design, with the start and path of the options, if given."""
         from ..problem import problem_of
 
         asked = {"start": self.asked_start()}
@@ -103,7 +103,7 @@ class Options(argparse.Namespace):
         return made_of(content, task_of(content.task, self._robot_of(content.task)), self.what)
 
     def load_design(self) -> rp.Design:
-        """Load a design over joint space; a design over a cell is refused."""
+        """Load a design over joint space; raise an error for a function over a cell."""
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
             raise InputError(
@@ -113,7 +113,8 @@ class Options(argparse.Namespace):
         return design
 
     def _robot_of(self, made_for: TaskFile) -> rp.Robot:
-        """Load the robot that a design was made for; refuse options that contradict it."""
+        """Load the robot that a saved design was made for; raise an error if options contradict
+        it."""
         file = self.what
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
@@ -138,14 +139,14 @@ class Options(argparse.Namespace):
         return robot
 
     def asked_start(self) -> list[float] | None:
-        """Read ``--start``, if it was given."""
+        """Parse ``--start``: joint positions, rad or m; None if it is not given."""
         if self.start is None:
             return None
         what = "is not a list of numbers; separate them by commas"
         return numbers_of(self.start, "--start", what)
 
     def asked_weight(self) -> Any:
-        """Read ``--weight``: None, a word, or numbers."""
+        """Parse ``--weight``: None, a word, or a list of numbers."""
         if self.weight in (None, "inertia", "limits"):
             return self.weight
         return numbers_of(
@@ -155,7 +156,7 @@ class Options(argparse.Namespace):
         )
 
     def asked_degree(self) -> Any:
-        """Read ``--degree``: auto, or a whole number."""
+        """Parse ``--degree``: ``auto``, or a whole number from 1 up."""
         try:
             return "auto" if self.degree == "auto" else integer(self.degree)
         except argparse.ArgumentTypeError:
@@ -163,7 +164,10 @@ class Options(argparse.Namespace):
             raise InputError(fact, argument="--degree") from None
 
     def output_folder(self, name: str) -> Path:
-        """Check that the output folder, ``--out`` or ``repctl-out/NAME``, can be written."""
+        """Return the output folder, ``--out`` or ``repctl-out/NAME``, if it can be written.
+
+        If it is new, and still empty when the command ends, it is removed.
+        """
         folder = Path(self.out or Path("repctl-out") / name)
         try:
             check_folder(folder)
@@ -173,12 +177,12 @@ class Options(argparse.Namespace):
 
 
 def is_saved(name: str) -> bool:
-    """Tell whether a name is that of a saved design."""
+    """Tell whether a name is that of a saved design: a .json file."""
     return Path(name).suffix.lower() == ".json"
 
 
 def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
-    """Read numbers separated by commas."""
+    """Parse numbers separated by commas or spaces; ``otherwise`` completes the error message."""
     try:
         return [float(part) for part in text.replace(" ", ",").split(",") if part]
     except ValueError:
@@ -205,31 +209,31 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 
 
 def proved(design: D, say: Callable[[str], None]) -> D:
-    """Add to a design the largest bounds that can be proved in a minute."""
+    """Add to a design the proof with the largest bounds that are found in a minute."""
     proof = rp.prove(design, progress=lambda step, fraction: say(f"{step} {fraction:.0%}"))
     return replace(design, proof=proof)
 
 
 def plain_proof(values: dict[str, Any]) -> dict[str, Any]:
-    """Convert a certificate for JSON: an infinite limit margin becomes null."""
+    """Convert the fields of a proof for JSON: an infinite limit margin becomes None."""
     infinite = values["limit_margin"] == float("inf")
     return values | ({"limit_margin": None} if infinite else {})
 
 
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
-    """Make Ω as a box around the start, cut at the joint limits."""
+    """Make Ω as a box around the start q0, cut at the joint limits."""
     return rp.Box(q0, half_width).inside(task.lower, task.upper)
 
 
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
-    """Name the joints at whose limits a box was cut."""
+    """Write a note that names the joints at whose limits a box was cut; empty if it was not."""
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)
     cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
     return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 
 
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
-    """Write the remedy of a singular Ω in terms of options."""
+    """Rewrite the remedy of an error on a singular Ω in terms of options; return the error."""
     from ..problem import half_width_within
 
     if error.free is None:
@@ -243,7 +247,7 @@ def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.S
 
 
 def integer(text: str, least: int = 1) -> int:
-    """Convert to a whole number from 1 up."""
+    """Parse a whole number from ``least`` up; type of an option."""
     value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
     if value < least:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} up")
@@ -251,12 +255,12 @@ def integer(text: str, least: int = 1) -> int:
 
 
 def natural(text: str) -> int:
-    """Convert to a whole number from 0 up."""
+    """Parse a whole number from 0 up; type of an option."""
     return integer(text, 0)
 
 
 def positive(text: str) -> float:
-    """Convert to a number above 0."""
+    """Parse a finite number above 0; type of an option."""
     try:
         value = float(text)
     except ValueError:

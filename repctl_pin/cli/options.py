@@ -22,7 +22,7 @@ class Parser(argparse.ArgumentParser):
     """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
 
     def format_help(self) -> str:
-        """Wrap the description and the examples too, which argparse leaves as they are."""
+        """Format the help, and wrap the description and the examples, which argparse does not."""
         return fitted(super().format_help())
 
     def error(self, message: str) -> NoReturn:
@@ -39,7 +39,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:
-        """Parse; unknown arguments are refused by the command that received them."""
+        """Parse the arguments; the subcommand that received unknown ones reports them."""
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
         if rest:
@@ -54,7 +54,7 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def _option_of(self) -> dict[str, str]:
-        """Map the arguments of the library to the options of this command."""
+        """Map argument names of the library to the options of this command."""
         names = {
             action.dest: option
             for action in self._actions
@@ -65,7 +65,7 @@ class Parser(argparse.ArgumentParser):
         return {name: names[dest] for name, dest in others.items() if dest in names} | names
 
     def robot(self) -> None:
-        """Add ROBOT and the options that load it."""
+        """Add the argument ROBOT and the options for loading it."""
         self.add_argument(
             "robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF"
         )
@@ -78,7 +78,7 @@ class Parser(argparse.ArgumentParser):
             "and task"
         ),
     ) -> None:
-        """Add WHAT, a robot or a saved design, and the options that load it."""
+        """Add the argument WHAT, a robot or a saved design, and the options for loading it."""
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
             "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
@@ -86,7 +86,7 @@ class Parser(argparse.ArgumentParser):
         self.loading()
 
     def loading(self) -> None:
-        """Add the options that load a robot."""
+        """Add the options for loading a robot: --package-dir, --lock and --base."""
         add = self.add_argument
         add(
             "--package-dir",
@@ -109,7 +109,7 @@ class Parser(argparse.ArgumentParser):
         add("--base", metavar="LINK", help=base)
 
     def surroundings(self) -> None:
-        """Add the robot's surroundings."""
+        """Add --surroundings, a URDF of the robot's surroundings."""
         what = (
             "URDF of the surroundings of the robot: all joints fixed, placed in the frame of the "
             "robot's root"
@@ -117,7 +117,7 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--surroundings", metavar="FILE", help=what)
 
     def task(self) -> None:
-        """Add the options of the task and the start."""
+        """Add the options of the task and the start: --frame, --task and --start."""
         kinds = (
             "pose, axis, position, xy, xz or yz (default: the first redundant one of pose, "
             "position, xy, xz, yz)"
@@ -129,7 +129,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
-        """Add --path and --plane, with text before the help and another default."""
+        """Add --path and --plane; ``lead`` and ``default`` enclose the help of --path."""
         self.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
         self.add_argument(
             "--plane",

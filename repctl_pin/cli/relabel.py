@@ -1,4 +1,4 @@
-"""``repctl relabel``: recorded demonstrations with one configuration per pose."""
+"""``repctl relabel``: give recorded demonstrations one configuration per pose."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Relabel; print the table, write the file, cell.json and report.html."""
+    """Relabel a recording, print the figures, and write the new file, cell.json and report.html."""
     file = Path(options.file)
     folder = options.output_folder(file.stem)
     if file.resolve() == (folder / file.name).resolve():
@@ -95,7 +95,7 @@ def run(options: Options) -> int:
 
 
 def _as_dict(relabeled: rp.Relabeled) -> dict[str, Any]:
-    """Collect the result in plain Python types."""
+    """Convert the result to plain Python types, for JSON output."""
     import numpy as np
 
     found, before = relabeled.found, relabeled.margins_before

@@ -1,4 +1,4 @@
-"""``repctl robots``: the catalogue."""
+"""``repctl robots``: list the catalogue of robots."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """List the catalogue."""
+    """Print the catalogue: the joints and the redundancy of every offered frame."""
     from ..problem import redundant_kinds
     from ..show.text.table import table
     from ..urdf.catalogue import entries
@@ -55,7 +55,7 @@ def run(options: Options) -> int:
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
-    """Write the cells of one row of the table."""
+    """Format one row of the table, as one text per column."""
     r = row["redundancy"]
     planes = [kind for kind in ("xy", "xz", "yz") if kind in r]
     plane = str(r[planes[0]]) if len({r[kind] for kind in planes}) == 1 else "–"

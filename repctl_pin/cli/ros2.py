@@ -1,4 +1,4 @@
-"""``repctl ros2``: a saved design as a ROS 2 node."""
+"""``repctl ros2``: run a saved design as a ROS 2 node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``repctl study``: the main job."""
+"""``repctl study``: measure an arm's drift on a closed path, and design a repeatable controller."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def run(options: Options) -> int:
 
 
 def _files(files: Sequence[Path]) -> list[str]:
-    """Name the page to open, and the other files beside it."""
+    """Write the lines that name the page to open, and the other files beside it."""
     page, *others = files
     names = ", ".join(file.name for file in others)
     return [f"open   {page}", f"wrote  {names} beside it"]
@@ -118,7 +118,7 @@ def _files(files: Sequence[Path]) -> list[str]:
 def _report(
     result: rp.Study, maps: StudyMaps, animation: Path, file: Path, options: Options, run: str
 ) -> Path:
-    """Write the report, with the value of every option."""
+    """Write the HTML report, with the value of every option; return its file."""
     from ..show.report import report_page
     from ..show.study_files import with_run
 

@@ -18,7 +18,10 @@ from ..show.text.lines import Span, coloured, fitted, on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Make the progress callback: one line on a terminal; elsewhere only notes are printed."""
+    """Make the callback that reports progress.
+
+    On a terminal it rewrites one line; elsewhere it prints only notes, and if ``quiet``, nothing.
+    """
     shown = on_terminal(sys.stderr)
 
     def say(text: str) -> None:
@@ -36,7 +39,7 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def say_line(text: str) -> None:
-    """Print a message on stderr: one line, which only a terminal wraps."""
+    """Print a message on stderr as one line, wrapped only on a terminal."""
     line = printable(text)
     if on_terminal(sys.stderr):
         line = fitted(line, shutil.get_terminal_size().columns)
@@ -44,7 +47,7 @@ def say_line(text: str) -> None:
 
 
 def clear_line() -> None:
-    """Clear the line of progress."""
+    """Erase the progress line on the terminal."""
     if on_terminal(sys.stderr):
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
 
@@ -55,14 +58,14 @@ def report(
     text: Callable[[], str | list[Span]] = str,
     files: Sequence[str | Path] | None = None,
 ) -> int:
-    """Print the result of a command: as JSON, or as text and a list of the written files.
+    """Print the result of a command, as JSON or as text and the written files; return exit code 0.
 
     Parameters
     ----------
     options
         Options with ``json`` and ``quiet``.
     result, text
-        Functions that make the JSON value and the text, which may be in pieces with a tone.
+        Functions that make the JSON value and the text; the text may be a list of spans.
     files
         Written files; None for a command that writes none.
     """
@@ -90,7 +93,7 @@ def as_json(value: Any, indent: int | None = None) -> str:
 
 @contextmanager
 def until_stopped() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, in the main thread."""
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set; usable only in the main thread."""
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
     if (

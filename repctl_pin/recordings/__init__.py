@@ -1,4 +1,4 @@
-"""Recorded joints and hand poses: one configuration for each pose, and how far an arm creeps."""
+"""Recorded joint positions and poses: one configuration for each pose, and audits of drift."""
 
 from .audit import Audit, audit
 from .recording import Recording

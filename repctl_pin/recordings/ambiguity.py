@@ -1,4 +1,4 @@
-"""Ambiguity of labels: misfit of a smooth fit of joints over poses, on frames held out."""
+"""Ambiguity of recorded configurations: misfit of a smooth function of the pose."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .table import Column
 
 _DEGREE = 3
 _RIDGES = 10.0 ** np.arange(-8, 1)
-"""λ that are tried, in coordinates scaled to [−1, 1]."""
+"""Ridge parameters λ that are tried, for coordinates scaled to [−1, 1]."""
 
 _FOLDS = 6
 _FRAMES_PER_TERM = 3
@@ -23,16 +23,17 @@ _FRAMES_PER_TERM = 3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Ambiguity:
-    """Misfit of several labellings of the same poses.
+    """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
 
     Attributes
     ----------
     misfits : tuple of (K,) arrays
-        ``‖q − q̂(x)‖`` at each frame, with q̂ fitted to frames of other folds, for each labelling.
+        ``‖q − q̂(x)‖`` at each frame, rad or m, for each labelling; q̂ was fitted to the frames of
+        the other folds.
     degree : int
         Degree of the polynomial q̂.
     method : str
-        The method in words.
+        Description of the fit and of the held-out frames.
     """
 
     misfits: tuple[Array, ...]
@@ -48,23 +49,24 @@ class Ambiguity:
 
 
 def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
-    r"""Fit joints over poses, and measure the misfit on frames held out.
+    r"""Fit configurations as a polynomial of the pose, and measure the misfit on held-out frames.
 
     .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2
 
-    The folds that are held out one after the other are sessions, or six blocks of time of a single
-    session. λ is the one of 1e-8, 1e-7, …, 1 with the smallest misfit, for each labelling by
-    itself. With few frames the degree is lower: the fit has three frames per term.
+    Each fold of frames is held out in turn. The folds are the sessions, grouped into six if there
+    are more, or six blocks of time of a single session. Each labelling has its own λ, the one of
+    1e-8, 1e-7, …, 1 with the smallest misfit. With few frames the degree is lower, down to 1, so
+    that the fit has three frames per term.
 
     Parameters
     ----------
     U : (K, k) array
         Coordinates of the poses in a cell.
     session : (K,) array of int
-        Session of each frame, whose frames are in the order of time.
+        Session of each frame; the frames of a session are in the order of time.
     labels : list of (K, n) arrays
-        Labellings, rad or m.
+        Configurations of the frames in each labelling, rad or m.
     """
     fold, what = _folds(session)
     Q = np.concatenate(list(labels), axis=1)
@@ -85,7 +87,7 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 
 
 def _folds(session: Column) -> tuple[Column, str]:
-    """Assign frames to folds: by session, or by block of time."""
+    """Assign frames to cross-validation folds; return each frame's fold, and the kind of fold."""
     sessions = np.unique(session)
     if len(sessions) > 1:
         return np.searchsorted(sessions, session) % min(len(sessions), _FOLDS), "sessions"
@@ -94,7 +96,7 @@ def _folds(session: Column) -> tuple[Column, str]:
 
 
 def _scaled(U: Array) -> Array:
-    """Scale coordinates to [−1, 1], and leave out those that do not vary."""
+    """Scale coordinates U (K, k) to [−1, 1], and leave out the columns that do not vary."""
     if not len(U):
         return U
     low, high = U.min(axis=0), U.max(axis=0)
@@ -103,7 +105,11 @@ def _scaled(U: Array) -> Array:
 
 
 def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]) -> Array:
-    """Evaluate ``q − q̂`` (K, ·): one pass for the normal equations, one for the misfit."""
+    """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
+
+    ``parts`` are the columns of each labelling. One pass over the frames sums up the normal
+    equations, another evaluates the misfit.
+    """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
     for part in blocks(len(U)):
@@ -123,9 +129,11 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
 
 
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
-    """Fit to all folds but one, for each (folds, N, ·), with the best λ for each labelling.
+    """Solve the ridge regressions that each leave out one fold: coefficients (folds, N, ·).
 
-    In the sum of squares on a fold, only ``tr(Wᵀ G W − 2 Wᵀ B)`` depends on W.
+    G = TᵀT (``gram``) and B = TᵀQ (``right``) of each fold hold its terms T (K, N) and
+    configurations Q. Each labelling has the λ with the smallest misfit on the left-out folds. The
+    part of the squared misfit on a fold that depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)``.
     """
     K, total, all_right = counts.sum(), gram.sum(axis=0), right.sum(axis=0)
     made = np.empty((len(_RIDGES), *right.shape))

@@ -1,4 +1,8 @@
-"""Audit of a recorded joint motion: how far the arm creeps between visits of one hand pose."""
+"""Audit of a recorded joint motion: how far the arm creeps between visits of one hand pose.
+
+Creep is a steady drift: the configuration at the pose changes from visit to visit. The hand is the
+frame that the task controls.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,7 @@ from .joint_log import JointLog, joint_log, read_joint_log
 from .visits import Visits, find_visits
 
 FEWEST = 3
-"""Number of visits of a pose from which a log counts as repeating."""
+"""Minimum number of visits of a pose for a log to count as repeating."""
 
 CONFIDENCE = 0.95
 
@@ -37,16 +41,16 @@ _CLOCKS = ((3600.0, "hour"), (60.0, "minute"), (1.0, "second"))
 @dataclass(frozen=True, eq=False)
 @read_only
 class Trend:
-    """Straight lines through values over time, by the medians of all slopes between two of them.
+    """Robust lines through columns of values over time: medians of the slopes between all pairs.
 
     Attributes
     ----------
     rate : (k,) array
         Slope of each column, per s.
     error : (k,) array
-        Half-width of its confidence interval, per s.
+        Half-width of the confidence interval of each slope, per s.
     scatter : (k,) array
-        Standard deviation about the line, robust.
+        Robust standard deviation of each column about its line.
     """
 
     rate: Array
@@ -57,12 +61,12 @@ class Trend:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Audit:
-    """Result of :func:`audit`; True if the hand returns and the joints return with it.
+    """Result of :func:`audit`; True if the hand returns to a pose and the arm does not creep.
 
     Attributes
     ----------
     task : Task
-        Task of the hand.
+        Task that controls the hand.
     log : JointLog
         The log, in rad and m.
     visits : Visits
@@ -72,14 +76,14 @@ class Audit:
     origins : (N, n, 3) array
         Origins of the joints at each visit, m.
     part : int
-        Joint whose origin creeps fastest.
+        Index of the joint whose origin creeps fastest.
     rate : float
-        Speed of that origin between visits, m/s; 0 if the hand does not return.
+        Speed at which that origin creeps, m/s; 0 if the hand does not return.
     error : float
-        Half-width of its 95 % confidence interval, m/s.
+        Half-width of the 95 % confidence interval of ``rate``, m/s.
     creeps : bool
-        True if the creep of some joint is larger than its confidence interval, with the number of
-        joints allowed for.
+        True if the creep of some joint is larger than the half-width of its confidence interval,
+        which is corrected for the number of joints (Bonferroni).
     notes : tuple of str
         Remarks on the log.
 
@@ -117,12 +121,15 @@ class Audit:
 
     @property
     def elbow(self) -> int:
-        """Joint that is the elbow of the arm at the pose."""
+        """Index of the elbow joint, found at the first visit."""
         return elbow(self.task, self.visits.q[0])
 
     @property
     def along(self) -> Array:
-        """Displacement of that origin since the first visit, along its way to the last: (N,), m."""
+        """Displacement of the origin of joint ``part`` since the first visit: (N,), m.
+
+        It is measured along the straight line to the origin's position at the last visit.
+        """
         place = self.origins[:, self.part] - self.origins[0, self.part]
         way = place[-1]
         size = float(np.linalg.norm(way))
@@ -130,34 +137,46 @@ class Audit:
 
     @property
     def scatter(self) -> float:
-        """Distance of that origin from its trend, m, root mean square."""
+        """Robust standard deviation of the origin of joint ``part`` about its trend, m.
+
+        It is 0 if the hand does not return.
+        """
         if self.joints is None:
             return 0.0
         return float(np.linalg.norm(trend(self.visits.t, self.origins[:, self.part]).scatter))
 
     @property
     def scatters(self) -> bool:
-        """True if the joints differ from visit to visit, by far more than the noise of the log, and
-        without a steady creep."""
+        """True if visits differ, but not steadily: a joint's scatter is over 10 times its floor."""
         if self.joints is None or self.creeps:
             return False
         return bool((self.joints.scatter > _MANY * self.floor).any())
 
     @property
     def floor(self) -> Array:
-        """Smallest difference of each joint that counts: its noise, and the closing of a cycle."""
+        """Smallest difference of each joint that counts (n,), rad or m.
+
+        It is the noise of the joint, or the tolerance of a closed cycle if that is larger.
+        """
         return np.maximum(self.visits.noise, CLOSED * joint_scale(self.task, self.visits.q[0]))
 
     @property
     def clock(self) -> tuple[float, str]:
-        """Unit of time in which rates are written, s and its name: not far longer than the log."""
+        """Unit of time in which rates are written: its length, s, and its name.
+
+        It is an hour, a minute or a second: the longest unit that is at most twice as long as the
+        log.
+        """
         span = float(self.log.t[-1] - self.log.t[0])
         return next(one for one in _CLOCKS if span >= one[0] / 2 or one[0] == 1)
 
     @property
     def leaves_range(self) -> tuple[float, str] | None:
-        """Time after the log, s, at which a joint leaves its range at this rate, and the joint;
-        None if the arm does not creep, or for longer than 100 times the log."""
+        """Predicted time after the log, s, at which a joint leaves its range, and the joint's name.
+
+        The prediction extends the creep at the measured rate. It is None if the arm does not creep,
+        or if the time is more than 100 times as long as the log.
+        """
         if self.joints is None or not self.creeps:
             return None
         last = self.log.q[self.log.t >= self.visits.t[-2]]
@@ -171,7 +190,7 @@ class Audit:
         return float(left[joint]), self.task.robot_joints[joint]
 
     def summary(self) -> str:
-        """Say in one line whether the arm returns, and how fast it creeps if not."""
+        """Summarise in one line whether the arm returns, and how fast it creeps if not."""
         name, times = self.log.name, f"{self.returns} returns to one hand pose"
         if not self.repeats:
             return f"{name}: the hand does not return to a pose; nothing can be said about creep"
@@ -184,7 +203,7 @@ class Audit:
         return f"{name}: the origin of {joint} creeps {rate} in {times}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Describe the result in plain Python types, in s, m and rad."""
+        """Convert the result to plain Python types, in s, m and rad, for JSON."""
         found: dict[str, Any] = {
             **self.task.as_dict(),
             "log": self.log.name,
@@ -289,7 +308,7 @@ def audit(
 
 
 def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
-    """Choose the task of the hand; a task is taken as it is."""
+    """Make the task from a robot, its frame and a kind; return a given task as it is."""
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
@@ -305,7 +324,7 @@ def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
 
 
 def _read(log: Any, task: Task) -> JointLog:
-    """Read a file, or take times and positions."""
+    """Read the log from a file, or take it from a pair of times and positions."""
     if isinstance(log, tuple) and len(log) == 2:
         return joint_log(*log, task.n)
     return read_joint_log(log, task.robot_joints)
@@ -318,7 +337,11 @@ def _left_out(log: JointLog) -> list[str]:
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
-    """Refuse values that are degrees, or those of other joints; note values beyond the limits."""
+    """Check units, times and the order of the joints; return notes.
+
+    Values that look like degrees, or that are not those of this arm, raise an error. Slight
+    violations of joint limits, and speeds far beyond the limits, are noted.
+    """
     (lower, upper, _), q = task.joint_limits, log.q
     beyond = _beyond(q, lower, upper)
     if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
@@ -353,23 +376,23 @@ def _units(task: Task, log: JointLog) -> list[str]:
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Measure the ratio of speed to limit that one step in a hundred exceeds, of any joint."""
+    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint."""
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
 
 
 def _beyond(q: Array, lower: Array, upper: Array) -> Array:
-    """Measure how far each joint leaves its limits: (n,), rad or m."""
+    """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
     return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
 
 
 def _sorted_columns(task: Task) -> Any:
-    """Find the columns of the joints if the log has them sorted by name, as ROS does."""
+    """Return the column of each joint in a log that is sorted by joint name, as ROS does."""
     return np.argsort(np.argsort(task.robot_joints))
 
 
 def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
-    """Fit the creep of the joints and of their origins."""
+    """Fit the creep of the joints, and of their origins, to the visits; return the audit."""
     floor = np.maximum(visits.noise, CLOSED * joint_scale(task, visits.q[0]))
     joints = trend(visits.t, visits.q, floor, 1 - (1 - CONFIDENCE) / task.n)
     origins = np.array([task.joint_origins(q) for q in visits.q])
@@ -391,7 +414,10 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
 
 
 def _error_of(task: Task, visits: Visits, origins: Array, part: int, floor: Array) -> float:
-    """Bound the speed of an origin: the scatter along its way, at least the noise of the joints."""
+    """Compute the half-width of the confidence interval of the speed of a joint's origin, m/s.
+
+    The scatter of the origin counts as at least what the joints' ``floor`` causes.
+    """
     joint = np.zeros((task.n, 3))
     q, step = visits.q[0], 1e-6
     for i in range(task.n):
@@ -413,9 +439,9 @@ def trend(
     values : (N, k) array
         Values at these times.
     floor : (k,) array or float
-        Smallest standard deviation of each column.
+        Lower bound on the standard deviation of each column, for the confidence intervals.
     confidence
-        Probability of the confidence intervals.
+        Confidence level of the intervals.
     """
     rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), _MOST_VISITS)).astype(int))
     i, k = np.triu_indices(len(rows), 1)

@@ -1,4 +1,4 @@
-"""Plausibility of recorded frames: units, order of the joints, frame of the poses, times."""
+"""Plausibility checks of recorded frames: units, order of the joints, frame of the poses, times."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from ..robot.length import arm_length
 from ..robot.task import Task
 
 _SOME = 256
-"""Frames at which joints and poses are compared."""
+"""Maximum number of frames at which recorded joints and poses are compared."""
 
 _APART_M, _APART_RAD = 0.05, 0.2
-"""Median difference between forward kinematics and recorded poses that is refused."""
+"""Median difference between forward kinematics and recorded poses above which they are refused."""
 
 _ALIKE_M, _ALIKE_RAD = 0.01, 0.05
-"""Median difference at which another reading of the numbers explains them."""
+"""Median difference below which a corrected reading of the numbers explains the poses."""
 
 _BEYOND = 0.1
 """Distance beyond a joint limit that no calibration explains, rad or m."""
 
 
 def require_metres(task: Task, p: Array) -> None:
-    """Refuse positions (K, 3) far beyond the arm's reach, in which millimetres are suspected."""
+    """Raise an error for positions (K, 3) far beyond the arm's reach, probably in millimetres."""
     q = np.array(task.reference)
     slides = (task.upper - task.lower)[~task.revolute]
     reach = arm_length(task, q) + float(slides[np.isfinite(slides)].sum())
@@ -43,7 +43,7 @@ def require_metres(task: Task, p: Array) -> None:
 
 
 def require_radians(task: Task, Q: Array) -> None:
-    """Refuse joints (K, n) beyond their limits that fit them as degrees."""
+    """Raise an error for configurations (K, n) that fit the joint limits only as degrees."""
     beyond = -task.limit_margin(Q)
     if float((beyond.max(axis=1) > _BEYOND).mean()) < 0.5 or not task.revolute.any():
         return
@@ -57,7 +57,10 @@ def require_radians(task: Task, Q: Array) -> None:
 
 
 def require_limits(task: Task, Q: Array) -> None:
-    """Refuse joints (K, n) of which most are beyond a limit, as in another order of the joints."""
+    """Raise an error if one joint exceeds its limits in most of the configurations Q (K, n).
+
+    The joints are then probably in another order.
+    """
     beyond = (-task.limit_margin(Q) > _BEYOND).mean(axis=0)
     joint = int(np.argmax(beyond))
     if beyond[joint] > 0.5:
@@ -68,15 +71,16 @@ def require_limits(task: Task, Q: Array) -> None:
 
 
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
-    """Refuse poses that forward kinematics of the joints misses, and say which reading of the
-    numbers would explain it.
+    """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
+
+    The message names the mistake in the numbers that would explain it, if one is found.
 
     Parameters
     ----------
     task
         The task.
     Q, p, R : (K, n), (K, 3) and (K, 3, 3) arrays
-        Joints and poses of the same frames.
+        Configurations, positions and rotations at the same recorded frames.
     quaternions
         Whether R comes from quaternions, whose order may be wrong.
     """
@@ -118,7 +122,7 @@ def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool)
 
 
 def _orders(n: int) -> list[list[int]]:
-    """List orders of n joints: reversed, rotated, and with two exchanged."""
+    """List permutations of n joints to try: reversed, rotated, and with two joints exchanged."""
     plain = list(range(n))
     orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]
     for i, j in combinations(range(n), 2):
@@ -129,14 +133,14 @@ def _orders(n: int) -> list[list[int]]:
 
 
 def _first_is_w(R: Array) -> Array:
-    """Read the quaternions of rotations (K, 3, 3) as if their first number were qw."""
+    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
-    """Measure the median difference between forward kinematics and poses, m and rad."""
+    """Compute the median differences between forward kinematics and poses, m and rad."""
     p_own, R_own, _ = placed(task, Q)
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
@@ -158,7 +162,7 @@ def _alike(by: tuple[float, float]) -> bool:
 
 
 def _constant(p: Array, R: Array) -> bool:
-    """Whether rigid transforms are the same at all frames."""
+    """Check whether rigid transforms (p, R) are equal at all frames, within a tolerance."""
     turn = log3(R @ R[0].T)
     return bool(
         len(p) > 2
@@ -168,7 +172,10 @@ def _constant(p: Array, R: Array) -> bool:
 
 
 def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
-    """Refuse times (K,) that do not increase within each session; ``at`` is the frame."""
+    """Raise an error if times (K,) do not increase within each session.
+
+    Its ``at`` is the number of the frame. ``split`` is True if the recording has several sessions.
+    """
     order = np.argsort(sessions, kind="stable")
     late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)
     if not late.any():

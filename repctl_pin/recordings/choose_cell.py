@@ -1,4 +1,4 @@
-"""The cell or sector that holds recorded frames, and a function over it near their joints."""
+"""Cell around recorded frames, and a function over it near the recorded configurations."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ..strategies import Pseudoinverse
 from .recording import Recording, thinned
 
 _SHARES = (1.0, 0.98, 0.9)
-"""Shares of the frames that a cell has to hold, one after the other until a function covers it."""
+"""Shares of the frames that a cell has to hold, tried in this order until a function covers it."""
 
 _FRAMES, _TRIED = 2**16, 2**12
-"""Frames that a cell is made around, and at which its function is tried."""
+"""Maximum numbers of frames: around which a cell is made, and at which its function is tested."""
 
 _WIDER, _PAD_M, _PAD_RAD = 1.02, 0.005, 0.01
-"""Factor and margins by which a cell is larger than the frames in it."""
+"""Factor and margins by which the half-widths of a cell exceed those of the frames in it."""
 
 _HELD = 5e-7
-"""Range, m or rad, below which a coordinate of the frames is held."""
+"""Deviation from the middle, rad or m, below which a coordinate of all poses counts as constant."""
 
 _FAR_ROUND = 0.6
-"""Angle around the base, rad to either side, beyond which a sector is tried before a box."""
+"""Angle around the base, rad to either side, above which a sector is tried before a box."""
 
 _SMALL_SPIN = 0.6
 
@@ -38,16 +38,16 @@ _SMALL_SPIN = 0.6
 def design_for(
     recording: Recording, options: FitOptions, report: Callable[[str, float], None]
 ) -> CellDesign:
-    """Design a function over the smallest cell or sector that holds the frames.
+    """Design a function over a box or a sector, just large enough to hold the recorded frames.
 
-    The cell holds all frames or, where no function covers those, 98 or 90 % of them. The
-    configuration in its middle is the recorded one nearest to it, of the session in the middle of
-    all.
+    The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
+    covers those either, the one that covers most frames is returned. In the middle of the cell, the
+    function has a recorded configuration, see :func:`_posture`, if a design from it succeeds.
 
     Raises
     ------
     InputError
-        If no function covers any of the cells.
+        If there is no function over any of the cells.
     """
     thin = thinned(recording, _FRAMES)
     few = thinned(recording, _TRIED)
@@ -74,14 +74,17 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Measure the share of the frames that have a configuration inside the limits."""
+    """Compute the share of the frames at which the function has a value within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
 
 
 def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign:
-    """Design from the recorded configuration nearest to the middle, or from the best of all."""
+    """Design the function of a cell from a recorded configuration in its middle.
+
+    Without recorded joints, or if that fails, the design searches for the configuration itself.
+    """
     control = Pseudoinverse(cell.task)
     if recording.joints is not None:
         try:
@@ -98,8 +101,11 @@ def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign
 
 
 def _posture(recording: Recording, cell: Cell) -> Array:
-    """Select a recorded configuration: in each session the one nearest to the cell's middle, and of
-    those the one nearest to all others."""
+    """Select a typical recorded configuration near the middle of a cell.
+
+    Candidates are the configurations of each session nearest to the middle. The one with the
+    smallest sum of distances to the others is returned.
+    """
     assert recording.joints is not None
     U, _ = cell.coordinates(recording.positions, recording.rotations)
     away = np.linalg.norm(U, axis=1)
@@ -114,8 +120,10 @@ def _posture(recording: Recording, cell: Cell) -> Array:
 
 
 def _cells(recording: Recording, share: float) -> Iterator[Cell]:
-    """Yield the box and the sector around a share of poses; first the sector if they go far round
-    the base."""
+    """Yield a box and a sector that hold a share of the poses.
+
+    The sector comes first if the poses extend far around the base.
+    """
     p = recording.positions
     angle = np.arctan2(p[:, 1], p[:, 0])
     angle = np.angle(np.exp(1j * (angle - _mean_angle(angle))))
@@ -172,7 +180,10 @@ def _sector(recording: Recording, share: float) -> Cell:
 
 
 def _sector_of(probe: Sector, w: Array) -> Sector:
-    """Make the sector with the middle of another one, and half-widths (m,)."""
+    """Make a sector with the middle of ``probe`` and half-widths w (m,).
+
+    A small spin becomes a third half-angle.
+    """
     task = probe.task
     spin = float(w[SPIN]) if task.m > SPIN else 0.0
     turns = w[3:5] if task.m > 3 else 0.0
@@ -190,13 +201,13 @@ def _sector_of(probe: Sector, w: Array) -> Sector:
 
 
 def _measured(probe: Cell, p: Array, R: Array) -> Array:
-    """Measure poses from the middle of a cell, in m and rad: (K, m)."""
+    """Compute the coordinates of poses from the middle of the cell ``probe``, m and rad: (K, m)."""
     U, _ = probe.coordinates(p, R)
     return U * probe.widths[probe.moved]
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select the share of poses (K, m) nearest to their median."""
+    """Select the rows of Y (K, m), a share of all poses, that are nearest to their median."""
     if share == 1.0:
         return Y
     away = np.abs(Y - np.median(Y, axis=0))
@@ -205,7 +216,10 @@ def _within(Y: Array, share: float) -> Array:
 
 
 def _widths(Y: Array, positions: int) -> Array:
-    """Make half-widths (m,) that hold poses (K, m) around 0, with a margin."""
+    """Compute half-widths (m,) of a cell around 0 that holds poses Y (K, m), with a margin.
+
+    The first ``positions`` coordinates are in m, the others in rad.
+    """
     reach = np.abs(Y).max(axis=0)
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)
     widths = np.where(reach < _HELD, 0.0, _WIDER * reach + pad)

@@ -14,10 +14,10 @@ from ..errors import InputError
 from .table import Column, Table, read_table
 
 CLOCKS = ("time", "t", "times", "timestamp", "stamp", "sec", "secs", "seconds", "%time")
-"""Names of the times; larger numbers than 1e14 are nanoseconds, as in ROS."""
+"""Names of a column of times; values above 1e14 are nanoseconds, as in ROS."""
 
 TABLES = ("q", "Q", "joints", "positions", "position", "qpos", "observation.state")
-"""Names of an array of all joints, one row per time."""
+"""Names of an array with the positions of all joints, one row per time."""
 
 _NANOSECONDS = 1e14
 _NUMBERED = re.compile(r"(.*?)(\d+)\W*$")
@@ -40,8 +40,8 @@ class JointLog:
     by_name : bool
         True if the file names the joints; False if they were taken in its order.
     dropped : int
-        Number of rows left out: without a number for every joint, or with the time of the row
-        before.
+        Number of rows left out, because a number is missing or the time equals that of the previous
+        row.
     """
 
     name: str
@@ -54,10 +54,10 @@ class JointLog:
 def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
     """Read a log of joint positions from a ``.csv``, ``.npz`` or ``.parquet`` file.
 
-    It has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each joint.
-    The name of the joint may be part of a longer name, such as ``panda_joint1.position``. Columns
-    of one name and a number, such as ``q1`` to ``q7``, are taken in the order of the numbers, and
-    an array ``q`` in that of its columns. Other columns are ignored.
+    The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
+    joint. The name of the joint may be part of a longer name, such as ``panda_joint1.position``.
+    Columns of one name and a number, such as ``q1`` to ``q7``, are taken in the order of the
+    numbers, and an array ``q`` in that of its columns. Other columns are ignored.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
 
 
 def joint_log(t: Any, q: Any, n: int) -> JointLog:
-    """Check times (T,), s, and joint positions (T, n), rad or m, that are in memory."""
+    """Check times t (T,), s, and joint positions q (T, n), and make a log of them."""
     times, values = as_numbers(t), as_numbers(q)
     sizes = None if values is None or times is None else (times.shape, values.shape)
     if sizes is None or sizes[1] != (*sizes[0], n):
@@ -112,7 +112,10 @@ def joint_log(t: Any, q: Any, n: int) -> JointLog:
 
 
 def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:
-    """Find the columns of the joints by their names, in longer names, or by number."""
+    """Find the columns of the joints: by name, by names that contain it, or by number.
+
+    Return their names, empty if they are not found, and whether they name the joints.
+    """
     if set(joints) <= set(header):
         return list(joints), True
     positions = [name for name in header if not _NO_POSITION.search(name)]
@@ -130,12 +133,13 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
 
 def _holds(name: str, joint: str) -> bool:
-    """Check whether a column's name holds a joint's, with no letter or digit beside it."""
+    """Check whether a column's name contains a joint's name, with no letter or digit next to it."""
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
 
 
 def _whole(columns: Mapping[str, Column], n: int) -> Array | None:
-    """Find an array of all joints, which may have a gripper behind them."""
+    """Find an array of all joints, and return its first n columns; the others may be those of a
+    gripper. None if there is none."""
     for name in TABLES:
         values = columns.get(name)
         if values is not None and values.ndim == 2 and values.shape[1] >= n:
@@ -144,7 +148,10 @@ def _whole(columns: Mapping[str, Column], n: int) -> Array | None:
 
 
 def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) -> JointLog:
-    """Leave out rows without numbers, and refuse time that runs backwards."""
+    """Make a log without rows that lack a number or repeat a time.
+
+    If time runs backwards, an error is raised.
+    """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(q).all(axis=1))
     if len(rows) and abs(float(t[rows[0]])) > _NANOSECONDS:
         t = t * 1e-9

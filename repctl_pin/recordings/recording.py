@@ -26,7 +26,10 @@ from .table import Column, Table, read_table
 
 _CHUNK = 2**14
 _LENGTH, _ROTATION = 1e-2, 1e-2
-"""How far the length of a quaternion may be from 1, and R Rᵀ from I; both are normalised."""
+"""Tolerances for the length of a quaternion, and for the singular values of a rotation matrix.
+
+They may deviate from 1 by this much; both are normalised.
+"""
 
 POSITION, QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 JOINTS = ("joints", "q", "qpos", "observation.state")
@@ -36,7 +39,7 @@ _NAMES = {
     "times": ("time", "t", "timestamp", "times"),
     "sessions": ("session", "episode", "episode_index", "strategy", "sessions"),
 }
-"""Names of columns, by the argument that they are."""
+"""Names of the columns of a file, by the argument of :class:`Recording` that they become."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -55,7 +58,8 @@ class Recording:
         Joint positions, rad or m.
     poses : (K, 4, 4), (K, 7) or (K, 3) array, optional
         Homogeneous matrices; positions with quaternions, ``x, y, z, qx, qy, qz, qw``; or, for a
-        task that leaves the rotation free, positions, m. By default, those of the joints.
+        task that leaves the rotation free, positions, m. By default, they are computed from the
+        joints.
     times : (K,) array, optional
         Time of each frame, s.
     sessions : sequence, optional
@@ -64,7 +68,7 @@ class Recording:
     Attributes
     ----------
     positions, rotations : (K, 3) and (K, 3, 3) arrays
-        Poses, m from the base.
+        Poses of the frame relative to the base, m.
     session : (K,) array of int
         Number of each frame's session, from 0.
     names : tuple of str
@@ -189,7 +193,7 @@ class Recording:
 
 
 def thinned(recording: Recording, most: int) -> Recording:
-    """Select at most a number of frames, evenly in their order."""
+    """Select at most ``most`` frames of a recording, evenly spaced in their order."""
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other, values = object.__new__(Recording), vars(recording)
     arrays = {n: value[some] for n, value in values.items() if isinstance(value, np.ndarray)}
@@ -198,7 +202,7 @@ def thinned(recording: Recording, most: int) -> Recording:
 
 
 def forward(task: Task, Q: Array) -> tuple[Array, Array]:
-    """Evaluate the poses of configurations (K, n), in blocks that fit into memory."""
+    """Compute positions (K, 3) and rotations (K, 3, 3) of configurations Q (K, n), in blocks."""
     p, R = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3))
     for at in blocks(len(Q)):
         p[at], R[at], _ = placed(task, Q[at])
@@ -206,12 +210,12 @@ def forward(task: Task, Q: Array) -> tuple[Array, Array]:
 
 
 def blocks(count: int) -> list[slice]:
-    """Split rows into blocks."""
+    """Split ``count`` rows into blocks that fit into memory; return their slices."""
     return [slice(i, min(i + _CHUNK, count)) for i in range(0, count, _CHUNK)]
 
 
 def matrices(p: Array, R: Array) -> Array:
-    """Make homogeneous matrices (K, 4, 4)."""
+    """Combine positions (K, 3) and rotations (K, 3, 3) into homogeneous matrices (K, 4, 4)."""
     X = np.tile(np.eye(4), (len(p), 1, 1))
     X[:, :3, 3], X[:, :3, :3] = p, R
     return X
@@ -249,7 +253,7 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
 
 
 def _rotations(R: Array) -> Array:
-    """Normalise rotation matrices (K, 3, 3) to the nearest rotations."""
+    """Project matrices (K, 3, 3) onto the nearest rotations; raise an error if one is far away."""
     made = np.empty_like(R)
     for part in blocks(len(R)):
         U, s, Vt = np.linalg.svd(R[part])
@@ -294,7 +298,7 @@ def _times(given: ArrayLike, size: int) -> Array:
 
 
 def _arguments(table: Table, task: Task) -> dict[str, Any]:
-    """Find the columns of a table."""
+    """Find the arguments of :class:`Recording` among the columns of a table."""
     columns, found = table.columns, {}
     for argument, names in _NAMES.items():
         name = next((name for name in names if name in columns), None)
@@ -321,7 +325,7 @@ def _arguments(table: Table, task: Task) -> dict[str, Any]:
 
 
 def _first(values: Column, task: Task) -> Column:
-    """Take the first n columns of an array, which may have a gripper behind them."""
+    """Take the first n columns of an array of joints; the others may be those of a gripper."""
     if values.ndim != 2 or values.shape[1] < task.n:
         raise InputError(f"must be rows of {task.n} joints or more", argument="joints")
     return values[:, : task.n]

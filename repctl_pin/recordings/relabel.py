@@ -21,13 +21,13 @@ from .table import Column, write_table
 
 _HELD_OUT = 1024
 _FRAMES = 2**13
-"""Frames at which a leaf is tried."""
+"""Maximum number of frames at which a leaf is tried."""
 
 _MARGIN = 0.05
-"""Joint-limit margin, rad or m, that a leaf keeps where leaf 0 does."""
+"""Joint-limit margin, rad or m, that a leaf must keep if the leaf c = 0 keeps as much."""
 
 _LISTED = 3
-"""Time ranges that a summary lists."""
+"""Maximum number of time ranges that a summary lists."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Relabeled:
         return self.joints - self.recording.joints
 
     def figures(self) -> dict[str, str]:
-        """Write the figures: name → text."""
+        """Return the figures of merit as text, by name."""
         unit, count = self.recording.task.unit, len(self.recording)
         sessions = len(self.recording.names)
         frames = f"{count:,} in {sessions} session{'s' * (sessions > 1)}: "
@@ -140,7 +140,7 @@ class Relabeled:
         }
 
     def summary(self) -> str:
-        """Write the figures, one per line."""
+        """Return the figures of merit as text, one per line."""
         task, lines = self.recording.task, []
         for name, text in self.figures().items():
             first, *more = text.split("\n")
@@ -181,7 +181,8 @@ class Relabeled:
         return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
 
     def _missing(self) -> str:
-        """Write the longest gaps in the order of time, and how many others there are."""
+        """Write which frames were not relabelled: the longest gaps in the order of time, and how
+        many frames the other gaps have."""
         longest = sorted(self.gaps, key=lambda gap: -gap.frames)[:_LISTED]
         lines = [self._gap(gap) for gap in self.gaps if gap in longest]
         rest = sum(gap.frames for gap in self.gaps if gap not in longest)
@@ -225,9 +226,9 @@ def relabel(
     design
         Function of a cell to use, instead of one over the cell that holds the frames.
     leaf : (r,) array, optional
-        Level c, rad or m. By default the c nearest to the median of the recorded levels, towards 0,
-        that relabels as many frames as c = 0 and keeps as large a joint-limit margin, or 0.05; 0
-        without recorded configurations.
+        Level c, rad or m. By default, the level between 0 and the median of the recorded levels
+        that is nearest to the median, relabels as many frames as c = 0, and keeps a joint-limit
+        margin as large as with c = 0, or 0.05; 0 without recorded configurations.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -294,7 +295,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Find the leaf of each recorded configuration (K, r)."""
+    """Compute the level c (K, r) of each recorded configuration; None if none were recorded."""
     if recording.joints is None:
         return None
     Q = recording.joints
@@ -302,16 +303,17 @@ def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
 
 
 def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
-    """Evaluate F at all frames; NaN where it has no value."""
+    """Evaluate F on the leaf c at the poses of all frames: (K, n), NaN where F has no value."""
     p, R = recording.positions, recording.rotations
     parts = [F.batch(matrices(p[part], R[part]), leaf=c, missing="nan") for part in blocks(len(p))]
     return np.concatenate(parts)
 
 
 def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
-    """Find the leaf nearest to the median of the recorded ones that loses no frame and no margin.
+    """Find the level c nearest to the recorded median that loses no frame and no limit margin.
 
-    Leaves between the median and 0 are tried; 0 is the one that the function was designed for.
+    Levels between the median and 0 are tried, the nearest to the median first. The function was
+    designed for c = 0, which is returned if all others lose frames or margin.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
@@ -326,7 +328,7 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 
 
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
-    """Count the frames that a leaf labels, and find their smallest limit margin."""
+    """Count the frames that the leaf c relabels, and find their smallest joint-limit margin."""
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
     return len(Q), float(F.task.limit_margin(Q).min(initial=np.inf))
@@ -335,7 +337,7 @@ def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, floa
 def _result(
     recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
 ) -> Relabeled:
-    """Compute the figures."""
+    """Make the result from new configurations Q (K, n), with gaps, ambiguity and limit margins."""
     task, before, found = recording.task, recording.joints, np.isfinite(Q[:, 0])
     cell, parts = design.cell, blocks(len(recording))
     places = [
@@ -361,7 +363,7 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[Gap, ...]:
-    """List the ranges of consecutive frames of a session not relabelled for one reason."""
+    """List the ranges of consecutive frames of a session that lack a label for one reason."""
     kind = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
     kind, session = kind[order], recording.session[order]
@@ -381,7 +383,7 @@ def _gaps(
 
 
 def _columns(relabeled: Relabeled) -> dict[str, Column]:
-    """Make the columns of a file with the new configurations."""
+    """Make the columns of the file with the new configurations, by name."""
     recording, Q = relabeled.recording, relabeled.joints
     joints = dict(zip(recording.task.joint_names, Q.T, strict=True))
     if recording.source is None:
@@ -395,7 +397,7 @@ def _columns(relabeled: Relabeled) -> dict[str, Column]:
 
 
 def _own_columns(recording: Recording) -> dict[str, Column]:
-    """Make the columns of time, session and pose."""
+    """Make columns of time, session and pose for a recording that was not read from a file."""
     from scipy.spatial.transform import Rotation
 
     columns: dict[str, Column] = {}

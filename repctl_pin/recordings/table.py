@@ -1,4 +1,4 @@
-"""Tables of recorded frames: CSV, NumPy's .npz, and Parquet where pyarrow is installed."""
+"""Tables of recorded frames: CSV files, NumPy's .npz, and Parquet if pyarrow is installed."""
 
 from __future__ import annotations
 
@@ -43,7 +43,10 @@ class Table:
     columns: Mapping[str, Column]
 
     def line(self, frame: int) -> str:
-        """Name a frame, counted from 0, for a message: by its line in a CSV file."""
+        """Write the line of a frame in a CSV file, or its number in another file, for a message.
+
+        Frames are counted from 0.
+        """
         if self.file.suffix.lower() == ".csv":
             return f"{self.file}, line {_line_of(self.file, frame)}"
         return f"{self.file}, frame {frame}"
@@ -168,7 +171,7 @@ def _line_of(file: Path, frame: int) -> int:
 
 
 def _wrong_line(file: Path, size: int, first: list[str], error: Exception) -> InputError:
-    """Find the line that could not be read."""
+    """Make the error for the first line of a CSV file that cannot be read."""
     try:
         for line, row in _lines(file):
             if len(row) != size:
@@ -236,7 +239,7 @@ def _of_parquet(file: Path, data: bytes) -> dict[str, Column]:
 
 
 def _plain(column: Any) -> Column:
-    """Convert a column of Parquet: lists of equal length to rows of an array."""
+    """Convert a Parquet column to an array; lists of equal length become its rows."""
     import pyarrow
 
     if not (pyarrow.types.is_list(column.type) or pyarrow.types.is_fixed_size_list(column.type)):

@@ -1,4 +1,4 @@
-"""Repeated hand poses in a recorded joint motion."""
+"""Search for the hand pose to which a recorded joint motion returns most often."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ FLOOR = 1e-4
 """Smallest tolerance of a hand pose, in arm lengths: the repeatability of a good arm."""
 
 _CANDIDATES = 32
-"""Poses tried at equal times, and as many at equal distances along the path of the hand."""
+"""Number of poses tried at equally spaced times, and again at equal distances along the path."""
 
 _RADIAN = 0.25
 """Distance, in arm lengths, that counts as much as a rotation of the hand by 1 rad."""
 
 _LEFT = 3.0
-"""The hand has left a pose at this many radii of the search."""
+"""Distance at which the hand has left a pose, in multiples of the search radius."""
 
 _REST = 0.2
-"""The hand rests at a pose if it stays for this time, s."""
+"""Minimum duration of a rest at a pose, s."""
 
 _GAP = 5.0
-"""A step of more than this many median steps in time is a gap of the log."""
+"""Time step, in multiples of the median one, above which the log has a gap."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Visits:
-    """Times at which the hand was at one pose, and the configurations there.
+    """Visits of the hand at one pose: their times and configurations.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Visits:
     t : (N,) array
         Time of each visit, s; a pause at the pose is one visit.
     q : (N, n) array
-        Configuration at each visit, moved onto the pose exactly by J⁺.
+        Configuration at each visit, corrected by J⁺ to reach the pose exactly.
     rows : (N,) array of int
         Row of the log nearest to each visit.
     tolerance : float
@@ -72,11 +72,11 @@ class Visits:
 def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None = None) -> Visits:
     """Find the pose to which the hand returns most often, and all visits there.
 
-    From 65 poses of the log, the first and others spread over time and path, it takes the one
-    with most visits, and of equal ones the one where the hand stayed longest. Where the hand rests
-    for 0.2 s, visits count twice: on the way there and back it passes every pose between twice.
-    Poses are points in up to 12 dimensions, ``(p, ℓ R / √2)`` with a length ℓ per radian, in a k-d
-    tree.
+    Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
+    The pose with the most visits is taken, and of equal ones the one where the hand stayed longest.
+    If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
+    poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
+    ``(p, ℓ R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
 
     Parameters
     ----------
@@ -88,7 +88,8 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None = None) 
         Joint positions, rad or m.
     tolerance : float, optional
         Distance within which the hand counts as back, m; by default four times the noise of the
-        hand, plus the sagitta of a step, at least 1e-4 arm lengths.
+        distance between two poses, plus the sagitta of the path between two rows, plus 1e-4 arm
+        lengths.
     """
     noise, length = noise_of(Q), arm_length(task, Q[0]) or 1.0
     radian = _RADIAN * length if task.kind in ("pose", "axis") else 0.0
@@ -120,10 +121,12 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None = None) 
 
 
 class _Pass(NamedTuple):
-    """A stay of the hand near a pose, or its way past it.
+    """Rows of a log near one pose: a stay of the hand there, or its way past the pose.
 
-    ``run`` are the rows near the pose, ``rows`` those within the tolerance, ``at`` is where it is
-    nearest, in rows and fractions, and ``distance`` how near, m."""
+    ``run`` are the rows near the pose, and ``rows`` those within the tolerance. ``at`` is the row
+    number, with a fraction, at which the hand is nearest to the pose, and ``distance`` its distance
+    there, m.
+    """
 
     run: NDArray[np.intp]
     rows: NDArray[np.intp]
@@ -132,10 +135,12 @@ class _Pass(NamedTuple):
 
 
 def noise_of(Q: Array) -> Array:
-    """Estimate the noise of every column from its differences of orders 3 to 6: (n,).
+    """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
 
-    White noise σ has differences of order k of variance ``(2k choose k) σ²``; those of a smooth
-    motion vanish as k grows. The median of their sizes does not see pauses and gaps."""
+    Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; those of a
+    smooth motion vanish as k grows. The smallest estimate of orders 3 to 6 is taken, each from the
+    median size of the differences, which pauses and gaps of the log hardly change.
+    """
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
     sizes = [
@@ -146,7 +151,7 @@ def noise_of(Q: Array) -> Array:
 
 
 def _features(task: Task, Q: Array, radian: float) -> Array:
-    """Evaluate the hand poses as points whose distance is one of poses: (T, d), m."""
+    """Convert configurations to points (T, d), m, whose distances are those of the hand poses."""
     placements = [task.placement(q) for q in Q]
     p = np.array([M.translation for M in placements])[:, [a for a in task.rows if a < 3]]
     if not radian:
@@ -159,7 +164,11 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 def _tolerance(
     task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
-    """Allow for four times the noise of two poses, and for the sagitta of a step."""
+    """Compute the default tolerance of a hand pose, m, to which ``FLOOR`` is added.
+
+    It is four times the noise of the distance between two poses, plus the sagitta of the path
+    between two rows. ``whole`` is False for the time steps that are gaps.
+    """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
     weight = np.where(np.arange(J.shape[1]) < sum(a < 3 for a in task.rows), 1.0, radian)
@@ -169,7 +178,7 @@ def _tolerance(
 
 
 def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
-    """Choose rows of the log, spread over time and over the path of the hand."""
+    """Choose the rows of the log whose poses are tried, spread over time and along the path."""
     way = np.append(0.0, np.cumsum(steps))
     shares = (np.arange(_CANDIDATES) + 0.5) / _CANDIDATES
     by_time = np.searchsorted(t, t[0] + shares * (t[-1] - t[0]))
@@ -178,16 +187,17 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split sorted rows where rows are missing: the hand was farther away there."""
+    """Split sorted row numbers into runs of consecutive ones; between runs, the hand was away."""
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
 
 def _closest(
     X: Array, pose: Array, run: NDArray[np.intp], whole: NDArray[np.bool_], tolerance: float
 ) -> _Pass:
-    """Find where a run of rows is nearest to a pose.
+    """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    Between rows the motion is straight; across a gap it is unknown."""
+    Between two rows the motion is taken as straight; across a gap of the log it is unknown.
+    """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
     k = int(np.argmin(distances))
@@ -204,7 +214,10 @@ def _closest(
 
 
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
-    """Measure how near the hand comes to the pose of a row after it left, or before it came."""
+    """Compute how near the hand comes to the pose of a row at other visits, or while away, m.
+
+    It is infinite if the hand never leaves the pose.
+    """
     others = [one.distance for one in found if row not in one.run]
     if others:
         return min(others)
@@ -213,7 +226,10 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
 
 
 def _at(values: Array, one: _Pass) -> Array:
-    """Average the rows of a visit; of a quick one, interpolate where the hand is nearest."""
+    """Average values (T, …) over the rows of a visit.
+
+    At a quick visit, interpolate where the hand is nearest.
+    """
     if len(one.rows) > 1:
         return values[one.rows].mean(axis=0)
     low = min(int(one.at), len(values) - 2)
@@ -221,7 +237,7 @@ def _at(values: Array, one: _Pass) -> Array:
 
 
 def _onto(task: Task, q: Array, target: pin.SE3) -> Array:
-    """Move a configuration onto a pose near it, ``q + J⁺ e`` twice."""
+    """Correct a configuration to reach a pose near it, by two Newton steps ``q + J⁺ e``."""
     for _ in range(2):
         q = q + np.linalg.pinv(task.jacobian(q), rcond=1e-3) @ task.error(q, target)
     return q

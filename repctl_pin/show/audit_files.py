@@ -1,4 +1,4 @@
-"""The files of an audit: a page of the recorded motion, and a figure of the creep."""
+"""The files of an audit: a page of the recorded motion, and a figure of its creep."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from .plots.motions import plain, png, quiet, titled
 from .text.audit_answer import audit_sentence, part_of
 
 _STEPS = 48
-"""Samples of each cycle on the page; of more than as many cycles, half of them."""
+"""Samples per cycle on the page; half as many if there are more cycles than this number."""
 
 _CYCLES = 240
 """Maximum number of cycles on the page."""
 
 _COLOURS = (BLUE, GREEN, PURPLE, INK)
-"""Colours of the joints in the figure, those that creep most."""
+"""Colours of the joints in the figure, which are those that creep most."""
 
 
 def write_audit(audit: Audit, folder: Path) -> list[Path]:
-    """Write ``audit.html`` and ``audit.png`` atomically; nothing if the log does not repeat.
+    """Write ``audit.html`` and ``audit.png`` atomically; no files if the log does not repeat.
 
     Parameters
     ----------
@@ -52,9 +52,10 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
 
 
 def audit_page(audit: Audit) -> str:
-    """Make the page of the recorded motion: the first visit is the ghost, the last one the end.
+    """Write the HTML page of the recorded motion, with the first visit as the ghost.
 
-    Each cycle is the log from one visit to the next; of many returns, some that are evenly spread.
+    Each cycle is the part of the log between two consecutive visits. If there are too many, evenly
+    spaced ones are shown.
     """
     task, visits = audit.task, audit.visits
     ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
@@ -78,7 +79,8 @@ def audit_page(audit: Audit) -> str:
 
 
 def _between(audit: Audit, end: int, steps: int) -> Array:
-    """Take the log from one visit to the next, at equal times: (steps + 1, n)."""
+    """Interpolate the log between visits ``end`` − 1 and ``end``: (steps + 1, n), at equal
+    times."""
     visits, log = audit.visits, audit.log
     t = np.linspace(visits.t[end - 1], visits.t[end], steps + 1)
     q = np.stack([np.interp(t, log.t, column) for column in log.q.T], axis=1)
@@ -87,7 +89,7 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def audit_figure(audit: Audit) -> Figure:
-    """Make the figure ``audit.png``: the creep of the arm, and of its joints, over time."""
+    """Draw the figure ``audit.png``: creep of a joint origin, and of the joints, over time."""
     task, visits, joints = audit.task, audit.visits, audit.joints
     assert joints is not None
     seconds, unit = audit.clock
@@ -112,7 +114,7 @@ def audit_figure(audit: Audit) -> Figure:
 def _line(
     ax: Axes, time: Array, values: Array, slope: float, colour: str, label: str | None = None
 ) -> None:
-    """Draw the visits, and the line of their median slope."""
+    """Draw the values at the visits as dots, and their trend as a line."""
     level = float(np.median(values - slope * time))
     ends = time[[0, -1]]
     ax.plot(time, values, "o", ms=3.5, color=colour, label=label)

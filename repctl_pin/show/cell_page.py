@@ -26,12 +26,14 @@ _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 _OF_THE_TOUR = "One sample path; the values above are the worst known in the whole cell."
 
 _ARC = 49
-"""Points of an arc of a sector."""
+"""Number of points along each arc of a sector."""
 
 
 def box_of(cell: Cell) -> Array:
-    """Trace the edges of a cell's box of positions: (P, 3), m; a rectangle or a line where some
-    positions are fixed."""
+    """Trace the edges of a cell's range of positions: points (P, 3), m.
+
+    It is a rectangle or a line if some positions are fixed.
+    """
     if isinstance(cell, Sector):
         return _edges(cell)
     positions = len(cell.half_width)
@@ -42,7 +44,7 @@ def box_of(cell: Cell) -> Array:
 
 
 def _edges(sector: Sector) -> Array:
-    """Trace the arcs and edges of a sector's positions: (P, 3), m."""
+    """Trace the arcs and edges of a sector's range of positions: points (P, 3), m."""
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = np.concatenate([there, there[::-1]]), [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     traced = [(*corner, angle) for corner in [*corners, corners[0]] for angle in arc]
@@ -60,14 +62,14 @@ def cell_page(
     *,
     command: str | None = None,
 ) -> str:
-    """Write the page of a function as one self-contained HTML page.
+    """Write the self-contained HTML page of a function over a cell.
 
     Parameters
     ----------
     design
         The function and its figures of merit.
     slices
-        Figure of its slices, a PNG; None if it has none.
+        PNG file of the figure of slices; None leaves the figure out.
     motions
         Motions along a sample path through the cell, by controller: the desired one, if there is
         one, and the function.
@@ -101,7 +103,7 @@ def cell_page(
 
 
 def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str) -> str:
-    """Make the animation of the motions side by side, with the box around them."""
+    """Write the animation page of the motions side by side, with the outline of the cell."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     tracks = [
         playback_of(label, motions[label], colour)
@@ -117,8 +119,10 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
 
 
 def _worst(design: CellDesign, motions: Mapping[str, Motion]) -> tuple[float, float, float]:
-    """Find the worst known limit margin, body distance and extra joint speed of a function: over
-    the held-out poses, the search and the sample path."""
+    """Find the worst known limit margin, body distance and extra joint speed of a function.
+
+    They are taken from the held-out poses, from searches over the cell, and from the sample path.
+    """
     path = list(motions.values())[-1:]  # the function's
     margins = [float(motion.limit_margin.min()) for motion in path]
     distances = [float(motion.coarse.body_distance.min()) for motion in path]
@@ -131,7 +135,7 @@ def _worst(design: CellDesign, motions: Mapping[str, Motion]) -> tuple[float, fl
 
 
 def _figures(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """List the figures of merit, and first the worst known values of the sentence."""
+    """Return the figures of merit as text, by name; the worst known values come first."""
     margin, distance, speed = _worst(design, motions)
     unit, worst = design.task.unit, []
     if np.isfinite(margin):
@@ -143,8 +147,11 @@ def _figures(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str
 
 
 def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
-    """Write the extra joint speed, the coverage, and the worst known limit margin and body distance
-    of a function in one sentence."""
+    """Write a sentence that sums up a function.
+
+    It gives the extra joint speed, the coverage, and the worst known limit margin and body
+    distance.
+    """
     margin, distance, speed = _worst(design, motions)
     every = "every pose" if design.evaluation.everywhere else "each covered pose"
     mean = f"{100 * design.extra_speed:.2g} % more joint speed on average"

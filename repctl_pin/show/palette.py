@@ -8,13 +8,13 @@ ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"
 
 GREY = "#595959"
-"""For words beside a figure that are not about one line."""
+"""Colour of text beside a figure that does not belong to one line."""
 
 COLOURS = {"pseudoinverse": VERMILLION, "posture": GREEN, "posture_off": ORANGE, "repeatable": BLUE}
-"""The colour of each strategy of a study, the same in every picture."""
+"""Colour of each strategy of a study, the same in every figure."""
 
 _OWN = (PURPLE, SKY, YELLOW, INK)
-"""For user-defined controls, one after the other."""
+"""Colours of user-defined controllers, used in this order."""
 
 
 def luminance(colour: str) -> float:
@@ -35,6 +35,6 @@ def readable(colour: str) -> str:
 
 
 def colours(study: Study) -> dict[str, str]:
-    """Assign a colour to every row of a study, by its key."""
+    """Return the colour of every strategy and of every row of a study, by key."""
     own = [row.key for row in study.rows if row.key not in COLOURS]
     return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}

@@ -26,12 +26,12 @@ def relabel_sentence(relabeled: Relabeled) -> str:
 
 
 def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
-    """Write the page of a relabelled recording as one self-contained HTML page.
+    """Write the self-contained HTML page of a relabelled recording.
 
     Parameters
     ----------
     relabeled
-        The recording with new joints.
+        The recording with new configurations.
     command
         Command line that made the page.
     """
@@ -74,7 +74,7 @@ _GLOSSARY = {
 
 
 def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
-    """Write how many frames have new joints, how many have none, and the limit margins."""
+    """Write the number of frames that were relabelled and that were not, and the limit margins."""
     found = relabeled.found
     lost = int((~found).sum())
     margin = float(relabeled.margins_after[found].min())

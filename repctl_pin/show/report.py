@@ -1,4 +1,4 @@
-"""Report of a study as one HTML page: verdict, figures, and all that is needed to repeat it."""
+"""Report of a study as one HTML page: verdict, figures, and all data for repeating the study."""
 
 from __future__ import annotations
 
@@ -60,7 +60,8 @@ def report_page(
     Returns
     -------
     str
-        HTML without network access; it prints without cut figures, and describes every picture.
+        HTML without network access; figures are not cut when it is printed, and every picture has a
+        description.
     """
     title = f"{study.robot.name}: {study.path.name}"
     colour = colours(study)
@@ -136,14 +137,14 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
 
 
 def _picture(figure: Figure, text: str) -> dict[str, object]:
-    """Draw a figure for the page without its empty margins, with its description."""
+    """Draw a figure, cropped to its contents, and encode it for the page with its description."""
     metadata = {"Software": None}
     picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)
     return framed(picture, text)
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:
-    """Encode a PNG for a page, with its size and description."""
+    """Encode a PNG file for a template of a page, with its size and description."""
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
     return {
         "data": base64.b64encode(picture).decode("ascii"),
@@ -154,7 +155,7 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
 
 
 def _in_full(study: Study) -> dict[str, str]:
-    """Collect the full settings: numbers at full precision, and the robot file's checksum."""
+    """Collect the settings as text, with numbers in full precision and the URDF's checksum."""
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {
         "start, in full": row(study.q0, 10),
@@ -166,7 +167,7 @@ def _in_full(study: Study) -> dict[str, str]:
 
 
 def _fingerprint(file: Path) -> str:
-    """Compute the SHA-256 checksum of a file."""
+    """Compute the SHA-256 checksum of a file; a sentence if the file no longer exists."""
     try:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
@@ -176,7 +177,10 @@ def _fingerprint(file: Path) -> str:
 def _chosen(
     options: Mapping[str, object], command: str | None
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Separate the options that the command line names from the others."""
+    """Split the options, as text by name, into those that the command line names and the others.
+
+    Without a command line, all count as named.
+    """
     said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}
     given = {name: text for name, text in texts.items() if said is None or f"--{name}" in said}

@@ -1,4 +1,4 @@
-"""The files of a study: animation, figures, and the motions as numbers."""
+"""The files of a study: animation, figures, and the motions as a CSV file."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
 def run_name(study: Study, checksum: str) -> str:
     """Name a run by the checksum of its design file and a digest of its motions.
 
-    The same run has the same name. The first part is the checksum in ``control.json``.
+    Equal runs have equal names. The first part is the checksum in ``control.json``.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
 
 
 def with_run(page: str, run: str) -> str:
-    """Insert the name of a run into a page."""
+    """Insert the name of a run into the head of a page; an empty name changes nothing."""
     return (
         page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1)
         if run
@@ -70,13 +70,13 @@ def with_run(page: str, run: str) -> str:
 
 
 def _motions(study: Study, run: str = "") -> str:
-    """Write the motions of a study as CSV."""
+    """Write the motions of a study as the text of a CSV file."""
     kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
     return csv_text(kept, most=CSV_ROWS_PER_CYCLE, run=run)
 
 
 def study_page(study: Study) -> str:
-    """Make the animation of a study: J⁺, custom controllers and the repeatable inverse."""
+    """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse."""
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
     tracks = [

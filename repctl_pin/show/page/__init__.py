@@ -1,4 +1,4 @@
-"""Animation page: meshcat's viewer, with all data that it shows."""
+"""Animation page: a self-contained HTML file of meshcat's viewer and all data that it shows."""
 
 # ruff: noqa: E402  (a package that is missing is named before it is imported)
 from ...errors import needed

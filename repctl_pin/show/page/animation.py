@@ -24,7 +24,7 @@ from .playback import TracedChain, playback_of, playback_page
 
 _WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
 _BACK = 0.01
-"""A motion counts as closed up to this share of the largest drift, or up to 1e-6."""
+"""Share of the largest drift up to which a motion counts as closed; up to 1e-6 it always does."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +76,16 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     """Show motions of one robot side by side: path, traces, start configuration, and the drift
     after each cycle.
 
-    J⁺ and the nearest repeatable have colours of their own; other motions are warm if they drift,
-    cool if they return.
+    J⁺ and the nearest repeatable have fixed colours; other motions have a warm colour if they
+    drift, and a cool one if they close.
 
     Parameters
     ----------
     motions
-        The motions by name, all of as many cycles and steps; or a study.
+        The motions by name, all with the same number of cycles and of steps; or a study.
     seconds
-        Time of a cycle at normal speed, s; by default that of the first motion: real time.
+        Time of a cycle at normal speed, s; by default that of the first motion: real time. A study
+        is always shown in real time.
 
     Returns
     -------
@@ -149,8 +150,11 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Choose a colour for each motion: the one that its name has in every figure, else a warm one
-    if it drifts and a cool one if not."""
+    """Choose a colour for each motion, from its drift by name.
+
+    A name that is the label of a strategy has that strategy's colour. Others get a warm colour if
+    they drift, and a cool one if they close.
+    """
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}
     warm, cool = (

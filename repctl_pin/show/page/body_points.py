@@ -1,4 +1,4 @@
-"""Corners of the drawn bodies, by which the page measures how far each is off."""
+"""Corners of the drawn bodies, and how far the bodies drift between cycles."""
 
 from __future__ import annotations
 
@@ -18,25 +18,26 @@ from ...robot.visuals import Shape
 from .surfaces import Surface, Surfaces, read_surfaces
 
 _RIM = 24
-"""Corners of the polygon that stands for a circle."""
+"""Number of corners of the polygon that approximates a circle."""
 
 _KEPT = 256
 _hulls: dict[tuple[Path, int], Array] = {}
-"""Hulls of mesh files by path and time of change: the terminal and the page measure with them."""
+"""Cache of mesh hulls, by file path and modification time; the terminal and the page share it."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class BodyDrift:
-    """How far each body is off its place in cycle 1.
+    """Displacement of each body since the same moment of cycle 1.
 
     Attributes
     ----------
     points : tuple of (P, 3) arrays
-        For each body the corners that are ever farthest off, and its outermost ones, m.
+        For each body, in its own frame, m: the corners that are displaced most at any sample, and
+        the outermost corners.
     off : (T, S) array
-        Displacement of each body since the same moment of cycle 1, m; at the end of a cycle, since
-        the start.
+        Displacement of S bodies at T samples, m. At the end of a cycle, it is counted from the
+        start of cycle 1.
     """
 
     points: tuple[Array, ...]
@@ -44,14 +45,14 @@ class BodyDrift:
 
 
 def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> BodyDrift:
-    """Measure how far each body is off its place in cycle 1.
+    """Compute how far each body is displaced since the same moment of cycle 1.
 
     Parameters
     ----------
     bodies : sequence of (P, 3) arrays
         Corners of each body, see :func:`corners`.
     placements : (T, S, 4, 4) array
-        Placements of the bodies, cycle by cycle.
+        Placements of S bodies at T samples, cycle by cycle.
     per_cycle
         Number of samples of one cycle, including both ends.
     """
@@ -67,14 +68,14 @@ def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> Bo
 def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
     """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m.
 
-    A shape that cannot be read has one, its origin. The surfaces of their mesh files are read if
-    not given.
+    A shape that cannot be read has one corner, at its origin. ``surfaces`` are the contents of the
+    mesh files; if None, the files are read.
     """
     return [_hull(shape, surfaces) * np.array(shape.scale) for shape in shapes]
 
 
 def _hull(shape: Shape, surfaces: Surfaces | None) -> Array:
-    """Collect the corners of a shape's convex hull, without its scale."""
+    """Collect the corners of a shape's convex hull before scaling: (P, 3)."""
     if shape.kind != "mesh":
         return _primitive(shape)
     assert shape.path is not None
@@ -91,7 +92,7 @@ def _hull(shape: Shape, surfaces: Surfaces | None) -> Array:
 
 
 def _mesh_hull(surface: Surface | InputError) -> Array:
-    """Collect the corners of a mesh's convex hull; the origin for a mesh that cannot be read."""
+    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
     if not isinstance(surface, Surface):
         return np.zeros((1, 3))
     points = np.unique(surface.points, axis=0)
@@ -102,7 +103,7 @@ def _mesh_hull(surface: Surface | InputError) -> Array:
 
 
 def _primitive(shape: Shape) -> Array:
-    """Collect corners of a box, or of a polytope that stands for a round shape."""
+    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m."""
     ends = np.array([-0.5, 0.5])
     if shape.kind == "box":
         return np.array(list(product(*(edge * ends for edge in shape.size))))
@@ -122,6 +123,6 @@ def _primitive(shape: Shape) -> Array:
 
 
 def _outermost(body: Array) -> NDArray[np.intp]:
-    """Find the corners that lie farthest in the directions of a box's corners."""
+    """Find the corners of a body, by index, that lie farthest in the eight diagonal directions."""
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
     return np.unique(np.argmax(body @ ways.T, axis=0))

@@ -1,15 +1,16 @@
 """Self-contained HTML page: meshcat's viewer, the recorded scene and the motion.
 
-The page asks nothing of a network or a server. What is large goes in as base64 of gzip, and the
-browser's own ``DecompressionStream`` takes it out again.
+The page needs no network and no server. Large data are embedded as base64 of gzip, which the
+browser unpacks with its ``DecompressionStream``.
 
-At the browser's console, and for tests: ``repctl.ready``, ``repctl.seek(cycles)``,
-``repctl.play()``, ``repctl.pause()``,
-``repctl.set("traces" or "ghost" or "fan" or "drift", bool)``, ``repctl.drift(arm, shape)``,
-``repctl.picture()`` (a PNG's data URL), ``repctl.seen()`` (the same of the page),
-``repctl.record(seconds)`` (a film), ``repctl.still()`` (a canvas, for print),
-``repctl.pane(arm)`` (where it is in the picture), ``repctl.errors``. Times are in shown cycles:
-1.25 is a quarter into the second. An address that ends in ``#paused`` does not start by itself."""
+For the browser's console and for tests, the page has an object ``repctl``. Its members are
+``ready``, ``errors``, ``seek(cycles)``, ``play()``, ``pause()``, ``set(what, bool)`` with ``what``
+one of ``"traces"``, ``"ghost"``, ``"fan"`` and ``"drift"``, ``drift(arm, shape)`` (displacement, m,
+and colour), ``picture()`` (data URL of a PNG of the scene), ``seen()`` (data URL of a PNG of the
+page), ``record(seconds)`` (a film), ``still()`` (a canvas, for print), and ``pane(arm)`` (position
+and size of an arm's pane, as fractions of the picture). Times are in shown cycles: 1.25 is a
+quarter into the second. A page whose address ends in ``#paused`` does not start by itself.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ SCRIPTS = (
     *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
     *("live", "console", "main"),
 )
-"""The page's modules, each after those that it imports."""
+"""The modules of the page's script, each after the modules that it imports."""
 
 
 def page(
@@ -47,13 +48,13 @@ def page(
     Parameters
     ----------
     scene
-        What the page's own script reads, its title and caption among it; plain Python types.
+        Data for the page's script, including title and caption, in plain Python types.
     commands
-        meshcat commands, msgpack each.
+        Commands for meshcat's viewer, each encoded as msgpack.
     motion
-        float32 numbers, little-endian, laid out as ``scene`` says.
+        Poses and points as little-endian float32 numbers, in the layout that ``scene`` describes.
     headline
-        What stands above it all.
+        Headline above the animation.
     """
     return render(
         "page.html",
@@ -71,7 +72,7 @@ def page(
 
 
 def render(template: str, **parts: Any) -> str:
-    """Fill in a template of ``assets``; text is escaped, and :class:`markupsafe.Markup` is not."""
+    """Fill in a template of ``assets``; text is escaped, except :class:`markupsafe.Markup`."""
     return _templates().get_template(template).render(parts)
 
 
@@ -87,26 +88,26 @@ def _templates() -> Environment:
 
 @cache
 def _script() -> str:
-    """Join the page's modules into one script with one scope."""
+    """Join the page's JavaScript modules into one script with one scope."""
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
     return '"use strict";\n' + re.sub(r"(?m)^(import .*\n|export )", "", "\n".join(texts))
 
 
 def as_script(value: Any) -> str:
-    """Write JSON that is safe inside a script element: it cannot end the element."""
+    """Convert a value to JSON that is safe inside a script element, which it cannot end."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
 def pack(data: bytes) -> str:
-    """Compress bytes and write them as base64."""
+    """Compress bytes by gzip and encode them as base64."""
     return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
 
 
 @cache
 def _viewer() -> str:
-    """Compress meshcat's viewer, as its package ships it."""
+    """Compress the script of meshcat's viewer, from the installed package, as base64."""
     spec = find_spec("meshcat")
     if spec is None or spec.origin is None:
         raise RepctlError("meshcat is not installed; pip install 'meshcat>=0.3.2'")

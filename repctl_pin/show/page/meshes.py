@@ -1,7 +1,8 @@
-"""Commands of meshcat's viewer that fill a page's library of bodies, as msgpack.
+"""Commands for meshcat's viewer that define the bodies of a page, encoded as msgpack.
 
-Every distinct body goes in once, as ``/library/k``; the page places copies of it. The commands are
-those of meshcat's Python package, which would import IPython and a web server to write them.
+Each distinct body is defined once, as ``/library/k``, and the page places copies of it. The
+commands equal those of meshcat's Python package, which is not used because it would import IPython
+and a web server.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from ...robot.visuals import Shape
 from .surfaces import Surface, Surfaces, read_surfaces
 
 Key = tuple[Any, ...]
-"""What shapes share: the mesh file, or kind and size; not the scale, colour or place."""
+"""Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""
 
 Element = dict[str, Any]
-"""An element of a three.js scene, as its JSON format has it."""
+"""Element of a three.js scene, in its JSON format."""
 
 _LIGHTS = ("AmbientLight", "FillLight", "PointLightNegativeX", "PointLightPositiveX")
 HIDDEN = ("/Grid", "/Axes", *(f"/Lights/{light}" for light in _LIGHTS), "/library", "/Background")
@@ -46,16 +47,17 @@ def record(
 ) -> tuple[list[bytes], dict[Key, int], list[str]]:
     """Record the commands that fill a viewer's library with every distinct body of some shapes.
 
-    The same shapes give the same bytes. The surfaces of their mesh files are read if not given.
+    The output is deterministic. ``surfaces`` are the contents of the mesh files; if None, the files
+    are read.
 
     Returns
     -------
     commands : list of bytes
-        Each as msgpack.
+        Commands, each encoded as msgpack.
     library : dict
-        Number of each body in the library, by its :func:`key`; none for an unreadable one.
+        Number of each body in the library, by its :func:`key`; without unreadable bodies.
     problems : list of str
-        Messages about the unreadable ones.
+        Messages about unreadable bodies.
     """
     commands = [
         {"type": "set_property", "path": name, "property": "visible", "value": False}
@@ -81,12 +83,12 @@ def record(
 
 
 def key(shape: Shape) -> Key:
-    """Identify the body that a shape shows."""
+    """Return the key of the body that a shape shows; shapes of equal bodies have equal keys."""
     return ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
 
 
 def _object(shape: Shape, surfaces: Surfaces) -> Element:
-    """Make the three.js object of a shape. A cylinder's axis is z, as in a URDF."""
+    """Make the three.js object of a shape; the axis of a cylinder is z, as in a URDF."""
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
         assert shape.path is not None
@@ -110,12 +112,15 @@ def _object(shape: Shape, surfaces: Surfaces) -> Element:
 
 
 def _plain(geometry: Element, matrix: list[float] = _IDENTITY) -> Element:
-    """Make an object of one geometry and meshcat's default material."""
+    """Make a three.js object of one geometry in meshcat's default material."""
     return _scene({"uuid": "0", **geometry}, [_material("1")], "1", matrix)
 
 
 def _painted(surface: Surface) -> Element:
-    """Make an object in the colours and textures of its mesh file, one material per texture."""
+    """Make a three.js object with the colours and textures of its mesh file.
+
+    Each texture has its own material.
+    """
     images = [image for *_, image in surface.groups]
     numbers = map(str, count(1))
     names = [next(numbers) for _ in images]
@@ -162,7 +167,7 @@ def _scene(
 
 
 def _material(name: str, **more: Any) -> Element:
-    """Make a material with meshcat's defaults."""
+    """Make a three.js material with meshcat's defaults."""
     return {
         "uuid": name,
         "type": "MeshPhongMaterial",
@@ -184,7 +189,7 @@ def _url(image: bytes) -> str:
 
 
 def _triangles(surface: Surface) -> Element:
-    """Make a surface's geometry, with 8 bits per coordinate of normals and colours."""
+    """Make the three.js geometry of a surface; normals and colours have 8 bits per component."""
     s = surface
     attributes = {
         "position": _array("Float32Array", s.points, 3),
@@ -207,7 +212,7 @@ def _buffer(data: Element) -> Element:
 
 
 def _cylinder(radius: float, height: float) -> Element:
-    """Make a cylinder along three.js' y axis."""
+    """Make the three.js geometry of a cylinder along three.js' y axis."""
     return {
         "type": "CylinderGeometry",
         "radiusTop": radius,
@@ -218,7 +223,7 @@ def _cylinder(radius: float, height: float) -> Element:
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
-    """Soften a colour: pure black and pure white hide the shading."""
+    """Narrow the range of a colour, because pure black and pure white hide the shading."""
     return 0.06 + 0.9 * np.asarray(color, float)
 
 
@@ -231,7 +236,7 @@ def _array(
 
 
 def _round(radius: float, length: float, n: int = 24) -> Element:
-    """Make a capsule along z (a sphere where length is 0)."""
+    """Make the three.js geometry of a capsule along z, or of a sphere if ``length`` is 0."""
     polar = np.concatenate(
         [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
     )

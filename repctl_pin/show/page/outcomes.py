@@ -1,5 +1,7 @@
-"""Outcomes of motions: which part is farthest off its start, and by how much, for the headline of a
-page and of a terminal."""
+"""Outcomes of motions, for the headline of a page or of a terminal answer.
+
+An outcome names the part of the arm that is displaced most at the end, and how far.
+"""
 
 from __future__ import annotations
 
@@ -27,18 +29,18 @@ def outcome_of(
     farthest: tuple[str, float],
     played: Sequence[JointMotion],
 ) -> Outcome:
-    """Collect what the headline says of one motion.
+    """Collect the quantities of one motion that the headline reports.
 
     Parameters
     ----------
     summary
-        Its quantities.
+        Summary of the motion.
     task
-        Task of the arm after whose parts the links are named.
+        Task of the arm whose parts are named.
     q0 : (n,) array
-        Its start.
+        Start configuration.
     farthest : (str, float)
-        The link that is farthest off at the end, and how far, m.
+        The link that is displaced most at the end, and how far, m.
     played
         The motion of each chain of the robot.
     """
@@ -49,14 +51,14 @@ def outcome_of(
 
 
 def farthest_body(robot: Mechanism, ends: Array) -> tuple[str, float]:
-    """Find the link whose body is farthest off after a motion, and how far, m.
+    """Find the link whose body is displaced most after a motion, and how far, m.
 
     Parameters
     ----------
     robot
         The robot.
     ends : (2, nq) array
-        Its configurations at the start and at the end.
+        Configurations at the start and at the end of the motion.
     """
     visuals = Visuals.of(robot)
     placements = visuals.placements(ends)
@@ -77,7 +79,7 @@ def row_outcome(study: Study, row: Row) -> Outcome | None:
 
 
 def study_headline(study: Study) -> Headline:
-    """Write the headline of a study: J⁺ beside the nearest repeatable inverse."""
+    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [stopped_words(row.label, row.stopped) for row in rows if row.motion is None]
     found = [one for row in rows if (one := row_outcome(study, row)) is not None]

@@ -1,5 +1,4 @@
-"""Motions of a whole robot for animation, also from the files that ``study`` and ``follow``
-write."""
+"""Motions of a whole robot for animation: playbacks of results or of CSV files."""
 
 from __future__ import annotations
 
@@ -86,7 +85,7 @@ class TracedChain:
 
 
 def playback_of(label: str, motion: Motion, color: str) -> Playback:
-    """Make the playback of a motion."""
+    """Convert a motion of a task's joints to the playback of the whole robot."""
     task, Q = motion.task, motion.task.to_robot(motion.q)
     return Playback(
         label,
@@ -110,9 +109,9 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     file
         The file, see :func:`repctl_pin.motion.csv_file.read_motions`.
     robot
-        Whose joints they are.
+        The robot that moves.
     cycles
-        Number of cycles, where the file does not say; 1 if None.
+        Number of cycles, used if the file does not give it; 1 if None.
 
     Raises
     ------
@@ -144,7 +143,7 @@ def playback_page(
     stopped: Sequence[str] = (),
     seconds: float | None = None,
 ) -> str:
-    """Make the page of several motions, side by side.
+    """Write the HTML page of several motions, side by side.
 
     Parameters
     ----------
@@ -153,13 +152,14 @@ def playback_page(
     tracks
         Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
-        Paths to draw, m; by default those of the first motion's frames in its first cycle.
+        Paths to draw, m; by default those of the frames in cycle 1 of the first motion.
     name
         Name of the path.
     stopped
         Sentences about motions that stopped.
     seconds
-        Time of a cycle at normal speed, s; by default its own, or 4 s if that is unknown.
+        Time of a cycle at normal speed, s; by default that of the first motion, or 4 s if it is
+        unknown.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
@@ -205,7 +205,7 @@ def _cycle_time(track: Playback) -> float:
 def _outcome(
     chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback, arm: Arm
 ) -> Outcome:
-    """Collect what the headline says of one motion."""
+    """Collect the quantities of one motion that the headline reports."""
     task, link = chains[0].task, farthest_link([arm])[0]
     assert arm.drift is not None
     farthest = link, float(arm.drift.off[-1].max(initial=0.0))
@@ -220,7 +220,7 @@ def _arm(
     drawn: tuple[Visuals, Sequence[Array]],
     frames: Frames,
 ) -> Arm:
-    """Collect what the page shows of one motion."""
+    """Make the arm of the page that shows one motion, from the visuals and corners in ``drawn``."""
     (visuals, bodies), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
     tip, elbow = (
@@ -242,7 +242,7 @@ def _arm(
 
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
-    """Take the motion of a chain's joints; without times, one second per row."""
+    """Extract the motion of a chain's joints; if times are unknown, rows are 1 s apart."""
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
     q, t = (
@@ -255,13 +255,16 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 
 
 def _is_of(chain: Task, task: Task) -> bool:
-    """Test whether a task moves the same frame of the same robot, by the same joints."""
+    """Test whether two tasks have the same robot, frame, kind and joints."""
     same = ("robot", "frame", "kind", "joint_names")
     return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
 def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:
-    """Find where a motion first violates a limit, or two bodies first collide."""
+    """Find the first limit violation or collision of a motion; None without any.
+
+    Speed limits count if the motion is timed, and collisions if it has one chain.
+    """
     said = [(one.first_violation, one.task, "past its limit") for one in played]
     said += [(one.first_overspeed, one.task, "past its speed limit") for one in played if timed]
     found = min(
@@ -295,8 +298,11 @@ def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Arr
 def _summary(
     chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback
 ) -> MotionSummary:
-    """Summarise a motion for the headline; of several chains, which move each other's bodies, take
-    the worst of each quantity."""
+    """Summarise a motion for the headline.
+
+    With several chains, each quantity is the worst one, except the joint speed, which is that of
+    all joints together. Body distances are left out, because the chains move each other's bodies.
+    """
     summaries = [
         motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)
         for chain, one in zip(chains, played, strict=True)
@@ -317,7 +323,7 @@ def _summary(
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
-    """Trace the frame and the elbow: (T, 3) each, m."""
+    """Compute the positions (T, 3), m, of the frame and of the elbow at configurations (T, nq)."""
     part = np.array([chain.task.from_robot(q) for q in rows])
     return chain.task.positions(part), np.array(
         [chain.task.joint_origins(q)[chain.elbow] for q in part]
@@ -331,8 +337,10 @@ def _limb_words(task: Task) -> str:
 def _is_planar(
     chains: Sequence[TracedChain], starts: Sequence[Array], paths: Sequence[Array]
 ) -> bool:
-    """Check whether all joints and paths lie in one horizontal plane, which the page shows from
-    above."""
+    """Check whether all joint origins and paths lie in one horizontal plane.
+
+    The page shows such a robot from above.
+    """
     joints = [
         chain.task.joint_origins(chain.task.from_robot(q)) for chain in chains for q in starts
     ]

@@ -46,7 +46,19 @@ class Frames:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Violation:
-    """First violation of a limit, or first collision, of one motion."""
+    """First violation of a limit, or first collision, of one motion.
+
+    Attributes
+    ----------
+    words : str
+        Description: ``joint4 past its limit``.
+    at : float
+        Time, in cycles and fractions of one.
+    cycle : int
+        The cycle, counted from 1.
+    origin : (T, 3) array
+        Origin of the joint, or of one of the links, at the shown samples, m.
+    """
 
     words: str
     at: float
@@ -57,7 +69,7 @@ class Violation:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Arm:
-    """One arm of the page, and its motion.
+    """Arm in one pane of the page, and its motion.
 
     Attributes
     ----------
@@ -66,11 +78,11 @@ class Arm:
     shapes : tuple of Shape
         Visual shapes.
     placements : (T, S, 4, 4) array
-        Rigid, unscaled transform of each shape.
+        Rigid, unscaled transforms of S shapes at T samples.
     tip, elbow : (T, K, 3) arrays
-        Traced points of K chains, m.
+        Positions of the frame and of the elbow of K chains, m.
     cycle_drift : (cycles,) array
-        ‖q − q₀‖ after each cycle of the whole motion, rad.
+        ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
@@ -78,7 +90,7 @@ class Arm:
     broken : Violation or None
         First violated joint limit, or first collision.
     drift : BodyDrift or None
-        How far each shape is off its place in cycle 1; None measures it.
+        Displacement of each shape since cycle 1; :func:`animation_page` computes it if None.
     """
 
     label: str
@@ -96,8 +108,9 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    If there are many cycles, the first is shown, and every k-th one back from the last. Within a
-    cycle the samples are evenly spaced where their number has a divisor near ``per_cycle``.
+    If there are more than ``shown`` cycles, the first and the last are shown, and every k-th one
+    before the last. Within a cycle, the samples are evenly spaced if its number of steps has a
+    suitable divisor, and nearly so otherwise.
 
     Parameters
     ----------
@@ -136,34 +149,35 @@ def animation_page(
     surfaces: Surfaces | None = None,
     names: Mapping[str, str] | None = None,
 ) -> str:
-    """Write one self-contained HTML page with one pane per arm, which loops through their cycles.
+    """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
 
     Parameters
     ----------
     arms
-        Two, or any number.
+        The arms, one per pane.
     paths : sequence of (P, 3) arrays
         The paths that the tips follow, closed or not, m.
     frames
-        Which samples of their motions the arms hold.
+        The samples of the motions that the arrays of the arms hold.
     seconds
         Time of one cycle at normal speed.
     title, caption
-        Robot and task, in words; any text. Lines of the caption are kept.
+        Robot and task, in words; any text. Line breaks of the caption are kept.
     planar
-        Look from above, as at a drawing.
+        Whether the arms are seen from above, as in a drawing.
     headline
-        What stands above it all.
+        Headline above the panes.
     part : (str, str), optional
-        Link of the part that is pointed at, and its name in words; by default of the shape that is
-        farthest off.
+        Link of the part that the page points at, and its display name; by default the link of the
+        shape that is displaced most.
     live
-        The poses come from a :class:`~repctl_pin.show.page.viewer.Viewer`; what the arms hold is
-        where they may be.
+        Whether a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
+        examples of poses.
     surfaces
-        Surfaces of the arms' mesh files; read if not given.
+        Contents of the arms' mesh files; if None, the files are read.
     names
-        What the part is called to which a shape belongs, by the shape's name; for live poses.
+        Display name of the part that each shape belongs to, by the name of the shape; only for live
+        poses.
 
     Returns
     -------
@@ -203,7 +217,10 @@ def animation_page(
 
 
 def farthest_link(arms: Sequence[Arm]) -> tuple[str, str]:
-    """Find the link of the shape that is farthest off at the end, and what it is called."""
+    """Find the link of the shape that is displaced most at the end of any motion.
+
+    Return its name twice: as the link, and as the display name.
+    """
     ends = [np.zeros(0) if arm.drift is None else arm.drift.off[-1] for arm in arms]
     which = int(np.argmax(np.max(ends, axis=0, initial=0.0))) if len(ends[0]) else 0
     link = arms[0].shapes[which].link if arms[0].shapes else ""
@@ -217,10 +234,11 @@ def _describe(
     link: str,
     parts: list[Array],
 ) -> dict[str, Any]:
-    """Describe an arm in plain types; arrays that change with time are appended to ``parts``.
+    """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
-    Bodies (T, M, 7), tips and elbows (T, K, 3), the broken joint (T, 3), and each moving body's
-    points (P, 3)."""
+    The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
+    a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
+    """
     assert arm.drift is not None
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
@@ -262,17 +280,17 @@ def _describe(
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:
-    """Find the shapes that move: (S,)."""
+    """Find which of S shapes move, from placements (T, S, 4, 4): mask (S,)."""
     return (
         np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
     )
 
 
 def poses_of(placements: Array) -> Array:
-    """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7): x y z, qx
-    qy qz qw.
+    """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    Between the two quaternions of each rotation, the one nearer to the frame before is taken.
+    The order is x y z, qx qy qz qw. A rotation has two quaternions, ±q; the one nearer to that of
+    the previous sample is taken.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

@@ -1,4 +1,4 @@
-"""Still figure of a study: the arm as a line at the start and at the end."""
+"""Still figure of a study: the arm as a stick figure at the start and at the end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _START = "#9aa4ae"
 
 
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the arm as a line: the origins of its joints and of its frame, (n + 1, 3), m."""
+    """Compute the arm as a polyline: the origins of its joints and of its frame, (n + 1, 3), m."""
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
@@ -31,15 +31,15 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
     Parameters
     ----------
     ax
-        Where to draw; with three dimensions unless ``flat``.
+        Axes to draw on, three-dimensional unless ``flat``.
     motion
         Motion to draw.
     elbow
-        Joint whose trace is drawn.
+        Index of the joint whose trace is drawn.
     colour
         Colour of the arm at the end.
     flat
-        Draw x and y only, as a planar arm is seen.
+        Whether only x and y are drawn, as for a planar arm.
     """
     task, dims = motion.task, 2 if flat else 3
     every = np.unique(np.linspace(0, len(motion.q) - 1, 40 * motion.cycles + 1).astype(int))
@@ -93,7 +93,7 @@ def still_figure(study: Study) -> Figure:
 
 
 def _same_room(axes: list[Any], flat: bool) -> None:
-    """Set the same limits on all axes, with one scale for every direction."""
+    """Set equal limits on all axes, with one scale for all directions; ``flat`` leaves out z."""
     names = "xy" if flat else "xyz"
     ends = np.array(
         [[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names]
@@ -118,6 +118,6 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 
 
 def _azimuth(stations: NDArray[np.float64]) -> float:
-    """Choose the azimuth from which the arm is seen, in degrees: the side on which it works."""
+    """Choose the azimuth of the view, degrees, from the side on which the arm works."""
     tip, middle = stations[-1], stations.mean(axis=0)
     return float(np.degrees(np.arctan2(tip[1] - middle[1], tip[0] - middle[0]))) - 50.0

@@ -1,4 +1,4 @@
-"""Mesh files as compact triangles, smoothly shaded, in the colours of the file."""
+"""Mesh files as compact triangle meshes, smoothly shaded, in the colours of the file."""
 
 from __future__ import annotations
 
@@ -27,34 +27,39 @@ MOST_FACES = 500_000
 """Maximum number of triangles of a file."""
 
 MOST_IN_ALL = 2_000_000
-"""Maximum number of triangles of mesh files on a page."""
+"""Maximum number of triangles of all mesh files on a page."""
 
 CREASE = np.cos(np.deg2rad(38))
-"""Cosine of the crease angle: faces that meet at less than it are shaded smoothly."""
+"""Cosine of the crease angle: faces that meet at a smaller angle are shaded smoothly."""
 
 _HALF = np.cos(np.deg2rad(18.99))
-"""Cosine of less than half of it: all faces within that of one direction are within the angle."""
+"""Cosine of just under half the crease angle.
+
+Any two faces within this angle of one direction are within the crease angle of each other.
+"""
 
 _MANY = 48
-"""Number of corners at one point above which its faces are shaded flat, as at a fan's tip."""
+"""Number of face corners at one point above which its faces are shaded flat, as at a fan's tip."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Surface:
-    """Triangles in metres, in the mesh's own frame.
+    """Triangle mesh in its own frame, V vertices and F faces.
 
     Attributes
     ----------
     points, normals : (V, 3) arrays
+        Vertices, m, and their unit normals.
     colors : (V, 3) array
-        Red, green, blue, 0 to 1; of the mesh file itself.
+        Red, green and blue of each vertex, 0 to 1, from the mesh file.
     faces : (F, 3) array of int
-        Sorted by texture.
+        Vertex numbers of each triangle, sorted by texture.
     uv : (V, 2) array or None
-        Texture coordinates, where there are textures.
+        Texture coordinates; None without textures.
     groups : tuple of (start, count, image)
-        Runs of faces' corners with one texture; image is None where there is none.
+        Ranges of face corners with one texture: first corner, number of corners, and JPEG file,
+        None without a texture.
     """
 
     points: NDArray[np.float64]
@@ -66,16 +71,16 @@ class Surface:
 
 
 Surfaces = dict[Path, Surface | InputError]
-"""Surfaces of mesh files; an error where a file cannot be drawn."""
+"""Contents of mesh files, by path; an error for a file that cannot be drawn."""
 
 
 def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
-    """Read a mesh file: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
+    """Read a mesh file of at most ``most`` triangles: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises
     ------
     InputError
-        If it cannot be read, is of another kind, or is too large to draw.
+        If the file cannot be read, has another format, or is too large to draw.
     """
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
@@ -106,7 +111,7 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
-    """Read the mesh file of every shape, each once: its surface, or why there is none."""
+    """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn."""
     found: Surfaces = {}
     budget = MOST_IN_ALL
     for path in dict.fromkeys(shape.path for shape in shapes if shape.kind == "mesh"):
@@ -125,7 +130,7 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
 
 
 def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file with trimesh, its vertices as they are."""
+    """Parse a mesh file with trimesh, without merging or reordering its vertices."""
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
     file = io.BytesIO(data)
@@ -144,7 +149,7 @@ def read_bytes(path: Path) -> bytes:
     Raises
     ------
     InputError
-        If it is a pipe or a device, or too large.
+        If the file is missing, not a regular file, or too large.
     """
     if not path.is_file():
         raise InputError(f"{path.name} is not a regular file")
@@ -156,14 +161,13 @@ def read_bytes(path: Path) -> bytes:
 
 
 class _Beside:
-    """Resolver for trimesh: reads textures and buffers that a mesh names, from regular files near
-    it."""
+    """Resolver for trimesh: reads textures and buffers of a mesh from regular files near it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names; trimesh ignores missing ones."""
+        """Read a file that the mesh names; trimesh ignores the error for a missing one."""
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
@@ -174,7 +178,7 @@ class _Beside:
 
 
 def unit(data: bytes) -> float:
-    """Read the unit of a COLLADA file, in metres."""
+    """Read the unit of length of a COLLADA file, in metres."""
     found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", data[:20_000])
     try:
         meters = float(found[1].replace(b",", b".")) if found else 1.0
@@ -188,7 +192,10 @@ def unit(data: bytes) -> float:
 
 
 def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
-    """Extract one mesh from trimesh, corner by corner (3F rows), in the file's frame."""
+    """Extract one mesh of a trimesh scene, as arrays with one row per face corner (3F).
+
+    Points are in the file's frame and unit.
+    """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
         raise InputError("a corner of it is not finite, or is over 1e9 away")
@@ -213,7 +220,10 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
-    """Read a mesh's colours (3F, 3), and its texture if it has one."""
+    """Read the colours (3F, 3) of face corners, their texture coordinates and the texture.
+
+    The coordinates and the texture are None for a mesh without texture.
+    """
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
@@ -232,7 +242,7 @@ def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], A
 
 
 def _compressed(image: Any) -> bytes:
-    """Compress an image: JPEG, at most 1024 pixels wide and high."""
+    """Convert an image to JPEG, at most 1024 pixels wide and high."""
     image = image.convert("RGB")
     image.thumbnail((1024, 1024))
     file = io.BytesIO()
@@ -241,14 +251,17 @@ def _compressed(image: Any) -> bytes:
 
 
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Average the normals of the faces around each corner that meet at less than the crease angle.
+    """Compute averaged normals (3F, 3) of face corners, for smooth shading.
+
+    A corner's normal is the average over the faces at that point whose normals are within the
+    crease angle of that of its own face.
 
     Parameters
     ----------
     corners : (3F, 3) array
-        Points of the faces' corners, three by three.
+        Positions of the face corners, three consecutive rows per face.
     flat : (F, 3) array
-        The faces' normals, as long as the faces are large.
+        Normals of the faces, whose lengths are proportional to the areas.
     """
     grid = 1e-6 * (_extent(corners) or 1.0)
     order, starts = grouped(np.round(corners / grid).astype(np.int64))
@@ -276,7 +289,12 @@ def _by_pairs(
     points: tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]],
     mixed: NDArray[np.bool_],
 ) -> None:
-    """Average the normals at the ``mixed`` points, each corner with partners within the angle."""
+    """Write averaged normals of the corners at the ``mixed`` points into ``normals``.
+
+    At a mixed point, some faces may meet at more than the crease angle. Each corner there averages
+    the normals of the faces within that angle of its own. ``points`` hold the corners in groups:
+    their order, and the start and count of each point.
+    """
     order, starts, counts = points
     start, count = starts[mixed], counts[mixed]
     each = np.repeat(count, count)  # partners of each corner
@@ -292,22 +310,25 @@ def _by_pairs(
 
 
 def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Sum the vectors (K, 3) that belong to each of ``count`` places: (count, 3)."""
+    """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) are their group numbers."""
     return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
 
 
 def _extent(points: NDArray[np.float64]) -> float:
-    """Measure the longest edge of the box around points (K, 3)."""
+    """Compute the longest edge of the bounding box of points (K, 3)."""
     return max(float(np.ptp(column)) for column in points.T)
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Multiply vectors (K, 3), row by row: (K,). Faster than a sum over so short an axis."""
+    """Compute dot products of vectors (K, 3), row by row: (K,).
+
+    This is faster than a sum over an axis of 3.
+    """
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
 def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Divide vectors (K, 3) by their lengths; take ``zero`` where a length is 0."""
+    """Normalise vectors (K, 3); take the rows of ``zero`` for vectors of length 0."""
     length = np.sqrt(_dot(vectors, vectors))[:, None]
     return np.divide(vectors, length, out=zero.copy(), where=length > 0)
 
@@ -321,9 +342,9 @@ def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp
     Returns
     -------
     order : (K,) array of int
-        Numbers of the rows.
+        Indices of the rows in sorted order.
     starts : (G,) array of int
-        Places in ``order`` at which another row begins.
+        Indices into ``order`` at which each of G groups of equal rows begins.
     """
     bits = len(rows).bit_length()
     factors = np.random.default_rng(0).integers(2**62, size=rows.shape[1], dtype=np.int64)
@@ -337,7 +358,7 @@ def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp
 
 
 def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Compare each row with the one before it; the first counts as different."""
+    """Mark the rows that differ from the row before: mask (K,); the first counts as different."""
     differs = np.ones(len(rows), bool)
     differs[1:] = False
     for column in rows.T:  # faster than any() over so short an axis
@@ -346,7 +367,7 @@ def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
-    """Join mesh pieces into one surface, grouped by texture, each distinct vertex stored once."""
+    """Join meshes into one surface, grouped by texture, with each distinct vertex stored once."""
     images = list(dict.fromkeys(piece["image"] for piece in pieces))
     pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
     groups, start = [], 0

@@ -1,8 +1,9 @@
-"""Live viewer of a control loop: configurations go to the browser over a websocket, and keys move
-the target.
+"""Live viewer of a control loop, shown in the browser; keys and the mouse move its target.
 
-The server is a thread of this process on 127.0.0.1: however the process ends, nothing is left of
-it, no other process and no open port. Only a page that it served itself may connect."""
+Configurations are sent over a websocket by a server that is a thread of this process on 127.0.0.1.
+It ends with the process, and leaves no open port behind. Only a page that it served itself may
+connect.
+"""
 
 from __future__ import annotations
 
@@ -36,12 +37,13 @@ from .scene import Arm, Frames, animation_page, moving_of, poses_of
 HOST = "127.0.0.1"
 
 _MESSAGE = 200
-"""Most bytes of a message: a key's takes 30."""
+"""Maximum size of a message from the page, bytes; a message for a key has about 30."""
 
 
 class Viewer:
-    """Live viewer of a control loop, one pane per controller: ``with rp.Viewer(task, ["J⁺",
-    "ours"]) as view``.
+    """Live viewer of a control loop, one pane per controller.
+
+    It is a context manager: ``with rp.Viewer(task, ["J⁺", "ours"]) as view``.
 
     Parameters
     ----------
@@ -54,16 +56,16 @@ class Viewer:
     start : (n,) array
         Start configuration, rad (m for prismatic joints); by default the reference pose.
     port
-        Port to listen on; 0 takes a free one.
+        Port to listen on; 0 chooses a free one.
 
     Attributes
     ----------
     url : str
         Address of the page.
     offset : (3,) array
-        Displacement of the target by the keys or by dragging, m, base axes: arrows move it across
-        and up the screen, Page Up and Down away and nearer, Home back to 0; at most the arm's
-        length along each axis.
+        Displacement of the target by keys or by dragging, m, base axes. Arrow keys move it in the
+        plane of the screen, Page Up and Page Down away and nearer, and Home resets it to 0. It is
+        at most the arm's length along each axis.
 
     Raises
     ------
@@ -137,7 +139,7 @@ class Viewer:
         configurations
             Current configuration of each controller.
         before
-            Configurations in which the frame was first there, shown as ghosts; by default the first
+            Configurations to compare with, one for each name, shown as ghosts; by default the first
             ones sent.
         out_of_reach
             Whether the page says that the target is out of reach.
@@ -149,7 +151,8 @@ class Viewer:
         Raises
         ------
         InputError
-            If their number differs from that of the names, or one has the wrong size.
+            If the number of configurations differs from that of the names, or one has the wrong
+            size.
         """
         now = self._each(configurations)
         self._first = now if self._first is None else self._first
@@ -170,7 +173,7 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
-        """Check one configuration per controller: (K, n)."""
+        """Check that there is one configuration per controller; return them as an array (K, n)."""
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
         configurations = list_of(
@@ -210,7 +213,7 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """Make the page from the start and two shifted configurations, which show moving parts."""
+        """Write the page; the start and two shifted configurations show which bodies move."""
         task = self.task
         Q = np.array(
             [
@@ -271,7 +274,7 @@ class Viewer:
             client.give(self._last)
 
     def _moved(self, message: str) -> None:
-        """Move the target by one key; ignore any other message."""
+        """Move the target as a message of the page asks; ignore an invalid message."""
         try:
             move = json.loads(message)
         except ValueError:
@@ -326,7 +329,7 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses once; a slow browser misses some, but never the last."""
+        """Send the newest poses once; a slow browser skips some poses, but always gets the last."""
         if self.busy or poses is self.sent:
             return
         try:

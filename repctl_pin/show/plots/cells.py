@@ -1,5 +1,4 @@
-"""Figures of a function over a cell: slices through its centre, by limit margin and by extra joint
-speed."""
+"""Figures of a function over a cell: slices through its centre, coloured by figures of merit."""
 
 from __future__ import annotations
 
@@ -28,8 +27,11 @@ def slice_of_cell(
     what: str = "limit_margin",
     ends: tuple[float, float] | None = None,
 ) -> Axes:
-    """Draw ``limit_margin``, ``extra_speed`` or ``turn`` over one slice, coloured from ``ends``;
-    uncovered poses are grey."""
+    """Draw one quantity over one slice of a cell as a map; uncovered poses are grey.
+
+    ``what`` is ``limit_margin``, ``extra_speed`` or ``turn``. ``ends`` are the values at the ends
+    of the colour scale.
+    """
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
@@ -49,8 +51,11 @@ def slice_of_cell(
 
 
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
-    """Draw every slice by limit margin, by extra joint speed, and for a sector by how far it goes
-    round, each row with one colour scale."""
+    """Draw the figure of slices, with a panel for each slice and quantity.
+
+    The quantities are the limit margin, the extra joint speed and, for a sector, how far it reaches
+    around its axis. Each quantity has one colour scale.
+    """
     cell = design.function.chart.cell
     shapes = [cell.widths[cell.moved][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]

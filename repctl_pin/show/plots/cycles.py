@@ -19,9 +19,9 @@ def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Ax
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     motions
-        Label, motion, colour.
+        Label, motion and colour of each.
     """
     for label, motion, colour in motions:
         s = (motion.t[: motion.steps] - motion.t[0]) / (motion.t[-1] - motion.t[0]) * motion.cycles
@@ -44,9 +44,9 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     motions
-        Label, motion, colour. Joints without limits are not drawn.
+        Label, motion and colour of each. Motions of joints without limits are not drawn.
     """
     lines = [(label, colour, least_margins(motion)) for label, motion, colour in motions]
     lines = [line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6]
@@ -63,9 +63,9 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     motions
-        Label, motion, colour.
+        Label, motion and colour of each.
     """
     lines = [
         (label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions
@@ -76,7 +76,7 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
 
 
 def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
-    """Draw a minimum per cycle, with the range below 0 in grey."""
+    """Draw lines of label, colour and minimum per cycle, and shade the range below 0 in grey."""
     ax.set_xlim(0.5, cycles + 0.5)
     ax.set_xlabel("cycle")
     if not lines:
@@ -102,8 +102,7 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure of joint speed, limit margins and, with bodies, body distance, side by
-    side."""
+    """Draw the figure of joint speed, limit margins and, if there are bodies, body distance."""
     bodies = np.isfinite(motions[0][1].coarse.body_distance[0])
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
@@ -120,16 +119,16 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
 def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
     """Draw one joint against another over all cycles: a projection along the other joints' axes.
 
-    Where each motion ends is marked by a disc, the start by a cross.
+    A disc marks the end of each motion, and a cross the start.
 
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     motions
-        Label, motion, colour.
+        Label, motion and colour of each.
     across, upward
-        Joints, counted from 0.
+        Indices of the joints on the horizontal and the vertical axis, from 0.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -149,16 +148,16 @@ def orbits_figure(
     title: str,
     joints: tuple[int, int, int] | None = None,
 ) -> Figure:
-    """Make the figure of orbits: three joints, projected along each of their three axes.
+    """Draw the figure of orbits: three joints, plotted pair by pair in three panels.
 
     Parameters
     ----------
     motions
-        Label, motion, colour.
+        Label, motion and colour of each.
     title
         Title of the figure.
     joints
-        Which three; by default those that drift most.
+        Indices of the three joints; by default those that drift most.
     """
     i, j, k = joints or liveliest_joints(motions)
     figure = titled(10, 3.9, title)
@@ -174,9 +173,9 @@ def phase_plane(ax: Axes, timed: TimedMotion, *, colour: str = BLUE) -> Axes:
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     timed
-        What :func:`repctl_pin.timed` made; its first three cycles, if there are more.
+        Result of :func:`repctl_pin.timed`; its first three cycles are drawn, if there are more.
     colour
         Colour of the line.
     """

@@ -27,11 +27,12 @@ def cost_against_degree(
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     degrees
-        Degree, cost, standard error.
+        Degree, cost and standard error of each design.
     baselines
-        Drawn as level lines; those singular in Ω are named instead.
+        Other repeatable inverses, drawn as horizontal lines; those that are singular in Ω are only
+        named in the legend.
     """
     d, cost, error = (np.array(column, float) for column in zip(*degrees, strict=True))
     ax.errorbar(
@@ -60,7 +61,7 @@ def cost_against_degree(
 
 
 VARIATION = 0.05
-"""Share of its colour scale by which a map must vary to be drawn."""
+"""Minimum variation of a map, as a fraction of its colour scale, for the map to be drawn."""
 
 
 def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
@@ -69,9 +70,9 @@ def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
     Parameters
     ----------
     values : (l, k) array
-        Values; nan where there is none.
+        Values; nan where the quantity is undefined.
     top
-        Largest value of the colour scale; by default that of the values.
+        Largest value of the colour scale; by default the largest of the values.
     """
     shown = values[np.isfinite(values)]
     return shown.size > 0 and bool(np.ptp(shown) >= VARIATION * (top or np.abs(shown).max()))
@@ -93,18 +94,18 @@ def joint_map(
     Parameters
     ----------
     ax
-        Where to draw.
+        Axes to draw on.
     design
-        Whose Ω it is.
+        Design whose Ω is mapped.
     grid
-        The two joints, across and upward, and their values.
+        Indices of the two joints, horizontal and vertical, and their positions on the grid.
     values : (l, k) array
-        Rows upward; nan where there is none, which stays blank.
+        Values, one row for each position of the vertical joint; nan stays blank.
     label
-        What is drawn, and its unit.
+        Label of the colour bar, with the unit.
     top
-        The best value, where the colours end, if large is good; by default small is good, and the
-        colours end at the largest value. They begin at 0.
+        Upper end of the colour scale, for a quantity that is good if large. By default small is
+        good, and the scale ends at the largest value. It begins at 0.
     """
     across, upward = grid.joints
     shown = np.ma.masked_invalid(values)
@@ -134,7 +135,7 @@ def design_figure(
     *,
     title: str = "",
 ) -> Figure:
-    """Make the figure ``design.png``.
+    """Draw the figure ``design.png``: cost against degree, and maps over two joints.
 
     Parameters
     ----------
@@ -143,7 +144,7 @@ def design_figure(
     grid
         Its maps over two joints.
     degrees
-        Degree, cost and standard error of designs to compare; none leaves that panel out.
+        Degree, cost and standard error of designs to compare; if empty, that panel is left out.
     baselines
         Simpler inverses to compare in the same panel.
     title
@@ -168,7 +169,7 @@ def design_figure(
 
 
 Map = tuple[NDArray[np.float64], str, float | None]
-"""Values over two joints, their label, and the best value if large is good."""
+"""Values over two joints, their label, and the best value if large is good, else None."""
 
 
 def maps_that_vary(*maps: Map) -> list[Map]:

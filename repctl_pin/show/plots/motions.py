@@ -28,11 +28,11 @@ _BEYOND: dict[str, Any] = {
     "ls": "none",
     "zorder": 5,
 }
-"""Cross at the first violation of a motion."""
+"""Style of the cross at the first violation of a motion."""
 
 
 def drawn(study: Study) -> list[tuple[str, Motion, str]]:
-    """List every strategy of a study that has a motion: its label, motion and colour."""
+    """List the label, motion and colour of every strategy of a study that has a motion."""
     colour = colours(study)
     return [
         (plain(row.label), row.motion, colour[row.key])
@@ -87,7 +87,7 @@ _LEAST = 1e-17
 
 
 def _closed_band(ax: Axes) -> None:
-    """Shade what counts as closed on a log scale, if any line is there."""
+    """On a log scale, shade the drift that counts as closed, if a line is that low."""
     low, high = ax.get_ylim()
     low, high = (low / 30, 3 * high) if low < CLOSED else (low, high)
     ax.set_ylim(low, high)
@@ -98,7 +98,7 @@ def _closed_band(ax: Axes) -> None:
 
 
 def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
-    """Choose the upper end of a linear axis if not all motions are near."""
+    """Choose the upper end of a linear axis for the motions of :func:`_near`; None if all are."""
     kept = _near(motions)
     if len(kept) == len(motions):
         return None
@@ -106,8 +106,10 @@ def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
 
 
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
-    """Leave out motions that move away in cycle 1 and stay there, if they would hide the drift of
-    the others."""
+    """Leave out motions that would hide the drift of the others on a linear scale.
+
+    These are motions that move far away in cycle 1 and stay there.
+    """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [
         one
@@ -117,12 +119,12 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
 
 
 def _stays(drift: NDArray[np.float64]) -> bool:
-    """Check whether nearly all of a drift occurs in the first of several cycles."""
+    """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles."""
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
 
 def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
-    """Write each motion's name, last drift and first violation at the end of its line."""
+    """Write each motion's name, last drift and first violations at the end of its line."""
     high = ax.get_ylim()[1]
     to_axes = ax.transData + ax.transAxes.inverted()
     order = sorted(motions, key=lambda one: float(one[1].drift[-1]))
@@ -148,11 +150,12 @@ def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
 
 
 _LINE = 0.058
-"""Height of a line of a label, as a fraction of the axes."""
+"""Height of one line of a label's text, as a fraction of the axes."""
 
 
 def _end_words(label: str, motion: Motion, high: float) -> str:
-    """Write the label of a line: name, last drift, and first violations."""
+    """Write the label at the end of a line: name, last drift and first violations; ``high`` is the
+    upper end of the axis."""
     drift = float(motion.drift[-1])
     value = f"{number(drift)} {motion.task.unit}"
     if motion.closes:
@@ -165,7 +168,7 @@ def _end_words(label: str, motion: Motion, high: float) -> str:
 
 
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
-    """Move rising heights of labels apart so that none covers another or leaves the axes."""
+    """Shift the rising heights of labels so that no label covers another or leaves the axes."""
     places, floor = [], -np.inf
     for own, height in zip(rising, heights, strict=True):
         places.append(max(own, floor + height / 2))
@@ -180,7 +183,7 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
 def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
     """Draw one joint against time in cycles, with nearby limits as dashed lines.
 
-    A cross marks where it first exceeds them.
+    A cross marks where a motion first exceeds a joint limit, if it is the limit of this joint.
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
@@ -211,7 +214,7 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
 
 
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure ``drift.png``: the drift on a log scale, and small on a linear one."""
+    """Draw the figure ``drift.png``: the drift on a log scale, with an inset on a linear scale."""
     figure = Figure(figsize=(8.6, 4.4), layout="constrained")
     ax = drift_over_cycles(figure.add_subplot(), motions, log=True)
     ax.set_title(plain(title), fontsize=10, loc="left")
@@ -235,8 +238,10 @@ _INSET = (0.38, 0.3)
 def _free_corner(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]]
 ) -> tuple[float, float] | None:
-    """Find the highest place, on the left or else on the right, where the inset covers no line;
-    None if there is none."""
+    """Find the highest place, on the left or else on the right, where the inset covers no line.
+
+    Return its lower left corner, as fractions of the axes; None if there is no such place.
+    """
     to_axes, shares = ax.transData + ax.transAxes.inverted(), np.linspace(0, 1, 101)
     lines = [
         to_axes.transform(np.c_[1 : m.cycles + 1, np.maximum(m.drift, _LEAST)]).T
@@ -252,11 +257,11 @@ def _free_corner(
 
 
 SHOWN_JOINTS = 4
-"""Joints in ``joints.png``."""
+"""Maximum number of joints in ``joints.png``."""
 
 
 def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Make the figure ``joints.png``: the joints that drift most, over all cycles.
+    """Draw the figure ``joints.png``: the positions of the joints that drift most, over all cycles.
 
     A motion that moves away in cycle 1 and would hide the others' drift is left out."""
     motions = _near(motions)
@@ -276,9 +281,10 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 
 
 def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
-    """Find the joints that drift most at the ends of cycles, in the order of the arm.
+    """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
-    Motions that move away in the first cycle and then stay count only if all do."""
+    Motions that move away in the first cycle and then stay count only if all motions do.
+    """
     going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
     ends = [
         np.abs(motion.q[motion.steps :: motion.steps] - motion.q[0]).max(axis=0)
@@ -294,7 +300,7 @@ def plain(text: str) -> str:
 
 
 def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
-    """Draw a figure as a PNG file, with the options of matplotlib's ``savefig``."""
+    """Draw a figure as the bytes of a PNG file, with options of matplotlib's ``savefig``."""
     layout = figure.get_layout_engine()
     if layout is not None and "bbox_inches" not in options:
         figure.set_dpi(dpi)
@@ -306,7 +312,7 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
 
 
 def titled(width: float, height: float, title: str) -> Figure:
-    """Make an empty figure, in inches, with a title at its left."""
+    """Make an empty figure of a width and height in inches, with a title at its left."""
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(plain(title), fontsize=10, x=0.01, ha="left")
     return figure

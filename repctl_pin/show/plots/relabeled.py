@@ -1,5 +1,4 @@
-"""Figures of a relabelled recording: joints before and after, and the distributions of misfit and
-limit margin."""
+"""Figures of a relabelled recording: joints over the frames, misfit, and limit margin."""
 
 from __future__ import annotations
 
@@ -18,8 +17,10 @@ _BEFORE, _AFTER = "recorded", "relabelled"
 
 
 def labels_figure(relabeled: Relabeled) -> Figure:
-    """Draw each joint over the frames, before and after, with the limits that come near and lines
-    between sessions; last the leaf."""
+    """Draw each joint over the frames, recorded and relabelled, and the level c of the leaf.
+
+    Dashed lines are joint limits that lie within a panel, and thin lines separate the sessions.
+    """
     recording, task = relabeled.recording, relabeled.recording.task
     order = np.argsort(recording.session, kind="stable")
     order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]
@@ -65,7 +66,7 @@ def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:
 
 
 def shares_figure(relabeled: Relabeled) -> Figure:
-    """Draw the distributions of the misfit of a smooth fit, and of the joint-limit margin."""
+    """Draw the cumulative distributions of the misfit of a smooth fit and of the limit margin."""
     unit, found = relabeled.recording.task.unit, relabeled.found
     figure = titled(10.0, 3.4, "")
     left, right = figure.subplots(1, 2)

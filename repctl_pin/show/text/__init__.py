@@ -1,4 +1,4 @@
-"""Results as text: tables, verdicts, captions and numbers. Each is imported on request."""
+"""Results as text: tables, verdicts, captions and numbers. Modules are imported on first use."""
 
 from __future__ import annotations
 

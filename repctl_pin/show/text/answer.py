@@ -15,23 +15,23 @@ from .table import NARROW, outside_words, table
 from .verdict import STILL, MotionSummary
 
 ROWS, COLUMNS = 24, 80
-"""Size of the terminal that the answer fits."""
+"""Size of the terminal into which the answer fits."""
 
 NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
 
 _TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
-"""Beginnings of the notes that give way to others."""
+"""Beginnings of the notes that are listed last, and left out first if there is no space."""
 
 _SPEED = 1 + 1e-9
-"""A joint above this share of its speed limit is too fast."""
+"""Ratio of joint speed to limit above which a joint counts as too fast."""
 
 
 def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
-    """Write a study's first answer: a sentence, a short table, and what to open.
+    """Write a study's first answer: a sentence, a short table, notes, and the file to open.
 
-    Notes are listed as far as the rows of the terminal go.
+    As many notes are listed as fit into the terminal.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def _about(study: Study) -> str:
-    """Name the arm, its task and its path."""
+    """Write one line that names the arm, its task, its path and the number of cycles."""
     cycles = _cycles(study)
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
     task = f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
@@ -82,7 +82,7 @@ def _about(study: Study) -> str:
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
-    """Format the short table; a cell that is bad or good has that tone."""
+    """Format the short table; the text of a bad or good value has that tone."""
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = _cells(study, rows)
     text = table(header, [[name, *(cell.text for cell in line)] for name, line in cells]) + "\n"
@@ -101,7 +101,7 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
-    """List the quantities of the short table, and the value of each for every strategy."""
+    """List the rows of the short table: name of a quantity, and its value for every strategy."""
     outcomes = [row_outcome(study, row) for row in rows]
     summaries = [None if one is None else one.summary for one in outcomes]
     usual = summaries[0]
@@ -130,7 +130,7 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
 
 
 def _part(outcomes: Sequence[Outcome | None]) -> str:
-    """Name the part that is farthest off, where it is the same one under every strategy."""
+    """Name the part that is displaced most; "farthest part" if strategies differ in it."""
     names = {one.part for one in outcomes if one is not None and not one.back}
     return names.pop() if len(names) == 1 else "farthest part"
 
@@ -154,7 +154,7 @@ def _first(row: Row, _: MotionSummary) -> Span:
 
 
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
-    """Compare the joint speed with that of J⁺, if neither leaves the path."""
+    """Format the joint speed relative to that of J⁺; a dash if either motion leaves the path."""
     if usual is None or summary is usual or not usual.speed > 0:
         return Span("–")
     if usual.path_loss or summary.path_loss:
@@ -179,7 +179,7 @@ def _links(_: Row, summary: MotionSummary) -> Span:
 
 
 def _violations(row: Row) -> list[str]:
-    """Say which joint exceeds its limits, or which links collide, and when."""
+    """Write which joint exceeds its limits, or which links collide, and when: one text for each."""
     motion, said = row.motion, [str(violation) for violation in row.violations]
     if motion is not None and motion.speed_ratio > _SPEED:
         times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
@@ -193,7 +193,7 @@ def _proved(study: Study) -> list[str]:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """List the notes that neither the sentence nor the lines below the table hold."""
+    """List the notes of a study that are not already said in the sentence or below the table."""
     said = {f"{row.label}: {violation}" for row in rows for violation in _violations(row)}
     notes = sorted((n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST))
     for row in rows:
@@ -203,7 +203,7 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:
-    """Take as many notes as fit, and say how many do not."""
+    """Take as many notes as fit into a number of rows, and add how many are left out."""
     taken = [f"note: {note}" for note in notes]
     if _height_of(taken) <= rows:
         return taken
@@ -218,5 +218,5 @@ def _height(spans: Sequence[Span]) -> int:
 
 
 def _height_of(lines: Sequence[str]) -> int:
-    """Count the rows of lines in a terminal of the smallest size."""
+    """Count the rows that lines of text take in a terminal of 80 columns."""
     return sum(fitted(line, COLUMNS).count("\n") + 1 for line in lines)

@@ -19,7 +19,7 @@ _SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
 
 
 def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
-    """Write the answer of an audit: a sentence, a short table, and what to open.
+    """Write the answer of an audit: a sentence, a short table, notes, and the written files.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 
 
 def audit_sentence(audit: Audit) -> list[Span]:
-    """Say whether the arm creeps, and how fast."""
+    """Write a sentence on whether the arm creeps, and how fast."""
     if not audit.repeats:
         return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of creep.")]
     seconds, unit = audit.clock
@@ -62,7 +62,7 @@ def audit_sentence(audit: Audit) -> list[Span]:
 
 
 def _distance(audit: Audit) -> str:
-    """Say how near the hand came to a pose again."""
+    """Write how near the hand came to an earlier pose again, as the end of a sentence."""
     if audit.returns > 0:
         return " often enough: the hand is back at a pose once"
     if not np.isfinite(audit.visits.nearest):
@@ -79,8 +79,10 @@ def _returns(audit: Audit) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Name the origin that creeps, or the joint that turns where no origin does; with its rate and
-    confidence."""
+    """Name the fastest creep: that of a joint's origin or, if no origin creeps, that of a joint.
+
+    Return the name, the rate and the confidence interval, as text.
+    """
     assert audit.joints is not None
     seconds, unit = audit.clock
     if audit.rate > audit.error:
@@ -97,14 +99,14 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def part_of(audit: Audit) -> str:
-    """Name the joint whose origin creeps fastest."""
+    """Name the point that creeps fastest: the elbow joint, or the origin of another joint."""
     if audit.part == audit.elbow:
         return "elbow joint"
     return f"origin of {audit.task.joint_names[audit.part]}"
 
 
 def _about(audit: Audit) -> str:
-    """Name the arm, its task and the log."""
+    """Write one line that names the arm, its task and the log."""
     task, t = audit.task, audit.log.t
     rows = f"{len(t):,} rows in {time_span(float(t[-1] - t[0]))}"
     return f"{task.robot.name} {task.frame}, {task.kind}, r = {task.r}: {audit.log.name}, {rows}"
@@ -121,7 +123,7 @@ def _unit(audit: Audit, joint: int) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the creep of the origin, and of the joints, the fastest first."""
+    """Format the table of creep: the fastest origin, then the joints, the fastest first."""
     joints, visits = audit.joints, audit.visits
     assert joints is not None
     seconds, unit = audit.clock
@@ -142,7 +144,7 @@ def _table(audit: Audit) -> str:
 
 
 def _leads(audit: Audit) -> list[str]:
-    """Say where the creep leads, and what counts as the same pose."""
+    """Write when a joint will leave its range, and what counts as the same pose, one line each."""
     said = []
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range

@@ -102,12 +102,12 @@ def summary(study: Study) -> list[str]:
 
 
 def amount(motion: Motion, cycle: int) -> str:
-    """Write the drift after a cycle with its unit."""
+    """Format the drift after a cycle with its unit; cycles count from 0, and −1 is the last."""
     return f"{number(float(motion.drift[cycle]))} {motion.task.unit}"
 
 
 def drift_words(study: Study) -> str:
-    """Describe the figure of the drift."""
+    """Describe the figure of the drift, for readers who cannot see it."""
     parts = [
         f"{label} from {number(motion.drift[0])} after the first cycle "
         f"to {number(motion.drift[-1])} after the last"
@@ -117,7 +117,7 @@ def drift_words(study: Study) -> str:
 
 
 def joints_words(study: Study) -> str:
-    """Describe the figure of the joints."""
+    """Describe the figure of the joints, for readers who cannot see it."""
     label, motion = _moved(study)[0]
     off = motion.q[-1] - motion.q[0]
     parts = [
@@ -130,7 +130,7 @@ def joints_words(study: Study) -> str:
 
 
 def orbits_words(study: Study) -> str:
-    """Describe the figure of the orbits."""
+    """Describe the figure of the orbits, for readers who cannot see it."""
     said = [
         f"{label}: one closed loop"
         if motion.closes
@@ -142,7 +142,7 @@ def orbits_words(study: Study) -> str:
 
 
 def cycles_words(study: Study) -> str:
-    """Describe the figure of speeds and margins."""
+    """Describe the figure of speeds and margins, for readers who cannot see it."""
     parts = []
     for label, motion in _moved(study):
         margin = float(motion.limit_margin.min())
@@ -157,7 +157,7 @@ def cycles_words(study: Study) -> str:
 
 
 def maps_words(study: Study, maps: StudyMaps) -> str:
-    """Describe the maps over two joints."""
+    """Describe the maps over two joints, for readers who cannot see it."""
     i, j = maps.design.joints
     with np.errstate(invalid="ignore"):
         distance = maps.design.distance / maps.design.reference
@@ -184,7 +184,7 @@ def maps_words(study: Study, maps: StudyMaps) -> str:
 
 
 def still_words(study: Study) -> str:
-    """Describe the still picture of the animation."""
+    """Describe the still picture of the animation, for readers who cannot see it."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
         "stopped" if r.motion is None else f"has drifted by {amount(r.motion, -1)}" for r in rows

@@ -1,5 +1,7 @@
-"""Headline of a page and of a terminal: which part is off, by how much, and what it costs to be
-back."""
+"""Headline of a page and of a terminal: which part of the arm has drifted, and how far.
+
+Its notes give the extra joint speed of the repeatable controller, the limits and the bodies.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +14,13 @@ from .numbers import metres, percent, radians
 from .verdict import STILL, MotionSummary
 
 SMALL = 0.01
-"""A part that is off by less hardly drifts, m."""
+"""Displacement of a part, m, below which it hardly drifts."""
 
 NEAR = 0.02
-"""Bodies that are nearer to each other than this are named, m."""
+"""Body distance, m, below which the two links are named."""
 
 _TURNED = 0.1
-"""A joint that is off by more is named where no part is, rad."""
+"""Displacement of a joint, rad, above which it is named if no part is displaced."""
 
 _TITLES = {"J⁺": "Usual control (pseudoinverse)", "nearest repeatable": "Repeatable"}
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
@@ -27,7 +29,7 @@ _HANDS = {1: "The hand is", 2: "Both hands are"}
 
 @dataclass(frozen=True)
 class Headline:
-    """One sentence on what is wrong and what is right, and a line on its price and the limits."""
+    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies."""
 
     sentence: tuple[Span, ...]
     notes: tuple[Span, ...]
@@ -38,22 +40,22 @@ NO_HEADLINE = Headline((), ())
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the headline says of one motion.
+    """The quantities of one motion that the headline reports.
 
     Attributes
     ----------
     summary : MotionSummary
-        Its quantities, as the verdict has them.
+        The quantities that the verdict reports.
     part : str
-        Name of the part that is farthest off at the end.
+        Display name of the part that is displaced most at the end.
     link : str
         That part's link in the URDF.
     off : float
-        How far it is off, m.
+        Displacement of that part, m.
     leaves : (int, str) or None
-        The cycle in which a joint leaves its range at this rate, and the joint.
+        The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
     near : tuple of str
-        The two links that come nearest to each other.
+        The two links with the minimum body distance; empty without bodies.
     """
 
     summary: MotionSummary
@@ -65,32 +67,32 @@ class Outcome:
 
     @property
     def back(self) -> bool:
-        """Whether every part is back where it began."""
+        """True if every part of the arm is back where it began."""
         return self.off < STILL * self.summary.size
 
     @property
     def turned(self) -> bool:
-        """Whether a joint is off although no part is."""
+        """True if a joint is displaced although no part is."""
         return self.off < SMALL and self.summary.joint_displacement[0] >= _TURNED
 
 
 def title_of(label: str) -> str:
-    """Name a controller above its pane."""
+    """Return the title of the pane of a controller, from its label."""
     return _TITLES.get(label, label)
 
 
 def stopped_words(label: str, why: str) -> str:
-    """Say that a motion stopped, and why."""
+    """Write a sentence that a motion stopped, and why."""
     return f"{title_of(label).partition(' (')[0]} stopped: {why}."
 
 
 def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()) -> Headline:
-    """Say which part is off, by how much, and what it costs to be back.
+    """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
     Parameters
     ----------
     outcomes
-        One for each motion: the first is the reference, the last is the repeatable one.
+        Outcome of each motion: the first is the reference, the last the repeatable one.
     cycles
         Number of cycles of each.
     stopped
@@ -118,7 +120,7 @@ def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str]
 
 
 def _subject(part: str, article: str) -> str:
-    """Begin a sentence about a part: "One elbow", or "Link 3 of one arm"."""
+    """Write the subject of a sentence about a part: "One elbow", or "Link 3 of one arm"."""
     if any(letter.isdigit() for letter in part):
         return f"{part[:1].upper()}{part[1:]} of {article.lower()} arm"
     return f"{article} {part}"
@@ -129,7 +131,7 @@ def _arms(outcomes: Sequence[Outcome]) -> str:
 
 
 def _hands(outcomes: Sequence[Outcome]) -> list[Span]:
-    """Say whether the hands are back, or which one has left its path."""
+    """Write whether the hands are back, or under which controller a hand has left its path."""
     lost = [one for one in outcomes if one.summary.path_loss]
     if not lost:
         return [Span(f"{_HANDS.get(len(outcomes), 'All hands are')} back. ")]
@@ -152,7 +154,10 @@ def _capital(text: str) -> str:
 
 
 def off_of(one: Outcome) -> Span:
-    """Write how far the part that is farthest off is; ``good`` for 0, ``bad`` from 1 cm up."""
+    """Format the displacement of the part that is displaced most.
+
+    The tone is ``good`` for 0, and ``bad`` from 1 cm up.
+    """
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
     return Span("0" if one.back else metres(one.off), tone, _exact(one))
 
@@ -162,7 +167,10 @@ def _exact(one: Outcome) -> str:
 
 
 def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
-    """List how far each arm is off; "off" is said once."""
+    """List the displacement under each controller, as part of a sentence.
+
+    ``unit`` follows each value, except a 0 that is not the first.
+    """
     said: list[Span] = []
     for k, one in enumerate(outcomes):
         value, tone, exact = off_of(one)
@@ -174,7 +182,7 @@ def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
 
 
 def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
-    """Name the joint that is off where no part is, or hardly."""
+    """Write which joint is displaced although parts are not, or hardly, and by how much."""
     name = max(
         outcomes, key=lambda one: one.summary.joint_displacement[0]
     ).summary.joint_displacement[1]
@@ -189,7 +197,7 @@ def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
 
 
 def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
-    """Say what it costs, whether limits are kept, and where the drift leads."""
+    """Write the extra joint speed, present and predicted limit violations, and body distances."""
     first, last = outcomes[0].summary, outcomes[-1].summary
     said: list[Span] = []
     if len(outcomes) > 1 and first.speed > 0 and not (first.path_loss or last.path_loss):
@@ -229,7 +237,7 @@ def _leads(outcomes: Sequence[Outcome]) -> list[Span]:
 
 
 def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
-    """Say how near two links come to each other; name them where that is near."""
+    """Write collisions and the minimum body distance; links are named if they are near."""
     known = [one for one in outcomes if one.summary.body_distance is not None]
     if not known:
         return []

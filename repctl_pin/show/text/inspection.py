@@ -19,7 +19,7 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
     robot
         The robot.
     redundancy
-        For each frame to list, r by task kind.
+        For each frame to list, degree of redundancy r by task kind.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
 
 
 def inspection_text(found: Mapping[str, Any]) -> str:
-    """Write an inspection for a terminal."""
+    """Format the contents of a robot file, from :func:`inspection`, for a terminal."""
     rows = [
         [j["name"], j["kind"], *map(_number, (j["lower"], j["upper"], j["speed"], j["reference"]))]
         for j in found["joints"]
@@ -101,8 +101,10 @@ def inspection_text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """List the joints of the default frame's chain and of others of the same length, with their
-    task kinds."""
+    """List the joints and task kinds of kinematic chains.
+
+    These are the chain of the default frame, and others with as many joints.
+    """
     frames, lines, listed = found["frames"], [], []
     most = len(frames[found["default_frame"]]["chain"])
     for name, frame in frames.items():
@@ -119,7 +121,7 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
-    """List the frames and their positions, with which a path can be written."""
+    """Format a table of the frames and their positions, from which the user can choose a path."""
     rows = [
         [
             f"{name} (default)" if name == found["default_frame"] else name,

@@ -13,14 +13,14 @@ from typing import NamedTuple, TextIO
 from ...errors import printable
 
 COLUMNS = 80
-"""Number of columns of text that does not go to a terminal."""
+"""Width, in columns, of text that does not go to a terminal."""
 
 _COLOURS = {"bad": "31", "good": "32"}
-"""Select Graphic Rendition of each tone: red and green."""
+"""ANSI colour code (Select Graphic Rendition) of each tone: red and green."""
 
 
 class Span(NamedTuple):
-    """A piece of text, its tone (``bad``, ``good``, ``near`` or none) and its exact value."""
+    """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value."""
 
     text: str
     tone: str = ""
@@ -43,8 +43,10 @@ def coloured(spans: Iterable[Span]) -> str:
 
 
 def wrapped(spans: Sequence[Span]) -> list[Span]:
-    """Wrap a sentence made of pieces to the width of the terminal; a no-break space keeps two words
-    on one line."""
+    """Wrap a sentence made of pieces to the width of the terminal.
+
+    A no-break space keeps two words on one line.
+    """
     text = "".join(span.text for span in spans).rstrip(" ")
     letters, begin, last, width = list(text), 0, 0, terminal_width()
     for i, letter in enumerate(f"{text} "):
@@ -72,7 +74,7 @@ def on_terminal(stream: TextIO | None) -> bool:
 def fitted(text: str, width: int | None = None) -> str:
     """Wrap lines that are wider than the terminal, or than a given width.
 
-    Text after a label is indented below itself.
+    After a label, continuation lines are indented to the start of the text.
     """
     columns = width or terminal_width()
     return "\n".join(part for line in text.split("\n") for part in _wrapped(line, columns))

@@ -1,4 +1,4 @@
-"""Names of an arm's parts, from the links of its URDF."""
+"""Display names of an arm's parts, from the links of its URDF."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ...robot.task import Task
 _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripper", "hand", "head",
           "torso")  # fmt: skip
 _MIDDLE = (0.35, 0.65)
-"""Where along the arm, as shares of its length, a joint is called its elbow."""
+"""Range along the arm, as fractions of its length, in which a joint counts as the elbow."""
 
 
 def part_name(task: Task, q: Array, link: str) -> str:
-    """Name a link in readable words.
+    """Find a readable name for a link.
 
-    A word for a part of an arm in the link's name is taken, if there is one. Else the links beside
-    the joint nearest to the middle of the arm are its elbow, if that joint is near the middle. Else
-    it is the link's name without the robot's: ``link 4``.
+    If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
+    returned. A link next to the joint nearest to the middle of the arm is the ``elbow``, if that
+    joint is near the middle. Else the link's name without the robot's name is returned: ``link 4``.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def part_name(task: Task, q: Array, link: str) -> str:
 
 
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
-    """Find the links before and after the joint at the middle of the arm; none if none is there."""
+    """Find the links before and after the joint at the middle of the arm; empty without one."""
     stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stations, axis=0), axis=1)))
     if not along[-1] > 0:

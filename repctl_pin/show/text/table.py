@@ -15,14 +15,14 @@ from .numbers import number
 from .verdict import study_verdict
 
 NARROW = 10
-"""Maximum number of characters per line of a strategy's name."""
+"""Maximum width of a strategy's name, in characters per line."""
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
     """Align a table: the first columns to the left, the others to the right; a header may have
     several lines.
 
-    On a terminal that is too narrow, the remaining columns follow below.
+    If the terminal is too narrow, the columns that do not fit follow in further blocks below.
     """
     high = max(cell.count("\n") for cell in header)
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
@@ -46,7 +46,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 def _block(
     lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Sequence[int], heads: int
 ) -> str:
-    """Format some columns of a table."""
+    """Format some columns of a table, with a rule below ``heads`` header lines."""
     out = ["  ".join(line[i] for i in columns).rstrip() for line in lines]
     rule = "─" * (sum(widths[i] for i in columns) + 2 * len(columns) - 2)
     return "\n".join([*out[:heads], rule, *out[heads:]])
@@ -68,7 +68,7 @@ def study_table(study: Study) -> str:
 
 
 def outside_words(share: float) -> list[str]:
-    """Write a warning that a motion leaves Ω; nothing if it does not."""
+    """Write a warning that a share of the motion lies outside Ω; empty if the share is 0."""
     if share <= 0:
         return []
     return [

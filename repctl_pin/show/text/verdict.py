@@ -14,7 +14,7 @@ from ...studies import Study
 from .numbers import metres, percent, radians
 
 STILL = 1e-5
-"""An elbow that is nearer to its start than this, in arm lengths, is back there."""
+"""Displacement of an elbow, in arm lengths, below which it counts as back at its start."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class MotionSummary:
     collision_cycle : int
         The cycle in which two bodies first collide; 0 if none do.
     speed_ratio : float
-        The largest share of a joint's speed limit; above 1 it is violated.
+        Maximum ratio of a joint's speed to its limit; above 1 the limit is violated.
     joint_displacement : (float, str)
-        The revolute joint that is farthest from its start at the end, by how much, rad; 0 if the
-        motion is closed.
+        Maximum displacement of a revolute joint at the end, rad, and that joint; 0 if the motion is
+        closed.
     overall_speed : float or None
         Joint speed ‖q̇‖ over all cycles, rms; None for one cycle.
     path_loss : (int, float, float) or None
@@ -65,8 +65,8 @@ class MotionSummary:
     def twists(self) -> bool:
         """Whether a joint turned far although the elbow hardly moved.
 
-        It turned by 0.1 rad, and by more than 1 rad for each tenth of the arm's length that the
-        elbow moved; or it turned and the elbow did not move."""
+        The joint turned by at least 0.1 rad, and by more than 1 rad for each tenth of the arm's
+        length that the elbow moved. Or the joint turned and the elbow did not move."""
         angle, elbow = self.joint_displacement[0], self.elbow_displacement
         far = angle >= 0.1 and angle * self.size > 10 * elbow
         return far or (angle > 0 and elbow < STILL * self.size)
@@ -86,8 +86,7 @@ def motion_summary(
     elbow
         Index of the joint whose origin is the elbow.
     bodies
-        Whether the robot's other joints stand still, so that its bodies are where the task has
-        them.
+        Whether to evaluate body distances. They are wrong if joints outside the task move.
     """
     task, closes = motion.task, motion.closes
     start, end = (task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
@@ -113,12 +112,12 @@ def motion_summary(
 
 
 def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
-    """Compare motions: the first is the reference, the last is the repeatable one.
+    """Compare motions in words: the first is the reference, the last the repeatable one.
 
     Parameters
     ----------
     summaries
-        One for each motion.
+        Summary of each motion.
     cycles
         Number of cycles of each.
     """
@@ -159,7 +158,7 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
 
 
 def _compared(summaries: Sequence[MotionSummary], texts: Sequence[str]) -> str:
-    """Label one text per motion with its controller; identical texts are written once."""
+    """Join the texts on motions, each labelled by its controller; equal texts are written once."""
     if len(set(texts)) == 1:
         return texts[0]
     return " → ".join(
@@ -172,7 +171,7 @@ def _short(summary: MotionSummary) -> str:
 
 
 def _loss(summary: MotionSummary) -> str:
-    """Describe where the frame leaves its path."""
+    """Write in which cycle the frame leaves its path, and by how much."""
     if summary.path_loss is None:
         return "on the path"
     cycle, distance, angle = summary.path_loss
@@ -182,8 +181,10 @@ def _loss(summary: MotionSummary) -> str:
 
 
 def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
-    """Compare the joint speed of two motions in the first cycle and, where it differs, over all
-    cycles."""
+    """Format the joint speed of the last motion relative to the first one.
+
+    It is that of the first cycle and, if it differs, that of all cycles.
+    """
     if first.path_loss or last.path_loss:
         return "not compared, since the path is left"
     if not first.speed > 0:
@@ -196,7 +197,7 @@ def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
 
 
 def _displacement(summary: MotionSummary, twists: bool) -> str:
-    """Format the elbow displacement at the end and, on request, the joint that turned most."""
+    """Format the elbow displacement at the end and, if ``twists``, the joint that turned most."""
     elbow = summary.elbow_displacement
     moved = "0" if elbow < STILL * summary.size else metres(elbow)
     angle, name = summary.joint_displacement
@@ -211,7 +212,7 @@ def _bodies(summary: MotionSummary, collides: bool) -> str:
 
 
 def study_verdict(study: Study) -> str:
-    """Compare J⁺ and the nearest repeatable inverse of a study."""
+    """Write the verdict that compares J⁺ and the nearest repeatable inverse of a study."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
