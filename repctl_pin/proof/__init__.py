@@ -1,5 +1,7 @@
-"""Proved, not sampled: the leaf margin and the limits over whole boxes, tubes and cells, by branch
-and bound."""
+"""Proved lower bounds on the leaf margin and the limit margin of a design.
+
+They hold on its whole region or cell, not only at samples, and are found by branch and bound.
+"""
 
 from ..certificate import Proof
 from .certify import prove

@@ -1,4 +1,4 @@
-"""Branch and bound on the leaf margin over a set of boxes: halve a box until its bound suffices."""
+"""Branch and bound on the leaf margin: boxes are halved until the bounds on them suffice."""
 
 from __future__ import annotations
 
@@ -15,31 +15,34 @@ from .potentials import U
 
 _BATCH = 4096
 _MOST = 4_000_000
-"""Boxes that are kept for later."""
+"""Maximum number of undecided boxes; the search stops beyond it."""
 
 TIGHT = 0.95
-"""Without a margin to prove, boxes are halved until the bound is this share of the smallest margin
-seen."""
+"""Accuracy of the search without a goal.
+
+A box is halved until its bound is this share of the smallest leaf margin found at a centre.
+"""
 
 _SMALLEST = 1e-7
-"""Half-width, rad or m, at which a box counts as undecided."""
+"""Half-width, rad or m, below which an undecided box stops the search."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Outcome:
-    """Result of branch and bound.
+    """Result of branch and bound on the leaf margin.
 
     Attributes
     ----------
     leaf_margin, sigma_min : float
-        Lower bounds on the whole set.
+        Lower bounds of the leaf margin and of σ_min(J) over all boxes.
     boxes : int
-        Boxes evaluated.
+        Number of boxes evaluated.
     worst, half : (n,) arrays
-        Centre and half-widths of the box that stopped it, or where the bound is least.
+        Centre and half-widths of the box at which the search stopped, or of the box with the
+        smallest bound.
     reason : str
-        Why it stopped before its goal; empty if it did not.
+        Why the search stopped before its goal; empty if it did not.
     """
 
     leaf_margin: float
@@ -62,23 +65,23 @@ def bound_leaf_margin(
     seconds: float,
     report: Callable[[str, float], None],
 ) -> Outcome:
-    """Bound the leaf margin from below on the union of boxes with corners low and high, (K, n)
-    each.
+    """Bound the leaf margin from below on a union of boxes.
 
-    Boxes are halved at a number that both halves share, so no gap is left between them.
+    Boxes are halved at a number that both halves share, so the halves leave no gap.
 
     Parameters
     ----------
     problem
         The leaf margin.
     low, high : (K, n) arrays
+        Lower and upper corners of the boxes.
     goal
-        Stop as soon as this margin is proved, or at a configuration with a smaller one.
-        None finds the largest bound.
+        Leaf margin to prove. The search stops as soon as it is proved, or at a configuration with a
+        smaller one. None finds the largest bound.
     seconds
-        Processor time after which the bound found so far is taken, s.
+        Processor time, s, after which the search stops with the bound found so far.
     report
-        Progress callback; gets the proved fraction of the volume.
+        Progress callback (step, fraction); the fraction is the proved share of the volume.
     """
     search = _Search(problem, low, high, goal)
     end, whole = thread_time() + seconds, search.volume()
@@ -94,7 +97,7 @@ def bound_leaf_margin(
 
 
 class _Search:
-    """Boxes that remain to be halved, and the minimum bound of all others."""
+    """State of branch and bound: the undecided boxes, and the minimum bound of all others."""
 
     def __init__(self, problem: LeafMargin, low: Array, high: Array, goal: float | None) -> None:
         self.problem, self.goal = problem, goal
@@ -107,16 +110,18 @@ class _Search:
         self.boxes, self.reason = 0, ""
 
     def open(self) -> int:
-        """Return the number of boxes left."""
+        """Return the number of undecided boxes."""
         return len(self.low)
 
     def volume(self) -> float:
-        """Compute the volume of the boxes left."""
+        """Compute the total volume of the undecided boxes."""
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
-        """Halve and evaluate some boxes: the last ones if there is a goal, those of the smallest
-        bound if not."""
+        """Halve one batch of undecided boxes, and evaluate the halves.
+
+        With a goal, the newest boxes are taken; without one, those with the smallest bounds.
+        """
         if len(self.low) <= _BATCH:
             take = np.arange(len(self.low))
         elif self.goal is not None:
@@ -146,7 +151,10 @@ class _Search:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _halved(self, take: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Halve boxes; those that were not evaluated yet stay whole."""
+        """Return the lower and upper corners of the halves of the boxes with indices ``take``.
+
+        Boxes that were not evaluated yet are returned whole.
+        """
         low, high, split = self.low[take], self.high[take], self.split[take]
         whole, rows = split < 0, np.flatnonzero(split >= 0)
         columns = split[rows]
@@ -158,7 +166,10 @@ class _Search:
         return lows, np.concatenate([high[whole], first, high[rows]])
 
     def _enough(self, found: Bounds, Q: Array, half: Array) -> float:
-        """The bound at which a box is done; a centre below the goal ends the search."""
+        """Return the bound from which a box counts as decided.
+
+        The search stops if the leaf margin at a centre is below the goal, or 0 without a goal.
+        """
         least = int(np.argmin(found.center))
         if found.center[least] < self.upper:
             self.upper = float(found.center[least])
@@ -172,7 +183,11 @@ class _Search:
         return self.goal
 
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Settle waiting boxes whose bound now suffices; return a mask of all others."""
+        """Count waiting boxes as decided if their bound now reaches ``enough``.
+
+        ``stays`` marks the boxes that were not in the last batch. Returns the mask of all boxes but
+        those that are now decided.
+        """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
             self.decided = min(self.decided, float(self.bound[ready].min()))
@@ -191,7 +206,7 @@ class _Search:
         self.reason, self.worst = why, (Q[at], half[at])
 
     def outcome(self) -> Outcome:
-        """Put together what was found."""
+        """Return the minimum bounds over all boxes, decided or not."""
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
         if len(self.low):
@@ -203,7 +218,10 @@ class _Search:
 
 
 def _centered(low: Array, high: Array) -> tuple[Array, Array]:
-    """Give centres and half-widths that reach to both corners whatever the rounding."""
+    """Compute centres and half-widths of boxes from their corners.
+
+    The half-widths are enlarged, so that the boxes contain both corners in spite of rounding.
+    """
     Q = (low + high) / 2
     size = np.maximum(np.abs(low), np.abs(high))
     return Q, (high - low) / 2 * (1 + 1e-12) + 4 * U * size

@@ -1,4 +1,4 @@
-"""Bounds of a cell's function over boxes of poses."""
+"""Bounds on the margins of a cell's inverse kinematic function F over boxes of poses."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ..arguments import Array, read_only
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellBounds:
-    """Bounds for K boxes of poses.
+    """Bounds on the margins of F over K boxes of poses.
 
     Attributes
     ----------
     leaf_margin, sigma_min, limit_margin : (K,) arrays
-        Lower bounds on each box of ``σ_min(Nᵀ n̂_ref)``, of σ_min(J), and of the distance to the
-        joint limits; 0, 0 and −inf where F was not shown to exist.
+        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ n̂_ref)``, of σ_min(J), and of the
+        distance to the joint limits, rad or m; 0, 0 and −inf where F was not shown to exist.
     away : (K, n) array
-        About the distance of F from q_ref at the centre.
+        Approximate distance of F from q_ref at the centre of each box, rad or m.
     split : (K,) array of int
-        The coordinate along which to halve the box.
+        Index of the coordinate along which to halve each box.
     """
 
     leaf_margin: Array

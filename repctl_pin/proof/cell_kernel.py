@@ -1,5 +1,7 @@
-"""Bounds over boxes of poses in C: cell_bounds.c, compiled together with leaf_margin_bounds.c and
-taylor.c."""
+"""C kernel of the bounds over boxes of poses.
+
+Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and taylor.c.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,10 @@ _loaded: list[ctypes.CDLL | None] = []
 
 
 def library() -> ctypes.CDLL | None:
-    """Compile the kernel once; without a compiler, return None and warn once."""
+    """Return the compiled C kernel, which the first call compiles.
+
+    Without a compiler, return None; the first call then warns.
+    """
     if not _loaded:
         try:
             _loaded.append(ctypes.CDLL(loaded_library(source(), VECTOR_FLAGS)))
@@ -79,13 +84,13 @@ def library() -> ctypes.CDLL | None:
 
 
 def source() -> str:
-    """Join the C files of the kernel."""
+    """Return the C source of the kernel: its three files, joined."""
     folder = files(__package__)
     return "\n".join(folder.joinpath(name).read_text(encoding="ascii") for name in SOURCES)
 
 
 class Kernel:
-    """A cell's numbers in the memory of the C kernel."""
+    """The C kernel for one :class:`CellProof`, whose numbers it holds in C structs."""
 
     def __init__(self, proof: Any, library: ctypes.CDLL) -> None:
         self._run = library.cell_bounds
@@ -146,8 +151,11 @@ class Kernel:
         )
 
     def bounds(self, Uc: Array, half: Array) -> tuple[CellBounds, Array, Array]:
-        """Bound the margins of F over boxes; and give its centre and its half-widths (K, n)
-        each."""
+        """Bound the margins of F over boxes Uc ± half, (K, k) each.
+
+        Returns the bounds, and the centres and the half-widths of boxes of joints that contain F,
+        (K, n) each, as :meth:`CellProof.enclosed` does.
+        """
         K, n = len(Uc), self._chain[0].n
         leaf, sigma, limit = np.zeros((3, K))
         Q, reach, away = np.full((3, K, n), np.nan)
@@ -173,7 +181,10 @@ def _filled(
     reals: Mapping[str, ArrayLike],
     scalars: Mapping[str, Any],
 ) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Fill a struct with pointers to arrays, which are kept beside it."""
+    """Create a C struct with pointers to arrays.
+
+    Returns the struct, and the list of these arrays, which must live as long as the struct.
+    """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
     held |= {name: np.ascontiguousarray(values, float) for name, values in reals.items()}

@@ -1,5 +1,7 @@
-"""Poses of a cell or a sector in a form that can be bounded: turns, a linear shift and an
-exponential."""
+"""Poses of a cell or a sector as formulas of its coordinates u, for Taylor models.
+
+They consist of rotations, a linear displacement and a matrix exponential.
+"""
 
 from __future__ import annotations
 
@@ -17,16 +19,21 @@ from .taylor import TaylorModel
 @dataclass(frozen=True, eq=False)
 @read_only
 class Poses:
-    r"""``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``, φ and ψ linear in u.
+    r"""Poses (p, R) of a cell as functions of its coordinates u.
+
+    ``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``: R_a rotates about a
+    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u.
 
     Attributes
     ----------
     o, a : (3,) arrays
-        Point and direction of the axis.
+        Point, m, and direction of the axis of R_a.
     d, R0 : (3,) and (3, 3) arrays
+        Position relative to o, m, and orientation of the cell's centre.
     D, Omega : (3, k) arrays
+        Displacement, m, and rotation, rad, per coordinate.
     angle, spin : (k,) arrays
-        φ and ψ per coordinate; 0 in a cell that is no sector.
+        φ and ψ per coordinate, rad; 0 in a cell that is not a sector.
     """
 
     o: Array
@@ -43,7 +50,7 @@ class Poses:
 
     @classmethod
     def of(cls, cell: Cell) -> Poses:
-        """Read the coordinates of a cell or a sector that belong to u."""
+        """Create the formulas for the coordinates u of a cell or a sector."""
         k, R0, p0 = cell.k, cell.placement.rotation, cell.placement.translation
         D, Omega = np.zeros((2, 3, k))
         turns = np.zeros((6, k))
@@ -68,7 +75,11 @@ class Poses:
         return cls(o, a, p0 - o, R0, D, Omega, turns[ANGLE], turns[SPIN])
 
     def at(self, Uc: Array, half: Array) -> tuple[TaylorModel, TaylorModel]:
-        """Model p (K, 3) and the columns of R (K, 3, 3) on boxes Uc ± half (K, k), in ``t``."""
+        """Compute Taylor models of p (K, 3) and of the columns of R (K, 3, 3) on boxes.
+
+        The boxes are ``u = Uc + half · t``, with Uc and half (K, k), and t are the variables of the
+        models.
+        """
         R = self._exponential(Uc, half)  # (K, column, 3)
         p = self._linear(self.D, Uc, half) + TaylorModel.constant(
             Uc.shape[1], np.tile(self.d, (len(Uc), 1))
@@ -83,12 +94,18 @@ class Poses:
         return p + TaylorModel.constant(Uc.shape[1], np.tile(self.o, (len(Uc), 1))), R
 
     def _turned(self, x: TaylorModel, s: TaylorModel, c: TaylorModel) -> TaylorModel:
-        """Rotate vectors about the axis, by ``x + s a × x + (1 − c) a × (a × x)``."""
+        """Rotate vectors x (K, 3) about the axis a by φ: ``x + s a × x + (1 − c) a × (a × x)``.
+
+        s and c are the models of the sine and the cosine of φ.
+        """
         hat = skew(self.a)
         return x + s * x.combined(hat) + (x - c * x).combined(hat @ hat)
 
     def _exponential(self, Uc: Array, half: Array) -> TaylorModel:
-        """Model ``exp(ω̂) R_0 = (c + s ω̂ + d ω ωᵀ) R_0``, by columns: (K, 3, 3)."""
+        """Compute the model of ``exp(ω̂) R_0 = (c + s ω̂ + d ω ωᵀ) R_0`` by columns, (K, 3, 3).
+
+        With ``ω = Ω u`` and its length θ, c = cos θ, s = sin θ / θ and d = (1 − cos θ) / θ².
+        """
         k, K = Uc.shape[1], len(Uc)
         columns = [np.tile(self.R0[:, i], (K, 1)) for i in range(3)]
         fixed = _columns([TaylorModel.constant(k, x) for x in columns])
@@ -115,6 +132,6 @@ class Poses:
 
 
 def _columns(models: list[TaylorModel]) -> TaylorModel:
-    """Stack vectors (K, 3) to (K, column, 3)."""
+    """Stack models of vectors (K, 3) to a model of shape (K, number of vectors, 3)."""
     P = np.stack([x.P for x in models], axis=1)
     return TaylorModel(models[0].k, P, np.stack([x.r for x in models], axis=1))

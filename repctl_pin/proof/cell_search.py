@@ -1,5 +1,7 @@
-"""Branch and bound over a cell: halve a box of poses until the function's margins are enclosed well
-enough."""
+"""Branch and bound over a cell, to prove that its function F exists and keeps its margins.
+
+A box of poses is halved until the bounds on it suffice.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,11 @@ from .leaf_margin_bounds import inverses
 
 _BATCH = 1024
 _TRIALS = 48
-"""Boxes evaluated to find the size to begin with."""
+"""Number of boxes that are evaluated to choose the size of the initial boxes."""
 _MOST = 400_000
-"""Boxes to begin with, at most."""
+"""Maximum number of initial boxes."""
 _SMALLEST = 1e-4
-"""Half-width, as a share of the cell's, at which a box counts as undecided."""
+"""Half-width, relative to that of the cell, below which an undecided box stops the search."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +35,18 @@ class CellOutcome:
     Attributes
     ----------
     leaf_margin, limit_margin, sigma_min : float
-        Lower bounds on the whole cell.
+        Lower bounds on the whole cell of the leaf margin, of the distance to the joint limits, rad
+        or m, and of σ_min(J); 0, −inf and 0 if the search stopped before its goal.
     boxes : int
-        Boxes evaluated.
+        Number of boxes evaluated.
     worst, half : (k,) arrays
-        Centre and half-widths, in the cell's coordinates, of the box that stopped it, or where the
-        leaf margin's bound is least.
+        Centre and half-widths, in the cell's coordinates, of the box at which the search stopped,
+        or of the box with the smallest bound of the leaf margin.
     reason : str
-        Why it stopped before its goal; empty if it did not.
+        Why the search stopped before its goal; empty if it did not.
     near : (n,) array
-        F is the only solution within this of q_ref.
+        d*, rad or m: F is the only solution whose distance from q_ref is at most this in every
+        joint.
     """
 
     leaf_margin: float
@@ -69,11 +73,11 @@ def bound_cell(
     chart
         Chart of the function.
     leaf, limit
-        The leaf margin and the limit margin to prove; −inf for none.
+        Leaf margin and limit margin, rad or m, to prove; −inf for none.
     seconds
-        Processor time after which it is given up.
+        Processor time, s, after which the search stops.
     report
-        Progress callback; gets the proved fraction of the cell.
+        Progress callback (step, fraction); the fraction is the proved share of the cell.
     """
     end = thread_time() + seconds
     search = _Search(CellProof(chart), max(leaf, 0.0), limit)
@@ -87,7 +91,7 @@ def bound_cell(
 
 
 class _Search:
-    """Boxes of poses that are not proved yet, and the minimum margins of all others."""
+    """State of branch and bound: the undecided boxes, and the minimum margins of all others."""
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
         self.problem, self.leaf, self.limit = problem, leaf, limit
@@ -97,8 +101,12 @@ class _Search:
         self.low, self.high = grid(self._counts())
 
     def _counts(self) -> Array:
-        """Find how many boxes to begin with along each coordinate: the fewest of which half are
-        proved, with the same movement of the joints along all of them."""
+        """Choose the number of initial boxes along each coordinate, (k,).
+
+        The joints move equally far on a box along every coordinate. The boxes are made smaller
+        until half of a sample of them is proved; if that takes too many boxes, a single one is
+        used.
+        """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
         points = chart.solve(S, np.zeros((_TRIALS, self.problem.task.r)))
@@ -123,11 +131,11 @@ class _Search:
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
-        """Compute the share of the cell that is left."""
+        """Compute the share of the cell that is undecided."""
         return float(np.prod((self.high - self.low) / 2, axis=1).sum())
 
     def advance(self) -> None:
-        """Evaluate the last boxes, and halve those that are not proved."""
+        """Evaluate the newest boxes, and halve those that are not proved."""
         take = slice(max(0, len(self.low) - _BATCH), None)
         low, high = self.low[take], self.high[take]
         Uc, half = (low + high) / 2, (high - low) / 2
@@ -150,7 +158,11 @@ class _Search:
         self.high = np.concatenate([self.high[: take.start], first, high])
 
     def _require_hope(self, low: Array, high: Array) -> None:
-        """Stop where no halving can help: at a margin of a centre, or at a box too small."""
+        """Stop the search at a box that cannot be proved by halving it.
+
+        Either F at its centre does not exist, misses a margin, or is farther than d* from q_ref, or
+        the box is too small.
+        """
         problem, chart, r = self.problem, self.problem.chart, self.problem.task.r
         points = chart.solve((low + high) / 2, np.zeros((len(low), r)))
         limits = np.minimum(points.Q - problem.lower, problem.upper - points.Q)
@@ -173,18 +185,21 @@ class _Search:
                 return
 
     def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
-        """Stop at a box."""
+        """Stop the search at box number ``which`` of those with corners low and high."""
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
     def outcome(self) -> CellOutcome:
-        """Put together what was found."""
+        """Return the margins proved on the whole cell, or where and why the search stopped."""
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         return CellOutcome(leaf, limit, sigma, self.boxes, *self.at, self.reason, self.problem.near)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:
-    """Cut [−1, 1]^k into equal boxes: their corners, low and high, (K, k) each."""
+    """Divide [−1, 1]^k into equal boxes, ``counts`` (k,) of them along the coordinates.
+
+    Returns their lower and upper corners, (K, k) each.
+    """
     edges = [np.linspace(-1, 1, int(count) + 1) for count in counts]
     low = np.meshgrid(*[e[:-1] for e in edges], indexing="ij")
     high = np.meshgrid(*[e[1:] for e in edges], indexing="ij")
@@ -195,8 +210,11 @@ def grid(counts: Array) -> tuple[Array, Array]:
 
 
 def center_margin(points: Points) -> Array:
-    """Evaluate the leaf margin of a chart at points, (K,): ``1 / ‖X Uᵀ‖`` with ``n_ref = V U`` and
-    X the last r columns of ``J_V⁻¹``."""
+    """Evaluate the leaf margin at points of a chart: (K,); 0 where J_V is singular.
+
+    It is ``1 / ‖X Uᵀ‖``, with X the last r columns of the inverse of ``J_V = [J; n_refᵀ]`` and
+    ``n_ref = V U``, where V has orthonormal columns.
+    """
     J_V = np.concatenate([points.J, np.swapaxes(points.n_ref, 1, 2)], axis=1)
     X = inverses(J_V)[:, :, points.J.shape[1] :]
     _, U = np.linalg.qr(points.n_ref)

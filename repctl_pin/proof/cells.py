@@ -1,13 +1,16 @@
-r"""A cell's inverse kinematic function over boxes of poses: that it exists, is the only one, and
-its margins.
+r"""Existence, uniqueness and margins of a cell's function F, proved over boxes of poses.
 
-On a box ``u_c ± h`` of the cell's coordinates, q_ref(u), n_ref(u) and x(u) are Taylor models, and
-so are, in the middle link's frame, the screws J at q_ref(u) and the displacement ξ(u) from
-f(q_ref(u)) to x(u). With ``A ≈ J_V⁻¹`` at the centre and ``|q − q_ref(u)| ≤ g``
+F is the inverse kinematic function of the cell. On a box ``u_c ± h`` of the cell's coordinates u,
+Taylor models are computed of the chart's reference configuration q_ref(u) and null-space basis
+n_ref(u) and of the pose x(u). From these follow models, in the middle link's frame, of the joint
+screws J at q_ref(u) and of the displacement ξ(u) from f(q_ref(u)) to x(u). Let A be an
+approximation of J_V⁻¹ at the centre, and D, Y and g bounds on matrices and vectors, entry by entry.
+Then, for all q with ``|q − q_ref(u)| ≤ g``,
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
-See docs/theory.md."""
+docs/theory.md derives this.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +36,28 @@ from .taylor import TaylorModel
 from .taylor_chain import Closure, closure_of
 
 _NEAR = 1.25, 0.02
-"""d*: this times the largest distance of F from q_ref that was found, plus this, rad or m."""
+"""Factor, and summand in rad or m, from which d* is made.
+
+d* is the distance from q_ref within which F is proved to be unique: the factor times the largest
+distance of F from q_ref that a search found, plus the summand.
+"""
 
 
 class CellProof:
-    """A function over a cell, to be enclosed over boxes of poses."""
+    """Bounds over boxes of poses for the function F of one chart.
+
+    Parameters
+    ----------
+    chart
+        Chart of the function; its cell is one of poses.
+    compiled
+        False to compute in NumPy even if there is a compiler.
+
+    Raises
+    ------
+    InputError
+        If the task is not a pose task.
+    """
 
     def __init__(self, chart: Chart, compiled: bool = True) -> None:
         cell = chart.cell
@@ -64,20 +84,28 @@ class CellProof:
         return f"<CellProof of {self.cell!r}>"
 
     def _size(self, chain: Chain) -> float:
-        """Spectral radius of the bound that decides on a box in the middle."""
+        """Compute the spectral radius of the bound D for uniqueness, on a box in the cell's middle.
+
+        The smaller it is for a chain (a choice of the middle link), the fewer boxes are needed.
+        """
         self.chain, self.tool = chain, tool_reach(chain)
         k = self.cell.k
         D = self._enclosure(np.zeros((1, k)), np.full((1, k), 0.1))[5][0]
         return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
-        """Bound the margins of F over boxes Uc ± half, (K, k) each, in C where there is a
-        compiler."""
+        """Bound the margins of F over boxes Uc ± half, (K, k) each.
+
+        They are computed in C if there is a compiler.
+        """
         return self.enclosed(Uc, half)[0]
 
     def enclosed(self, Uc: Array, half: Array) -> tuple[CellBounds, Array, Array]:
-        """Bound the margins of F over boxes, and give the centre and the half-widths of a box of
-        joints that F stays in, (K, n) each; NaN where none was found."""
+        """Bound the margins of F over boxes Uc ± half, (K, k) each, and enclose its values.
+
+        Returns the bounds, and the centres and the half-widths of boxes of joints that contain F,
+        (K, n) each; NaN where F was not enclosed.
+        """
         if self._kernel is not None:
             return self._kernel.bounds(Uc, half)
         q, reach, good, at, cost, _, center = self._enclosure(Uc, half)
@@ -101,8 +129,13 @@ class CellProof:
     def _enclosure(
         self, Uc: Array, half: Array
     ) -> tuple[Array, Array, NDArray[np.bool_], Expansion, Array, Array, Array]:
-        """Enclose F: centres and half-widths (K, n), where proved, J_V along it, the costs of the
-        directions, the bound D for uniqueness, and the distance of F from q_ref at the centres."""
+        """Enclose F on boxes Uc ± half, (K, k) each.
+
+        Returns the centres and the half-widths (K, n) of boxes of joints that contain F, whether
+        that is proved (K,), the expansion of J_V along F, the motion of q_ref along each coordinate
+        (K, k), the bound D for uniqueness (K, N, N), and the approximate distance of F from q_ref
+        at the centres (K, n).
+        """
         chain, n, N, K = self.chain, self.chain.n, self.chain.N, len(Uc)
         reference, normals = self._models(Uc, half)
         along = closure_of(chain, self.poses.at(Uc, half), reference, self.eps)
@@ -141,13 +174,16 @@ class CellProof:
     # ---- parts ---------------------------------------------------------------------------------
 
     def _models(self, Uc: Array, half: Array) -> tuple[TaylorModel, TaylorModel]:
-        """Model q_ref (K, n) and n_ref (K, n, r)."""
+        """Compute Taylor models of q_ref (K, n) and of n_ref (K, n, r) on boxes Uc ± half."""
         P, r = self.polynomials.shifted(Uc, half)
         both = TaylorModel(Uc.shape[1], np.moveaxis(P, 1, -1), r + self.blur)
         return both[..., 0], both[..., 1:]
 
     def _along_chart(self, A: Array, along: Closure, normals: TaylorModel) -> tuple[Array, Array]:
-        """Expand ``A J_V − 1`` at q_ref(u): its slopes (K, k, N, N), and a bound of the rest."""
+        """Expand ``A J_V − I`` at q_ref(u) in the variables of the boxes.
+
+        Returns its slopes at the centre (K, k, N, N), and a bound on all other terms (K, N, N).
+        """
         n, N, k = self.chain.n, self.chain.N, normals.k
         K, M = len(A), normals.P.shape[-1]
         P, r = np.zeros((K, N, N, M)), np.zeros((K, N, N))
@@ -159,7 +195,11 @@ class CellProof:
         return np.moveaxis(AP[..., 1 : 1 + k], -1, 1), rest
 
     def _rest(self, A: Array, B: Array, theta: Array, wide: Array, g: Array) -> Array:
-        """Bound ``|A (J(q) − J(q_ref))|`` for ``|q − q_ref| ≤ g``, ``|q_ref − q_c| ≤ wide``."""
+        """Bound ``|A (J(q) − J(q_ref))|``, (K, N, N), for ``|q − q_ref| ≤ g``,
+        ``|q_ref − q_c| ≤ wide``.
+
+        B are the derivatives ``A ∂_j J`` at the centre q_c, whose joint positions are theta.
+        """
         chain, n = self.chain, self.chain.n
         S = np.abs(chain.S[:, :n]).T
         both, one = (remainders(chain, theta, eta @ S) for eta in (wide + g, wide))
@@ -187,7 +227,11 @@ class CellProof:
         along: Closure,
         steps: Array,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Bound ``|F − q_ref|`` (K, n) by lifting the way from f(q_ref) to x, within g of q_ref."""
+        """Bound the distance ``|F − q_ref|`` (K, n), by lifting a path of poses to the joints.
+
+        The path leads from f(q_ref) to x. The bound is valid if it is at most g, within which D and
+        the path's twist were bounded. The second result (K,) is False where there is no bound.
+        """
         linear, angular = self._turned(g, theta, wide, along.sizes)
         load = steps + np.linalg.norm(A[:, :, :3], axis=2) * linear[:, None]
         load += np.linalg.norm(A[:, :, 3:6], axis=2) * angular[:, None]
@@ -195,8 +239,11 @@ class CellProof:
         return Y[:, : self.chain.n, 0] * (1 + self.eps), solved & along.near
 
     def _turned(self, g: Array, theta: Array, wide: Array, sizes: Array) -> tuple[Array, Array]:
-        """Bound how far the twist of the way from f(q_ref) to x is from ξ, linear and angular
-        (K,), seen from the middle link at any q within g of q_ref."""
+        """Bound the difference between ξ and the twist of the path of poses from f(q_ref) to x.
+
+        The twist is seen from the middle link at any q within g of q_ref. Returns bounds on the
+        linear and the angular part, (K,) each.
+        """
         chain = self.chain
         S = np.abs(chain.S[:, : chain.n]).T
         off, away = g @ S, (wide + g) @ S
@@ -216,8 +263,10 @@ class CellProof:
         return linear, angular
 
     def _orthonormal(self, A: Array, R: Array, first: Array, normals: TaylorModel) -> Expansion:
-        """Take n_ref in a gauge M with orthonormal columns, which turns the last rows of J_V by
-        Mᵀ."""
+        """Expand J_V with ``n_ref M`` in place of n_ref.
+
+        The constant matrix M (r, r) makes its columns orthonormal at the centre of each box.
+        """
         k = normals.k
         n_c, dn = normals.P[..., 0], normals.P[..., 1 : 1 + k]
         rest = np.abs(normals.P[..., 1 + k :]).sum(axis=-1) + normals.r  # (K, n, r)
@@ -232,8 +281,10 @@ class CellProof:
 
 
 def farthest(chart: Chart) -> Array:
-    """Search for the largest distance of F from q_ref: (n,), from samples, then around the worst
-    of them."""
+    """Search for the largest distance of F from q_ref over the cell, joint by joint: (n,).
+
+    Random poses and corners are evaluated, then poses around the worst ones.
+    """
     cell, r, rng = chart.cell, chart.cell.task.r, np.random.default_rng(1)
 
     def away(U: Array) -> Array:
@@ -253,7 +304,11 @@ def farthest(chart: Chart) -> Array:
 
 
 def limits_of(cell: Cell) -> tuple[Array, Array]:
-    """Joint limits, less what symmetric coordinates that are left out of u move the joints by."""
+    """Return the lower and upper joint limits for the F of a cell, (n,) each.
+
+    They are narrowed by the motion of joints along the coordinates of a sector that its symmetries
+    remove from u; −inf and inf for a joint whose limits bound such a coordinate.
+    """
     lower, upper, _ = cell.task.joint_limits
     lower, upper = lower.copy(), upper.copy()
     if isinstance(cell, Sector):

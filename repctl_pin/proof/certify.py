@@ -1,5 +1,4 @@
-"""Prove lower bounds of the leaf margin and the limit margin, on all of a design's region or a
-cell."""
+"""Prove lower bounds of the leaf margin and the limit margin over a design's region or cell."""
 
 from __future__ import annotations
 
@@ -28,26 +27,27 @@ def prove(
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Proof:
-    """Prove that a design has no singularity in its region, by branch and bound with bounded
-    rounding.
+    """Prove by branch and bound, rounding included, that a design has no singularity in its region.
 
-    On each box of joints, J_V is compared with its value at the centre: bounds of the joint screws'
-    second derivatives, and of the potentials' third ones, hold on the whole box. A box that is not
-    decided is halved. See the theory, "Proved, not sampled", for the theorem and for what is
-    assumed.
+    On each box of joints, J_V is expanded about its value at the centre, with bounds on the
+    remainder that hold on the whole box. They follow from bounds on the second derivatives of the
+    joint screws and on the third derivatives of the potentials. A box is halved until its bound
+    suffices. For the theorem and its assumptions, see the theory, "Proved, not sampled".
 
     Parameters
     ----------
     what
         A design over a box or a tube, in joint space, or over a workspace box, for which the whole
-        box of joints that it selects from is proved. Or a function over a cell of poses: that it
-        exists there, is smooth, and is the only solution near its chart.
+        box of joints that it selects from is proved. Or the design of a function over a cell of
+        poses: it is also proved that the function exists, is smooth, and is the only solution near
+        its chart.
     margin
-        The leaf margin to prove, from 0 to 1. Without it, the largest bound that can be proved in
-        the time is found; of a cell 90 % of the smallest one that was found is to be proved.
+        Leaf margin to prove, from 0 to 1. By default, the largest bound that can be proved in the
+        time is found for a region; for a cell, 90 % of the smallest leaf margin of its evaluation
+        is to be proved.
     limit_margin
-        The distance to the joint limits to prove, rad or m. Without it, none; of a cell the
-        smallest one that was found, less a tenth and 0.01.
+        Distance to the joint limits to prove, rad or m. By default, none for a region; for a cell,
+        the smallest one of its evaluation, less a tenth and 0.01.
     seconds
         Processor time, s, after which the bounds found so far are taken.
     progress
@@ -56,12 +56,13 @@ def prove(
     Returns
     -------
     Proof
-        ``proved``, the bounds, and where they are least; ``bool(proof)`` is ``proved``.
+        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``.
 
     Raises
     ------
     InputError
-        If the potentials or the region are functions of the user, of which no bounds are known.
+        If the potentials or the region are functions of the user, of which no bounds are known, or
+        the task of a cell is not a pose task.
 
     Examples
     --------
@@ -101,7 +102,7 @@ def _of_region(
     seconds: float,
     report: reporting.Report,
 ) -> Proof:
-    """Prove a design over its region."""
+    """Prove the margins of a design over its region of joint space."""
     begun, task = perf_counter(), design.task
     low, high = cover(design.region)
     limit_bound, nearest = limit_margin(task, low, high)
@@ -135,7 +136,7 @@ def _of_cell(
     seconds: float,
     report: reporting.Report,
 ) -> Proof:
-    """Prove a function over its cell."""
+    """Prove that the function of a design exists over its cell, and prove its margins."""
     begun, found = perf_counter(), design.evaluation
     leaf = 0.9 * found.leaf_margin if goal is None else goal
     if least is not None:

@@ -1,9 +1,11 @@
-r"""A task's joints as the screws of a longer chain whose task is a pose.
+"""Serial chain of a task, extended by virtual joints so that its task is a pose.
 
-The null space of J is that of the pose of the same chain with further joints that stand still: a
-position task leaves the tool's rotation free, as three revolute joints at the tool would, an axis
-task one of them. They are columns of a (6, N) matrix whose null space, on the first n entries, is
-that of J."""
+A task with fewer than six coordinates leaves motions of the frame free. Each is represented by a
+virtual joint that stands still: three revolute joints at the tool for the rotation of a position
+task, one of them for an axis task, and a prismatic joint at the base for a position coordinate that
+is not controlled. The screws of all joints are the columns of a (6, N) matrix. Its null space,
+restricted to the first n entries, is the null space of J.
+"""
 
 from __future__ import annotations
 
@@ -24,31 +26,38 @@ FREE: dict[str, tuple[str, str]] = {
     "xz": ("y", "xyz"),
     "yz": ("x", "xyz"),
 }
-"""The base's axes along which each kind of task lets the frame move, and the tool's about which it
-lets it turn."""
+"""Free motions of the frame, for each kind of task.
+
+They are the base axes along which it can translate, and the tool axes about which it can rotate.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Chain:
-    """P joints in a row, with the link in whose frame their screws are written.
+    """Serial chain of P joints, virtual ones included, with a middle link.
+
+    The screws of the joints are expressed in the frame of the middle link.
 
     Attributes
     ----------
     R, p, a : (P, 3, 3), (P, 3) and (P, 3) arrays
-        Each joint's placement in the frame of the one before, and its axis.
+        Rotation and origin, m, of each joint in the frame of the previous one, and its axis.
     revolute : (P,) array of bool
+        False for prismatic joints.
     level : (P,) array of bool
-        Joints at the tool, about any axis, that keep their axes parallel to the middle link's.
+        True for virtual joints at the tool with freely chosen axes, which are kept parallel to axes
+        of the middle link: three that span all rotations, or one in no column that marks the frame
+        of a pose task.
     S, o : (P, N) and (P,) arrays
-        ``θ = S q + o``: the positions of these joints, those that stand still being the last N − n
-        of q.
+        ``θ = S q + o``: the positions of the joints. The last N − n entries of q belong to the
+        virtual joints.
     n : int
-        The number of the task's own joints.
+        Number of the task's own joints.
     middle : int
-        How many joints lie before the middle link.
+        Number of joints before the middle link.
     shift : (3,) array
-        The point of the middle link that is the origin, m, from its joint.
+        Origin in which the screws are expressed, m, in the frame of the middle link's joint.
     """
 
     R: Array
@@ -67,13 +76,15 @@ class Chain:
 
     @property
     def N(self) -> int:
-        """The columns of S, n and those that stand still."""
+        """Number of columns of S: the task's n joints and the virtual joints."""
         return self.S.shape[1]
 
     @property
     def reach(self) -> Array:
-        """Sums of the link offsets between each joint and the origin (P,), m, prismatic joints at
-        0."""
+        """Bound on the distance of each joint from the origin (P,), m, with prismatic joints at 0.
+
+        It is the sum of the lengths of the link offsets between them.
+        """
         lengths = np.linalg.norm(self.p, axis=1)
         reach, k = np.zeros(len(lengths)), self.middle
         for joint in range(len(lengths)):
@@ -86,8 +97,10 @@ class Chain:
         return reach
 
     def seen_from(self, middle: int, half: float) -> Chain:
-        """Make the same chain with another middle link, its origin a share of the way to the next
-        joint."""
+        """Return the chain with another middle link, the one after ``middle`` joints.
+
+        The origin is at the share ``half`` of the offset from the link's joint to the next one.
+        """
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
         shift = np.asarray(half * ahead, float)
         return Chain(
@@ -96,7 +109,7 @@ class Chain:
 
 
 def chain_of(task: Task) -> Chain:
-    """Take the chain of a task, seen from its base."""
+    """Create the extended chain of a task, with the base as its middle link."""
     model, data = task.model, task.model.createData()
     frame = model.frames[task._frame_id]
     path = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
@@ -145,6 +158,8 @@ def chain_of(task: Task) -> Chain:
 
 
 def tool_reach(chain: Chain) -> float:
-    """Sum the link offsets from the origin to the frame, m, prismatic joints at 0: a bound of its
-    distance."""
+    """Bound the distance of the frame from the origin, m, with prismatic joints at 0.
+
+    It is the sum of the lengths of the link offsets between them.
+    """
     return float(np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1])

@@ -1,4 +1,4 @@
-"""The polynomials q_ref and n_ref of a cell's chart, expanded on boxes, with bounds of the rest."""
+"""Taylor expansions of a chart's polynomials q_ref and n_ref on boxes, with remainder bounds."""
 
 from __future__ import annotations
 
@@ -16,19 +16,25 @@ from .taylor import ORDER
 @dataclass(frozen=True, eq=False)
 @read_only
 class Polynomials:
-    """q_ref and n_ref of a chart, to be expanded to degree 3 on boxes.
+    """The polynomials q_ref and n_ref of a chart, prepared for expansion to degree 3 on boxes.
+
+    The last axis of the arrays holds q_ref, then the r columns of n_ref; ∂^α is the derivative with
+    exponents α, one per coordinate of the cell.
 
     Attributes
     ----------
     chart : Chart
-    parts : (N, M, n, 1 + r) array
-        Coefficients of ``∂^α / α!``, for each of the M monomials of degree up to 3.
+        The chart.
+    parts : (T, M, n, 1 + r) array
+        Coefficients of the polynomials ``∂^α / α!`` in the chart's T monomials, for each of the M
+        exponents α of degree up to 3.
     fourth : (F, k) array of int
         The exponents α of degree 4.
     rest : (F, n, 1 + r) array
-        Bounds of ``∂^α / α!`` on the whole cell.
+        Bounds of ``|∂^α / α!|`` for these on the whole cell.
     sizes : (n, 1 + r) array
-        Bounds of the values and of all these derivatives, added: what rounding is relative to.
+        Sums of the bounds of all derivatives ``∂^α / α!`` up to degree 3, to which rounding errors
+        are relative.
     """
 
     chart: Chart
@@ -42,8 +48,10 @@ class Polynomials:
 
     @classmethod
     def of(cls, chart: Chart) -> Polynomials:
-        """Differentiate a chart's polynomials, and bound the fourth derivatives by the absolute
-        values of their terms."""
+        """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.
+
+        A bound is the sum of the absolute values of a polynomial's coefficients.
+        """
         monomials = chart.monomials
         derivatives = Monomials(monomials.k, ORDER + 1)
         every = {(0,) * monomials.k: chart.coefficients}
@@ -62,14 +70,17 @@ class Polynomials:
 
     @property
     def used(self) -> Array:
-        """Number of terms that each derivative has, (M,): the others are 0."""
+        """Number of leading terms that can be nonzero in each derivative ``∂^α``: (M,)."""
         starts, degrees = self.chart.monomials.starts, Monomials(self.chart.monomials.k, ORDER)
         left = np.maximum(self.chart.monomials.degree - degrees.exponents.sum(axis=1), -1)
         return np.asarray(starts[left + 1])
 
     def shifted(self, Uc: Array, half: Array) -> tuple[Array, Array]:
-        """Expand in t, ``u = u_c + h t``, on boxes (K, k) to degree 3: coefficients (K, M, n, 1 +
-        r) in the order of the monomials, and a bound of the rest (K, n, 1 + r)."""
+        """Expand to degree 3 in t on boxes ``u = Uc + half · t``, with Uc and half (K, k).
+
+        Returns the coefficients (K, M, n, 1 + r), in the order of the monomials, and a bound of the
+        remainder (K, n, 1 + r).
+        """
         P = np.tensordot(self.chart.monomials.values(Uc), self.parts, axes=1)
         P *= Monomials(Uc.shape[1], ORDER).values(half)[:, :, None, None]
         powers = np.prod(half[:, None] ** self.fourth, axis=2)
@@ -81,8 +92,10 @@ def _factorial(alpha: Array) -> int:
 
 
 def _derivative(monomials: Monomials, C: Array, j: int) -> Array:
-    """Differentiate polynomials with coefficients C (N, …) with respect to u_j: coefficients
-    again."""
+    """Differentiate polynomials with coefficients C (T, …) with respect to u_j.
+
+    Returns the coefficients (T, …) of the derivatives.
+    """
     out = np.zeros_like(C)
     powers = monomials.exponents[:, j]
     on = powers > 0

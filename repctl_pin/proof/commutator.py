@@ -1,10 +1,14 @@
-r"""Two solutions at one pose: what the straight way between them adds to D.
+r"""Uniqueness of F: bound on the integral of J between two solutions at one pose.
 
-With ``W = T₁⁻¹ x T₂⁻¹ = (Q, w)`` on the way, the identity at both ends, and ``δ`` the step:
+Let δ be the difference of two configurations with the same pose x. On the straight line between
+them, T₁ and T₂ are the transforms of the chain before and beyond the middle link, and
+``W = T₁⁻¹ x T₂⁻¹ = (Q, w)`` is the identity at both ends. Then
 
-.. math:: ‖\\textstyle∫ J_ω δ‖ ≤ φ τ, \\qquad ‖\\textstyle∫ J_v δ‖ ≤ φ V₂ + ψ τ,
+.. math:: ‖\textstyle∫ J_ω δ‖ ≤ φ τ, \qquad ‖\textstyle∫ J_v δ‖ ≤ φ V₂ + ψ τ,
 
-φ and ψ the largest rotation and shift of W. Both are linear in |δ|: docs/theory.md."""
+with φ and ψ the largest rotation and displacement of W. φ, ψ, τ and V₂ have bounds that are linear
+in |δ|; the last two bound how fast W changes. docs/theory.md derives this.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +20,21 @@ from .screws import between
 
 
 def commutator(chain: Chain, steps: Array, farthest: Array) -> Array:
-    """Bound ``∫ J δ dt`` by Λ |δ|, for steps ``|δ| ≤ steps`` (K, n): the linear and the angular
-    row, (K, 2, N).
+    """Compute Λ (K, 2, N) such that ``|∫ J δ dt| ≤ Λ |δ|``: its linear and its angular row.
 
     Parameters
     ----------
     chain
+        Chain of the task.
     steps : (K, n) array
-        How far two solutions are from each other at most.
+        Bounds of |δ|, the difference of two solutions, rad or m.
     farthest : (n,) array
-        Largest value of every joint on the cell, for the prismatic ones.
+        Largest absolute value of every joint on the cell, for the prismatic ones.
+
+    Returns
+    -------
+    (K, 2, N) array
+        Λ; 1e30 where the joints move too far for a bound.
     """
     S, k, turning = np.abs(chain.S), chain.middle, chain.revolute
     step = steps @ S[:, : chain.n].T  # (K, P)

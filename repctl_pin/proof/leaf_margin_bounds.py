@@ -1,4 +1,4 @@
-r"""Lower bounds of the leaf margin over boxes of joint space, by the batch.
+r"""Lower bounds of the leaf margin over boxes of joint space, batched.
 
 On a box ``q_c ± h``, with ``J_c = [J; V_cᵀ]``, V_c the value of V at the centre, and any
 ``A ≈ J_c(q_c)⁻¹``:
@@ -9,12 +9,15 @@ On a box ``q_c ± h``, with ``J_c = [J; V_cᵀ]``, V_c the value of V at the cen
    + |A J_c(q_c) − I|, \\
    F + D Y ≤ Y,\; Y > 0 ⇒ J_c \text{ is regular}, \qquad |J_c⁻¹| ≤ Y \text{ with } F = |A|
 
-The last r columns N of ``J_c⁻¹`` are the null space, to second order in the joints. Across V_c, N
-and V are the graphs of T and P, and with ``S = (T − P)(I + PᵀT)⁻¹``
+The last r columns N of ``J_c⁻¹`` span the null space of J; they are expanded to second order in q −
+q_c. Relative to the span of V_c, the null space and the span of V are the graphs of linear maps T
+and P to its complement. With ``S = (T − P)(I + PᵀT)⁻¹``
 
 .. math:: \text{leaf margin} ≥ 1 / \sqrt{1 + ‖S‖² (1 + ‖P‖²)}
 
-In C where there is a compiler (leaf_margin_bounds.c), else in NumPy: the same mathematics. """
+The computation is in C if there is a compiler (leaf_margin_bounds.c), else in NumPy, with the same
+formulas.
+"""
 
 from __future__ import annotations
 
@@ -42,18 +45,18 @@ _BATCH = 2048
 @dataclass(frozen=True, eq=False)
 @read_only
 class Bounds:
-    """Bounds for K boxes.
+    """Bounds on the leaf margin and σ_min(J) over K boxes of joint space.
 
     Attributes
     ----------
     leaf_margin : (K,) array
-        A lower bound on the whole box; 0 where J_V was not shown to be regular.
+        Lower bound on the whole box; 0 where J_V was not shown to be regular.
     center : (K,) array
-        The leaf margin at the centre, rounded up: no bound on the box can be larger.
+        Leaf margin at the centre, rounded up: no lower bound of the box can be larger.
     sigma_min : (K,) array
-        A lower bound of σ_min(J) on the box; 0 where there is none.
+        Lower bound of σ_min(J) on the whole box; 0 where there is none.
     split : (K,) array of int
-        The joint along which to halve the box.
+        Index of the joint along which to halve the box.
     """
 
     leaf_margin: Array
@@ -68,18 +71,21 @@ class Bounds:
 @dataclass(frozen=True, eq=False)
 @read_only
 class LeafMargin:
-    """The leaf margin of some potentials on a task, to be bounded over boxes inside one region.
+    """The leaf margin of potentials on a task, prepared to be bounded over boxes inside one region.
 
     Attributes
     ----------
     chain : Chain
+        Extended chain of the task.
     features : Features
+        The potentials as sums of features.
     round : (6 + r,) array
-        Bounds of the rounding in the rows of J_V.
+        Bounds of the rounding errors in the rows of J_V.
     eps : float
-        Relative rounding.
+        Relative rounding error of sums.
     beta : float
-        ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``: the norm of the change of frame.
+        Factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a bound of a right inverse of J: norm of
+        the change of frame from the middle link to the task.
     """
 
     chain: Chain
@@ -92,13 +98,19 @@ class LeafMargin:
         return f"<LeafMargin of {self.features} on {self.chain}>"
 
     def bounds(self, Q: Array, half: Array) -> Bounds:
-        """Bound the leaf margin in boxes Q ± half, (K, n) each, in C where there is a compiler."""
+        """Bound the leaf margin in boxes Q ± half, (K, n) each.
+
+        The bounds are computed in C if there is a compiler.
+        """
         library = _library()
         return in_numpy(self, Q, half) if library is None else _in_c(self, library, Q, half)
 
 
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
-    """Prepare bounds inside a box, seen from the link that needs the fewest boxes."""
+    """Prepare the leaf margin of potentials for bounds inside a box of joint space.
+
+    The middle link of the chain is the one expected to need the fewest boxes.
+    """
     features, chain = features_of(field, task.n, box), chain_of(task)
 
     def needed(one: LeafMargin) -> float:
@@ -148,17 +160,21 @@ def in_numpy(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Expansion:
-    """J_V in K boxes to first order, after A: ``A J_V = I + Σ δ_j B_j + …``.
+    """First-order expansion of J_V in K boxes, multiplied by A: ``A J_V = I + Σ δ_j B_j + …``.
+
+    δ are the k variables of a box, from its centre: joints, or coordinates of a cell.
 
     Attributes
     ----------
     A, D, R : (K, N, N) arrays
-        ``≈ J_V(q_c)⁻¹``, the bound of ``|A J_V − I|``, and its part beside the slopes.
+        ``A ≈ J_V(q_c)⁻¹``, the bound D of ``|A J_V − I|``, and the part R of D that does not come
+        from the slopes B.
     B : (K, k, N, N) array
-        ``A ∂_j J_V``, in k variables.
+        Slopes ``A ∂_j J_V`` at the centre.
     V, dV : (K, r, n) and (K, r, n, k) arrays
+        Vᵀ at the centre, and its derivatives.
     rest : (K, r, n) array
-        What V may differ by from its first two terms, rounding included.
+        Bound on the difference of Vᵀ from its first-order expansion, rounding included.
     """
 
     A: Array
@@ -181,26 +197,29 @@ def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Graphs:
-    """The null space N and the span of V as graphs over V_c, in K boxes, to second order.
+    """The null space and the span of V as graphs over the span of V_c, in K boxes.
 
-    ``N = X + Σ δ_j N_j + ν``, across V_c ``P = Σ δ_j P_j + π``, ``PᵀN = Σ δ_j P_jᵀ T_c + β`` and
-    ``S = (T − P) (I + PᵀT)⁻¹ = T_c + Σ δ_j S_j + ρ``, with k variables δ: docs/theory.md.
+    With δ the k variables of a box from its centre, ``N = X + Σ δ_j N_j + ν`` is a basis of the
+    null space. In the complement of V_c, ``T_c`` at the centre and ``P = Σ δ_j P_j + π`` define the
+    graphs. Then ``PᵀN = Σ δ_j P_jᵀ T_c + β`` and ``S = (T − P) (I + PᵀT)⁻¹ = T_c + Σ δ_j S_j + ρ``;
+    docs/theory.md derives this.
 
     Attributes
     ----------
     X, T, nu, P, pi, rho : (K, n, r) arrays
-        ``X``, ``T_c``, and bounds of ``|ν|``, ``|P|``, ``|π|`` and ``|ρ|``.
+        X, T_c, and bounds of ``|ν|``, ``|P|``, ``|π|`` and ``|ρ|``.
     dN, dP, dS : (K, k, n, r) arrays
+        The slopes N_j, P_j and S_j.
     beta, square : (K, r, r) arrays
         Bounds of ``|β|`` and ``|SᵀS|``.
     both : (K, k, r, r) array
-        How much each variable changes ``SᵀS``.
+        Bounds of the change of ``SᵀS`` along each variable, to first order.
     Y : (K, N, 6) array
         Bounds of the first six columns of ``J_c⁻¹``.
     B : (K, k, N, N) array
         ``A ∂_j J_c``, with V_c in place of V.
     defect : (K,) array
-        What V_c and X differ from ``V_cᵀ V_c = V_cᵀ X = I`` by.
+        Deviation of V_c and X from ``V_cᵀ V_c = V_cᵀ X = I``.
     regular, sure : (K,) arrays of bool
         Whether J_c was shown to be regular, and whether the bounds of P, β and S hold.
     """
@@ -229,8 +248,11 @@ class Graphs:
 
 @np.errstate(all="ignore")
 def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array) -> Bounds:
-    """Bound the leaf margin in boxes where J_V is given to first order, in the variables of half
-    (K, k)."""
+    """Bound the leaf margin in boxes from the first-order expansion of J_V there.
+
+    half (K, k) are the half-widths of the boxes in the k variables of the expansion; ``eps`` and
+    ``beta`` are those of :class:`LeafMargin`.
+    """
     at = _along_axes(at)
     found = graphs(at, half, n, eps)
     norm, below = _spectral(found.X)
@@ -253,7 +275,10 @@ def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array)
 
 @np.errstate(all="ignore")
 def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
-    """Compare the null space N with V across V_c: ``S = (T − P) (I + PᵀT)⁻¹``."""
+    """Compare the null space with the span of V: compute ``S = (T − P) (I + PᵀT)⁻¹`` with bounds.
+
+    See :class:`Graphs`.
+    """
     V, r, slack = np.swapaxes(at.V, 1, 2), at.V.shape[1], 1 + eps
     B, all_dN, all_first, all_nu, Y, regular = _null_space(at, half, n, eps)
     X, dN, first, nu = at.A[:, :n, 6:], all_dN[:, :, :n], all_first[:, :n], all_nu[:, :n]
@@ -282,8 +307,11 @@ def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
 def _null_space(
     at: Expansion, half: Array, n: int, eps: float
 ) -> tuple[Array, Array, Array, Array, Array, NDArray[np.bool_]]:
-    """Expand ``N = J_c⁻¹ [0; I]``: B with V_c in place of V, the slopes of N, what they amount to,
-    the bound of the rest, that of the other columns of ``J_c⁻¹``, and where J_c is regular."""
+    """Expand the basis ``N = J_c⁻¹ [0; I]`` of the null space in boxes.
+
+    Returns the slopes B of A J_c, those of N, the bound of the first-order terms of N, the bound of
+    its remainder, the bound of the first six columns of ``J_c⁻¹``, and whether J_c is regular (K,).
+    """
     A, X = at.A, at.A[:, :, 6:]  # X: (K, N, r)
     slopes = np.moveaxis(at.dV, 3, 1)  # (K, k, r, n)
     B = at.B.copy()
@@ -303,8 +331,11 @@ def _null_space(
 def _span_of_V(
     at: Expansion, half: Array, tiny: Array, eps: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Expand ``P = (V − V_c V_cᵀV) (V_cᵀV)⁻¹``: its slopes, the bounds of the rest and of all of
-    it, and that of ``‖V_cᵀV − I‖``."""
+    """Expand ``P = (V − V_c V_cᵀV) (V_cᵀV)⁻¹`` in boxes.
+
+    Returns the slopes of P, the bound of its remainder, the bound of |P|, and that of
+    ``‖V_cᵀV − I‖`` (K,).
+    """
     slack, V, slopes = 1 + eps, np.swapaxes(at.V, 1, 2), np.moveaxis(at.dV, 3, 1)
     rest = np.swapaxes(at.rest, 1, 2)
     M = slopes @ V[:, None]  # of V^T V_c
@@ -321,7 +352,11 @@ def _span_of_V(
 def _square(
     X: Array, T: Array, dS: Array, wide: Array, rho: Array, half: Array, eps: float
 ) -> tuple[Array, Array]:
-    """Bound ``|SᵀS|``, ``S = T_c + Σ δ_j S_j + ρ``: what each variable changes, and all of it."""
+    """Bound ``|SᵀS|``, with ``S = T_c + Σ δ_j S_j + ρ``.
+
+    Returns the bounds of its first-order change along each variable (K, k, r, r), and of all of it
+    (K, r, r).
+    """
     T_T = np.swapaxes(T, 1, 2)
     both = T_T[:, None] @ dS
     both = np.abs(both + np.swapaxes(both, 2, 3)) * half[:, :, None, None]
@@ -333,7 +368,7 @@ def _square(
 
 
 def _cosine(square: Array, P: Array, eps: float) -> Array:
-    """Bound the leaf margin from ``‖S‖²`` and ``‖P‖``."""
+    """Bound the leaf margin from below, from upper bounds of ``‖S‖²`` and ``‖P‖``."""
     return np.asarray((1 - eps) / (np.sqrt(1 + square * (1 + P**2 * (1 + eps))) * (1 + eps)))
 
 
@@ -343,12 +378,15 @@ def _summed(slopes: Array, half: Array) -> Array:
 
 
 def _size(matrices: Array) -> Array:
-    """Evaluate Frobenius norms of (K, a, b): (K,)."""
+    """Compute the Frobenius norms (K,) of matrices (K, a, b)."""
     return np.asarray(np.sqrt((matrices**2).sum(axis=(1, 2))))
 
 
 def _along_axes(at: Expansion) -> Expansion:
-    """Turn the gauge of V, so that ``(X − V)ᵀ (X − V)`` is diagonal at the centre."""
+    """Change the basis of V by a rotation, so that ``(X − V)ᵀ (X − V)`` is diagonal at the centre.
+
+    The bounds are closer in this basis.
+    """
     T = at.A[:, : at.V.shape[2], 6:] - np.swapaxes(at.V, 1, 2)
     G = np.swapaxes(T, 1, 2) @ T
     G[~np.isfinite(G).all(axis=(1, 2))] = 0.0
@@ -361,7 +399,7 @@ def _along_axes(at: Expansion) -> Expansion:
 
 @np.errstate(all="ignore")
 def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
-    """Expand J_V around the centres of boxes Q ± half, (K, n) each."""
+    """Expand J_V to first order around the centres of boxes Q ± half, (K, n) each."""
     chain, n, N = problem.chain, problem.chain.n, problem.chain.N
     S = chain.S[:, :n]
     theta, eta = Q @ S.T + chain.o, half @ np.abs(S).T
@@ -386,8 +424,11 @@ def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
 
 
 def enclosed(D: Array, F: Array, eps: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Find Y > 0 with ``(1 + ε) D Y + F ≤ (1 − ε) Y``, DY, and where that holds: solved with twice
-    the slack."""
+    """Find Y > 0 with ``(1 + ε) D Y + F ≤ (1 − ε) Y``.
+
+    Y is the solution of ``(1 + ε) D Y + F = (1 − 2 ε) Y``, which leaves slack for rounding. Returns
+    Y, D Y, and whether the inequality holds as computed (K,).
+    """
     Y = _solved((1 - 2 * eps) * np.eye(D.shape[1]) - (1 + eps) * D, F)
     DY = D @ Y
     held = (Y > 0) & ((1 + eps) * DY + F <= (1 - eps) * Y)
@@ -395,8 +436,11 @@ def enclosed(D: Array, F: Array, eps: float) -> tuple[Array, Array, NDArray[np.b
 
 
 def _potentials(problem: LeafMargin, Q: Array, half: Array) -> tuple[Array, Array, Array, Array]:
-    """Evaluate V (K, r, n), its slopes (K, r, n, n) and the bounds of the rest, in a gauge of
-    orthonormal columns."""
+    """Evaluate Vᵀ (K, r, n), its derivatives (K, r, n, n), and bounds, at the centres of boxes.
+
+    The bounds are those of the remainder (K, r, n) and of rounding (K, r). V is taken in a basis
+    that is orthonormal at the centres.
+    """
     parts = problem.features
     phi = _features(parts, Q)
     V, dV = np.einsum("aif,Kf->Kai", parts.G, phi), np.einsum("aijf,Kf->Kaij", parts.C, phi)
@@ -436,7 +480,7 @@ def _features(parts: Features, Q: Array) -> Array:
 
 
 def inverses(matrices: Array) -> Array:
-    """Invert (K, N, N); NaN where a matrix is singular."""
+    """Invert matrices (K, N, N); NaN where a matrix is singular."""
     try:
         return np.asarray(np.linalg.inv(matrices), float)
     except np.linalg.LinAlgError:
@@ -465,8 +509,10 @@ def _solved(M: Array, B: Array) -> Array:
 
 
 def _spectral(X: Array) -> tuple[Array, Array]:
-    """Bound the spectral norms of X (K, n, r) from above and below: ``λ ≤ (tr G^256)^(1/256) ≤
-    r^(1/256) λ``."""
+    """Bound the spectral norms of X (K, n, r): upper and lower bounds, (K,) each.
+
+    With ``G = XᵀX`` and its largest eigenvalue λ, ``λ ≤ (tr G^256)^(1/256) ≤ r^(1/256) λ``.
+    """
     r = X.shape[2]
     G = np.swapaxes(X, 1, 2) @ X
     scale, power = np.zeros(len(X)), 1
@@ -484,7 +530,7 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 
 
 class _Problem(ctypes.Structure):
-    """The struct of leaf_margin_bounds.c."""
+    """C struct of leaf_margin_bounds.c that holds one :class:`LeafMargin`."""
 
     _fields_ = (
         [(name, ctypes.c_int) for name in ("P", "k", "n", "N", "r", "Z", "F", "F3")]
@@ -529,7 +575,10 @@ _loaded: list[ctypes.CDLL | None] = []
 
 
 def _library() -> ctypes.CDLL | None:
-    """Compile the kernel once; without a compiler, return None and warn once."""
+    """Return the compiled C kernel, which the first call compiles.
+
+    Without a compiler, return None; the first call then warns.
+    """
     if not _loaded:
         source = files(__package__).joinpath("leaf_margin_bounds.c").read_text(encoding="ascii")
         try:

@@ -1,5 +1,6 @@
-r"""Potentials as sums of features: V, its slopes, and bounds of what two terms of Taylor's series
-leave out.
+r"""Potentials as sums of features φ, with bounds of the second-order Taylor remainder of V.
+
+Each feature is 1, an earlier feature times a linear argument z, or the sine or cosine of one:
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
@@ -26,7 +27,7 @@ from ..regions.box import Box
 
 CONSTANT, PRODUCT, SINE, COSINE = range(4)
 U = 2.0**-53
-"""The unit of rounding."""
+"""Unit roundoff of double precision."""
 
 _Exponents = tuple[int, ...]
 
@@ -34,27 +35,30 @@ _Exponents = tuple[int, ...]
 @dataclass(frozen=True, eq=False)
 @read_only
 class Features:
-    """r potentials of n joints, for one region.
+    """r potentials of n joints as sums of F features, with bounds that hold in one region.
 
     Attributes
     ----------
     Z, z0 : (s, n) and (s,) arrays
-        The arguments of the features.
+        The s linear arguments of the features, ``z = Z q − z0``.
     kind, parent, variable : (F,) arrays of int
-        Which function of which argument a feature is, and for a product which feature it
-        multiplies.
+        Function of each feature, the feature that a product multiplies, and the index of the
+        argument.
     G : (r, n, F) array
+        Coefficients of V.
     C : (r, n, n, F) array
+        Coefficients of ∂V.
     third : (F_3,) array of int
-        Which features the third derivatives of h are of; none where T bounds them well.
+        Features that occur in the third derivatives of h; none where T bounds these well.
     C3 : (r, n, n, n, F_3) array
+        Coefficients of the third derivatives of h.
     T, T4 : (r, n, n, n) and (r, n, n, n, n) arrays
-        Bounds over the region of the rest of the third derivatives, and of the slopes of ``C_3 φ``.
+        Bounds over the region of the terms of the third derivatives that are not in C3, and of the
+        derivatives of ``C_3 φ``.
     E : (r, n) array
-        Bounds of the rounding in V and in its slopes times the half-widths.
+        Bounds of the rounding errors in V and in its derivatives times the half-widths.
     size : (r,) array
-        Bounds of |V| and of the slopes times the half-widths: what relative rounding is relative
-        to.
+        Bounds of |V| and of its derivatives times the half-widths, to which rounding is relative.
     """
 
     Z: Array
@@ -77,13 +81,13 @@ class Features:
 
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:
-    """Write potentials as features, with bounds that hold in a box.
+    """Convert potentials to sums of features, with bounds that hold in a box.
 
     Raises
     ------
     InputError
-        If they are no polynomials, Fourier series or sums of them: a function of the user has no
-        bounds.
+        If they are not polynomials, Fourier series or sums of them: no bounds are known of a
+        function of the user.
     """
     made = _Builder(n, box)
     made.add(field, np.arange(n))
@@ -91,7 +95,7 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
 
 
 class _Builder:
-    """Collects features and their coefficients."""
+    """Collects the features of potentials, and their coefficients and bounds."""
 
     def __init__(self, n: int, box: Box) -> None:
         self.n, self.box = n, box
@@ -112,7 +116,7 @@ class _Builder:
         self.T4: dict[tuple[int, ...], Array] = {}
 
     def add(self, field: Potentials, joints: NDArray[np.intp]) -> None:
-        """Add potentials of some joints."""
+        """Add potentials of the joints with the given indices."""
         if isinstance(field, SumMap):
             for part in field.maps:
                 self.add(part, joints)
@@ -141,11 +145,11 @@ class _Builder:
         return len(self.rows) - 1
 
     def _argument_error(self, z: int) -> float:
-        """Bound the rounding of an argument."""
+        """Bound the rounding error of argument number z."""
         return float((self.n + 6) * U * (np.abs(self.rows[z]) @ self.most + abs(self.z0[z])))
 
     def _most(self, z: int) -> float:
-        """Bound an argument's absolute value."""
+        """Bound the absolute value of argument number z in the box."""
         return max(abs(self.low[z]), abs(self.high[z]))
 
     def _feature(self, kind: int, parent: int, variable: int, bound: float, error: float) -> int:
@@ -164,7 +168,7 @@ class _Builder:
     # ---- families -----------------------------------------------------------------------------
 
     def _polynomial(self, field: PolynomialMap, joints: NDArray[np.intp]) -> None:
-        """``h = Σ c_β u^β``, u = (q − center) / scale."""
+        """Add the terms of ``h = Σ c_β u^β`` with ``u = (q − center) / scale``."""
         scale = field.scale
         rows = np.zeros((len(joints), self.n))
         rows[np.arange(len(joints)), joints] = 1 / scale
@@ -212,7 +216,10 @@ class _Builder:
         scale: Array,
         monomial: Callable[[_Exponents], int],
     ) -> None:
-        """Add ``c u^three`` to a third derivative, and bound its slope along later joints."""
+        """Add the term ``c u^three`` of the third derivative of h along joints ``ijl``.
+
+        Its derivative along the last of these joints and all later ones is bounded, too.
+        """
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
         for m, four, by_m in _lowered(three):
@@ -257,7 +264,7 @@ class _Builder:
     # ---- all together -------------------------------------------------------------------------
 
     def features(self) -> Features:
-        """Put the features together, with bounds of the rounding in their sums."""
+        """Create the features, with bounds of the rounding in their sums."""
         assert self.T is not None, "a field has at least one term"
         r, n, F = len(self.T), self.n, len(self.kind)
         G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))
@@ -311,8 +318,10 @@ class _Builder:
 
 
 def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
-    """Differentiate a monomial in every way: the variable, the exponents that are left, and the
-    factor."""
+    """Differentiate a monomial with exponents beta with respect to each of its variables.
+
+    Returns triples: index of the variable, exponents of the derivative, and its factor.
+    """
     return [
         (i, (*beta[:i], power - 1, *beta[i + 1 :]), power) for i, power in enumerate(beta) if power
     ]

@@ -1,4 +1,4 @@
-"""A region of joint space as boxes that cover it."""
+"""Boxes that cover a region of joint space, and their distance to the joint limits."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from ..robot.task import Task
 from .potentials import U
 
 _STRETCH = 0.25
-"""Movement of a joint along a stretch of a tube that is enclosed in one box, of the radius."""
+"""Maximum motion of a joint on a section of a tube enclosed in one box, relative to the radius."""
 
 
 def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region by boxes: their lower and upper corners, (K, n) each.
 
-    A tube is covered by one box for every stretch of samples on which no joint moves by more than
-    a quarter of the radius, less what earlier boxes cover. All that lies between two samples is
-    inside. A workspace box is covered by the box of joints that it selects from.
+    A tube is divided into sections of consecutive samples, on which no joint moves by more than a
+    quarter of the radius or which have two samples. One box encloses the tube along each section,
+    all configurations between its samples included. Where boxes overlap, the later ones are
+    reduced. A workspace box is covered by the box of joints that it selects from.
 
     Raises
     ------
     InputError
-        If it is a region of the user's own, whose shape is not known.
+        If it is a region of the user, whose shape is not known.
     """
     if isinstance(region, Box):
         return region.lower[None].copy(), region.upper[None].copy()
@@ -39,8 +40,10 @@ def cover(region: Region) -> tuple[Array, Array]:
 
 
 def _stretches(tube: Tube) -> tuple[Array, Array]:
-    """Enclose stretches of a tube, each of at least two samples, the last of one being the first
-    of the next: their corners, (K, n) each."""
+    """Enclose sections of a tube in boxes: their lower and upper corners, (K, n) each.
+
+    A section has at least two samples; its last one is the first one of the next section.
+    """
     Q, first, ends = tube.samples, 0, []
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
     for i in range(1, len(Q)):
@@ -54,8 +57,11 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
 
 
 def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
-    """Cover the union of boxes, each less the one before it, and less those earlier ones that
-    leave one piece of what remains."""
+    """Reduce boxes so that they overlap less but still cover the same union.
+
+    Each box is divided into what lies outside the previous box. Earlier boxes are removed from
+    these parts where one part remains.
+    """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]
     for i in range(1, len(boxes)):
@@ -69,7 +75,7 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-    """Cut a box into what lies outside another: at most two pieces per joint."""
+    """Divide the part of a box outside another one into boxes, at most two per joint."""
     if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
         return [box]
     pieces, (low, high) = [], (box[0].copy(), box[1].copy())
@@ -88,15 +94,17 @@ def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple
 
 
 def enclosing(low: Array, high: Array) -> Box:
-    """Make a box that holds all boxes with corners low and high, (K, n) each."""
+    """Create a box that contains all boxes with corners low and high, (K, n) each."""
     least, most = low.min(axis=0), high.max(axis=0)
     slack = 1e-9 * (np.abs(least) + np.abs(most) + most - least)
     return Box.between(least - slack, most + slack)
 
 
 def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
-    """Bound the distance to the nearest joint limit from below over boxes; and which box is the
-    worst."""
+    """Bound the distance to the nearest joint limit from below over boxes.
+
+    Returns the bound, rad or m, and the index of the box with the smallest one.
+    """
     T = task.coordinate_matrix
     middle, reach = (low + high) / 2 @ T.T, (high - low) / 2 @ np.abs(T).T
     lower, upper, _ = task.joint_limits

@@ -1,14 +1,15 @@
-r"""The theorem's constants: what the first two terms of Taylor's series leave out of a joint screw.
+r"""Bounds of the second-order Taylor remainder of joint screws on a box of joint positions.
 
 With ``H_R`` and ``H_P`` the sums of the half-widths of the revolute and the prismatic joints
-between joint l and the middle link, and ``L`` the sum of the link offsets between them:
+between joint l and the middle link, and ``L`` the sum of the link offsets between them, the screw
+``(v_l, ω_l)`` differs from its first-order expansion by at most
 
 .. math::
 
    |Δv_l| ≤ \tfrac12 H_R² L + H_R H_P, \quad |Δω_l| ≤ \tfrac12 H_R² \quad\text{(revolute)}, \qquad
    |Δv_l| ≤ \tfrac12 H_R², \quad Δω_l = 0 \quad\text{(prismatic)}.
 
-docs/theory.md derives them.
+docs/theory.md derives these bounds.
 """
 
 from __future__ import annotations
@@ -22,8 +23,10 @@ from .screws import between
 
 
 def remainders(chain: Chain, theta: Array, eta: Array) -> tuple[Array, Array]:
-    """Bound the linear and the angular remainder of every screw in boxes θ ± η, (K, P) each: (K, P)
-    each."""
+    """Bound the remainder of every screw in boxes θ ± η of joint positions, (K, P) each.
+
+    Returns the bounds of the linear and of the angular part, (K, P) each.
+    """
     linear, angular = np.zeros_like(theta), np.zeros_like(theta)
     reach = chain.reach
     for joint in range(theta.shape[1]):
@@ -40,21 +43,25 @@ def remainders(chain: Chain, theta: Array, eta: Array) -> tuple[Array, Array]:
 
 
 def revolute(H_R: Array, H_P: Array, L: Array) -> tuple[Array, Array]:
-    """Bound the linear and the angular remainder of a revolute joint's screw."""
+    """Bound the linear and the angular remainder of a revolute joint's screw from H_R, H_P, L."""
     return 0.5 * H_R**2 * L + H_R * H_P, 0.5 * H_R**2
 
 
 def relative_rounding(chain: Chain) -> float:
-    """Bound the relative rounding of any sum or screw of the proof: ``512 (P + N + 2) u``.
+    """Bound the relative rounding of any sum or screw of a proof: ``512 (P + N + 2) u``, u = 2⁻⁵³.
 
-    A rotation after k joints is off by at most 64 k u, a screw by 128 (k + 2) u of its length, and
-    a sum of N products by (N + 2) u of the sum of their absolute values: docs/theory.md."""
+    A rotation after k joints has an error of at most 64 k u, a screw one of 128 (k + 2) u times its
+    length, and a sum of N products one of (N + 2) u times the sum of their absolute values; see
+    docs/theory.md.
+    """
     return 512 * (len(chain.p) + chain.N + 2) * U
 
 
 def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
-    """Bound the linear and angular parts of J's columns, and of their slopes times the half-widths:
-    (6,)."""
+    """Bound the rows of J, with its slopes times the half-widths added: (6,), linear, then angular.
+
+    Rounding errors are relative to these sizes.
+    """
     L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
     columns = np.abs(chain.S).sum(axis=0).max()
     swing = 1 + 2 * eta.sum()

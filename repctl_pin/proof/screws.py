@@ -1,7 +1,8 @@
-r"""Joint screws in the frame of a middle link, and how they change: by the batch.
+"""Joint screws in the frame of a middle link, and their derivatives, batched.
 
-``∂_p ξ_l`` is the Lie bracket ``±[ξ_p, ξ_l]`` for the joints p between joint l and the middle link,
-and 0 for all others: the plus beyond the link, the minus before it."""
+The derivative ``∂_p ξ_l`` is the Lie bracket ``±[ξ_p, ξ_l]`` for the joints p between joint l and
+the middle link, and 0 for all others. The sign is plus beyond the link, minus before it.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +14,10 @@ from .chain import Chain
 
 
 def screws(chain: Chain, theta: Array) -> tuple[Array, Array]:
-    """Evaluate the screws (v, ω) of all joints at θ (K, P), (K, P, 6), and the origin of the last
-    joint (K, 3)."""
+    """Evaluate the screws (v, ω) of all joints at joint positions θ (K, P): (K, P, 6).
+
+    The second result is the origin of the last joint (K, 3), m.
+    """
     K, P = theta.shape
     xi, tip = np.zeros((K, P, 6)), np.tile(-chain.shift, (K, 1))
     for outward in (True, False):
@@ -39,7 +42,7 @@ def screws(chain: Chain, theta: Array) -> tuple[Array, Array]:
 
 
 def turn(axis: Array, angle: Array) -> Array:
-    """Rotate about a unit vector (3,) by angles (K,): (K, 3, 3)."""
+    """Compute the rotation matrices about a unit vector (3,) by angles (K,): (K, 3, 3)."""
     c, s = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
     x, y, z = axis
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -53,14 +56,19 @@ def bracket(a: Array, b: Array) -> Array:
 
 
 def between(chain: Chain, joint: int) -> NDArray[np.intp]:
-    """List the joints between one joint and the middle link: those that its screw depends on."""
+    """Return the indices of the joints between a joint and the middle link.
+
+    The joint's screw depends on their positions only.
+    """
     ends = (joint + 1, chain.middle) if joint < chain.middle else (chain.middle, joint)
     return np.arange(*ends)
 
 
 def slopes(chain: Chain, xi: Array, tip: Array) -> Array:
-    """Differentiate the columns of J, given what :func:`screws` found, with respect to q: (K, n, N,
-    6)."""
+    """Compute the derivatives of the columns of J with respect to q: ``[:, j, c] = ∂J_c/∂q_j``.
+
+    The result is (K, n, N, 6); ``xi`` and ``tip`` are the results of :func:`screws`.
+    """
     dJ = np.zeros((len(xi), chain.n, chain.N, 6))
     for joint in range(len(chain.p)):
         sign = -1.0 if joint < chain.middle else 1.0

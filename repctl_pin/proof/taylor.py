@@ -1,8 +1,9 @@
-r"""Taylor models: polynomials of degree 3 with a bound of what they leave out (Makino and Berz).
+r"""Taylor models: polynomials of degree 3 with a bound of their remainder (Makino and Berz).
 
-A model of f on a box is ``(P, r)`` with ``|f(u_c + h t) − P(t)| ≤ r`` for all t in
-``[−1, 1]^k``. Rounding is in r: a sum of up to M products is off by less than ``(M + 2) u`` of the
-sum of absolute values, and ``_ROUND`` is several times that."""
+A model of f on a box is ``(P, r)`` with ``|f(u_c + h t) − P(t)| ≤ r`` for all t in ``[−1, 1]^k``. r
+includes rounding: the error of a sum of up to M products is less than ``(M + 2) u`` times the sum
+of absolute values, with ``u = 2⁻⁵³``, and ``_ROUND`` is several times that.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +22,24 @@ _ROUND = 2e-14
 """Rounding of one operation, relative to the sum of the absolute values of the terms."""
 
 _ENTIRE = 24
-"""Terms of the series of exp's coefficients: z is below π²."""
+"""Number of terms of the power series in :func:`entire`; enough for z below π²."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Products:
-    """Which products of monomials make which monomial, up to degree 3 of k variables.
+    """Table of the products of two monomials of k variables, up to degree 3.
+
+    Monomials are given by index, of M in all.
 
     Attributes
     ----------
     left, right : (L,) arrays of int
-        The factors, sorted by the monomial that they make.
+        The two factors of each product, sorted by the monomial that they make.
     first : (M,) array of int
-        Where the products of each monomial begin.
+        Index of the first product that makes each monomial.
     starts : (5,) array of int
-        Where the monomials of each degree begin.
+        Index of the first monomial of each degree, and M.
     """
 
     left: NDArray[np.int32]
@@ -50,7 +53,7 @@ class Products:
 
 @cache
 def products(k: int) -> Products:
-    """List the products of monomials of k variables whose degree is at most 3."""
+    """Return the table of products of monomials of k variables, cached."""
     monomials = Monomials(k, ORDER)
     at = {tuple(row): i for i, row in enumerate(monomials.exponents)}
     rows = [
@@ -67,7 +70,10 @@ def products(k: int) -> Products:
 @dataclass(frozen=True, eq=False)
 @read_only
 class TaylorModel:
-    """Functions on K boxes: coefficients P (K, …, M) of k variables, and bounds r (K, …)."""
+    """Taylor models of functions on K boxes.
+
+    They have coefficients P (K, …, M) in k variables, and bounds r (K, …) of the remainder.
+    """
 
     k: int
     P: Array
@@ -78,7 +84,7 @@ class TaylorModel:
 
     @classmethod
     def constant(cls, k: int, values: Array) -> TaylorModel:
-        """Make the model of constants (K, …)."""
+        """Create the models of constants (K, …) in k variables."""
         P = np.zeros((*np.shape(values), products(k).starts[-1]))
         P[..., 0] = values
         return cls(k, P, np.zeros(np.shape(values)))
@@ -113,7 +119,7 @@ class TaylorModel:
         return self + -other
 
     def scaled(self, factor: Array | float) -> TaylorModel:
-        """Multiply by numbers (K, …)."""
+        """Multiply by constants (K, …)."""
         P = self.P * np.asarray(factor)[..., None]
         r = self.r * np.abs(factor) * (1 + _ROUND) + _ROUND * np.abs(P).sum(axis=-1)
         return TaylorModel(self.k, P, r)
@@ -136,14 +142,21 @@ class TaylorModel:
         return TaylorModel(self.k, P, r * (1 + _ROUND))
 
     def sine_cosine(self) -> tuple[TaylorModel, TaylorModel]:
-        """Evaluate sine and cosine: Taylor's series at the centre, ``|d|⁴ / 24`` left out."""
+        """Compute the models of the sine and of the cosine.
+
+        They are Taylor series in the difference d from the centre; the remainder is at most
+        ``|d|⁴ / 24``.
+        """
         s, c = np.sin(self.P[..., 0]), np.cos(self.P[..., 0])
         return self._series([s, c, -s / 2, -c / 6], 1 / 24), self._series(
             [c, -s, -c / 2, s / 6], 1 / 24
         )
 
     def _series(self, factors: list[Array], fourth: float, rounding: float = _ROUND) -> TaylorModel:
-        """Evaluate ``Σ f_i d^i`` with d the difference from the centre, and add fourth |d|⁴."""
+        """Compute the model of ``Σ f_i d^i``, i = 0 … 3, with d the difference from the centre.
+
+        ``fourth |d|⁴`` and ``rounding`` are added to the bound.
+        """
         P = self.P.copy()
         P[..., 0] = 0.0
         d = TaylorModel(self.k, P, self.r)
@@ -156,8 +169,12 @@ class TaylorModel:
         return TaylorModel(self.k, P, r)
 
     def exponential(self) -> list[TaylorModel]:
-        """Evaluate ``cos √z, sin √z / √z, (1 − cos √z) / z`` at z, from 0 to π²: entire functions
-        ``Σ (−z)^i / (2 i + m)!``, whose fourth derivatives are largest at 0."""
+        """Compute the models of ``cos √z``, ``sin √z / √z`` and ``(1 − cos √z) / z``, z from 0 to
+        π².
+
+        They are entire functions ``Σ (−z)^i / (2 i + m)!``, m = 0, 1, 2, whose fourth derivatives
+        are largest at 0.
+        """
         z, found = np.maximum(self.P[..., 0], 0.0), []
         for m in range(3):
             factors = entire(z, m)
@@ -167,7 +184,10 @@ class TaylorModel:
 
 
 def entire(z: Array, m: int) -> list[Array]:
-    """Evaluate ``Σ (−z)^i / (2 i + m)!`` and its derivatives over 1, 1, 2 and 6, at z."""
+    """Evaluate ``Σ (−z)^i / (2 i + m)!`` at z, with its first three derivatives.
+
+    Returns four arrays: the value, and the derivatives divided by 1, 2 and 6.
+    """
     found = []
     for j in range(4):
         total, term = np.zeros_like(z), (-1.0) ** j / np.prod(np.arange(1.0, 2 * j + m + 1))
@@ -181,7 +201,7 @@ def entire(z: Array, m: int) -> list[Array]:
 
 
 def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
-    """Evaluate a × b of models (…, 3)."""
+    """Compute the models of a × b, for models of vectors (…, 3)."""
     one, two = [1, 2, 0], [2, 0, 1]
     return a[..., one] * b[..., two] - a[..., two] * b[..., one]
 

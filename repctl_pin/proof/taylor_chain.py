@@ -1,5 +1,7 @@
-"""Taylor models of a chain whose joint positions are Taylor models: its screws in the middle link's
-frame, and the displacement to a pose."""
+"""Taylor models of a chain's screws, and of its displacement to a pose.
+
+The joint positions are Taylor models; the screws are in the middle link's frame.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +18,16 @@ from .taylor import TaylorModel, cross
 @dataclass(frozen=True, eq=False)
 @read_only
 class Closure:
-    """A chain's screws and its displacement to a pose, on K boxes.
+    """Taylor models on K boxes of a chain's screws, and of the displacement of its frame to a pose.
 
     Attributes
     ----------
     J : TaylorModel
-        (K, 6, N), in the middle link's frame.
+        The screws (K, 6, N), in the middle link's frame.
     xi : TaylorModel
-        ``(e + p × s, s)`` (K, 6), with p the position of the frame, e the displacement to that of
-        the pose, and s the axis of the rotation to the pose times the sine of its angle.
+        The displacement ``(e + p × s, s)`` (K, 6). p is the position of the frame, e the vector
+        from there to the position of the pose, and s the axis of the rotation to the pose times the
+        sine of its angle.
     sizes : (3, K) array
         Bounds of |p|, |e| and |s|.
     near : (K,) array of bool
@@ -126,7 +129,7 @@ def _moved(
 
 
 def basis(axis: Array) -> Array:
-    """Make a rotation whose third column is a unit vector."""
+    """Create a rotation matrix (3, 3) whose third column is the unit vector ``axis``."""
     if axis[2] ** 2 > 1 - 1e-30:
         return np.diag([1.0, np.sign(axis[2]), np.sign(axis[2])])
     other = np.eye(3)[np.argmin(np.abs(axis))]
@@ -136,20 +139,23 @@ def basis(axis: Array) -> Array:
 
 
 def _rotation(R: _Columns, goal: _Columns) -> tuple[TaylorModel, Array]:
-    """Model the sine of the rotation from R to the goal times its axis, ``½ Σ R_i × goal_i``, and
-    evaluate the trace at the centre."""
+    """Compute the axis of the rotation from R to the goal times the sine of its angle, as a model.
+
+    It is ``½ Σ R_i × goal_i`` over the columns. The second result (K,) is the trace of the rotation
+    at the centre.
+    """
     parts = [cross(a, b) for a, b in zip(R, goal, strict=True)]
     trace = sum((a.P[..., 0] * b.P[..., 0]).sum(axis=1) for a, b in zip(R, goal, strict=True))
     return (parts[0] + parts[1] + parts[2]).scaled(0.5), np.asarray(trace)
 
 
 def _combined(R: _Columns, x: Array) -> TaylorModel:
-    """Evaluate R x for a constant vector."""
+    """Compute the model of R x for a constant vector x (3,)."""
     return R[0].scaled(x[0]) + R[1].scaled(x[1]) + R[2].scaled(x[2])
 
 
 def _applied(R: _Columns, x: TaylorModel) -> TaylorModel:
-    """Evaluate R x."""
+    """Compute the model of R x for a model x (K, 3)."""
     return R[0] * x[:, 0:1] + R[1] * x[:, 1:2] + R[2] * x[:, 2:3]
 
 

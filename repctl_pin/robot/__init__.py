@@ -1,1 +1,1 @@
-"""Kinematics from a URDF, by Pinocchio."""
+"""Robots, tasks and collision bodies from a URDF, with kinematics by Pinocchio."""

@@ -10,10 +10,11 @@ from .task import Task, require_task
 
 
 def absolute_angles(task: Task) -> Array:
-    """Compute the T of q = T ψ, with ψ the absolute link angles of a planar arm.
+    """Compute the matrix T of q = T ψ, with ψ the absolute link angles of a planar arm.
 
-    ``ψ_i = q_1 + … + q_i`` over the revolute joints up to the i-th (negative for a joint whose axis
-    points the opposite way), prismatic joints unchanged; so ``q_i = ψ_i − ψ_(i−1)``.
+    ``ψ_i = ± q_1 ± … ± q_i`` over the revolute joints up to the i-th, with minus for a joint whose
+    axis is opposite to that of the first one; so ``q_i = ± (ψ_i − ψ_(i−1))``. For a prismatic
+    joint, ψ_i = q_i.
 
     Parameters
     ----------

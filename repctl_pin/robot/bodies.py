@@ -28,8 +28,8 @@ class Nearest:
     Attributes
     ----------
     distance : float
-        Body distance, m; below 0 the bodies collide, at 0 only their convex hulls overlap; inf if
-        no pair is measured.
+        Body distance, m: below 0 in a collision, 0 if only the convex hulls of the two bodies
+        overlap, inf if the task has no pair to measure.
     links : (str, str)
         The links of the two bodies.
     """
@@ -39,20 +39,20 @@ class Nearest:
 
 
 class Bodies:
-    """Collision bodies of a robot and its surroundings, and the pairs that a task moves.
+    """Collision bodies of a robot and its surroundings, and their pairs that a task moves.
 
-    A mesh of the robot is replaced by its convex hull, so no distance is larger than that of the
-    mesh; if hulls overlap but the bodies do not collide, it is 0. A body inside a mesh collides
+    A mesh of the robot is replaced by its convex hull, so distances are never overestimated; where
+    hulls overlap but the bodies do not collide, the distance is 0. A body inside a mesh collides
     with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is used as it is, so
     that an arm can move inside a room; a closed mesh is solid on the inner side of its faces.
 
     Three kinds of pairs of the robot's own bodies are checked for collisions only, without a
     distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
-    hulls overlap at every sampled configuration. Links that a joint connects are not checked.
-    Neither are pairs of the first two kinds that collide at the reference pose or at a quarter of
-    the sampled configurations, nor pairs that collide at all of them.
+    hulls overlap at every sampled configuration. Links that a joint connects are not checked. Also
+    not checked are pairs of the first two kinds that collide at the reference pose or at a quarter
+    of the sampled configurations, and any pair that collides at all of them.
 
-    Bodies of the same files and joints are created once. Threads can share them.
+    Bodies of the same files and joints share their geometry. Several threads can use one object.
 
     Parameters
     ----------
@@ -66,11 +66,12 @@ class Bodies:
     only_contact : tuple of (str, str)
         Links that are checked for collisions only.
     adjacent : tuple of (str, str)
-        Pairs not checked because a joint connects them, or because a single joint lies between them
-        and they overlap at the reference pose, or often.
+        Pairs not checked because a joint of the URDF connects the two links, or because a single
+        movable joint lies between them and they overlap at the reference pose or at a quarter of
+        the sampled configurations.
     disabled : tuple of (str, str)
-        Pairs not checked because the SRDF disables them and they overlap at the reference pose, or
-        often.
+        Pairs not checked because the SRDF disables them and they overlap at the reference pose or
+        at a quarter of the sampled configurations.
     touching : tuple of (str, str)
         Pairs not checked because they overlap at every sampled configuration.
     missing : tuple of str
@@ -123,7 +124,7 @@ class Bodies:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on missing bodies and on pairs that are not checked."""
+        """Sentences for the user on missing bodies and on pairs that are not checked."""
         notes = []
         if unusable := self._model.unusable:
             link, why = next(iter(unusable.values()))
@@ -164,7 +165,8 @@ class Bodies:
     def distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum body distance at every row of Q (K, n): (K,), m.
 
-        Below 0 is a collision."""
+        A negative distance is a collision.
+        """
         return self._all(Q)[0]
 
     def hull_distances(self, Q: ArrayLike) -> Array:
@@ -175,7 +177,10 @@ class Bodies:
         return self._all(Q, hulls=True)[0]
 
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
-        """Compute the minimum distance and its pair at every row of Q: (K,), (K,)."""
+        """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
+
+        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
+        """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(Q if self._drive is None else self._drive.joints(Q), hulls=hulls)
 
@@ -187,7 +192,7 @@ def _listed(pairs: list[Pair]) -> str:
 
 
 def bodies_of(task: Task) -> Bodies:
-    """Return the bodies of a task, which the first call creates."""
+    """Return the cached :class:`Bodies` of a task; the first call creates them."""
     with _MADE_LOCK:
         if task not in _MADE:
             _MADE[task] = Bodies(task)

@@ -27,14 +27,14 @@ _LARGEST = 1e5
 """Maximum size of a body, m; for larger ones rounding errors exceed the distances."""
 
 _THIN = 1e-4
-"""Minimum thickness of a body, m; thinner ones are thickened."""
+"""Half the thickness given to a flat body, m; flat is closer than this (rms) to a plane."""
 
 _CONVEX = 1e-6
 """Relative tolerance in area and volume within which a mesh counts as convex."""
 
 
 class UnusableShape(InputError):
-    """A collision shape cannot be used; the message gives the cause and the remedy."""
+    """Raised for an unusable collision shape; the message gives the cause and the remedy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +83,19 @@ class BodyShape:
 
     @cached_property
     def witnesses(self) -> Array:
-        """One point (K, 3) of every connected part, m."""
+        """One point (K, 3) of every connected part, m.
+
+        Where surfaces do not intersect, a part is inside another body if its point is.
+        """
         return self._center if self._parts is None else self._parts.witnesses
 
     @cached_property
     def interior(self) -> MeshInterior | None:
-        """Interior of a mesh; None if coal handles it, or the mesh has none."""
+        """Interior of a mesh, for containment tests.
+
+        None for a convex body, which coal treats as solid, and for a mesh of the surroundings
+        without closed parts.
+        """
         if self._parts is None or (self.standing and not self._parts.closed.any()):
             return None
         return MeshInterior(self._parts, gaps=not self.standing)
@@ -113,7 +120,7 @@ class BodyShape:
 def body_shape(
     solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
 ) -> BodyShape:
-    """Create a collision body.
+    """Create the collision body of a shape of the URDF; ``standing`` marks the surroundings.
 
     Raises
     ------
@@ -137,7 +144,10 @@ def body_shape(
 
 
 def _primitive(solid: Solid) -> BodyShape:
-    """Create a box, sphere, cylinder or capsule; a box or a cylinder can be flat."""
+    """Create the body of a box, sphere, cylinder or capsule.
+
+    One edge of a box and the length of a cylinder or capsule can be 0.
+    """
     size, allowed = solid.size, {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
     empty = size.count(0.0) > allowed or (solid.kind in ("cylinder", "capsule") and size[0] == 0)
     if empty:
@@ -166,7 +176,10 @@ def _too_large(size: float) -> str:
 def collide(
     one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s
 ) -> bool:
-    """Test whether two bodies collide at their placements, or one is inside the other."""
+    """Test whether two bodies intersect, or one contains a part of the other.
+
+    ``one`` is placed at ``here``, ``other`` at ``there``.
+    """
     request, result = coal.CollisionRequest(), coal.CollisionResult()
     if coal.collide(one.exact, here, other.exact, there, request, result):
         return True
@@ -176,7 +189,10 @@ def collide(
 def contains(
     outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
 ) -> bool:
-    """Test whether a mesh contains a part of another body, when their surfaces do not intersect."""
+    """Test whether a mesh contains a part of another body; their surfaces must not intersect.
+
+    ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior.
+    """
     if outer.interior is None:
         return False
     points = inner.witnesses @ there.getRotation().T + there.getTranslation()
@@ -189,12 +205,15 @@ def transform(place: pin.SE3) -> coal.Transform3s:
 
 
 def origin(solid: Solid) -> pin.SE3:
-    """Compute the placement of a shape on its link."""
+    """Compute the placement of a shape relative to its link."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
 
 
 def fixed_placements(description: Description) -> dict[str, pin.SE3]:
-    """Compute the placements of all links of a description without moving joints, from its root."""
+    """Compute the placements of all links relative to the root, by link name.
+
+    All joints of the description are fixed.
+    """
     return {
         name: frame.placement
         for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()
@@ -203,7 +222,10 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 @lru_cache(maxsize=256)
 def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: bool) -> BodyShape:
-    """Read a mesh and compute its convex hull, cached for all robots."""
+    """Create the body of a mesh file, with its convex hull; cached for all robots.
+
+    ``changed`` is the modification time of the file, so that a changed file is read again.
+    """
     vertices, faces = _read_mesh(path, scale)
     size = float(np.ptp(vertices, axis=0).max())
     if not size <= _LARGEST:
@@ -225,7 +247,7 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
 
 
 def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:
-    """Read vertices (V, 3), m, and triangles (F, 3)."""
+    """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled."""
     import trimesh
 
     size = path.stat().st_size
@@ -250,7 +272,7 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
 
 
 def _convex_hull(vertices: Array) -> Any:
-    """Compute the convex hull of vertices (V, 3), with a volume above 0."""
+    """Compute the convex hull of vertices (V, 3), which are thickened if they are flat."""
     import trimesh
 
     try:
@@ -274,9 +296,11 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
 
 
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
-    """Convert a convex hull for coal, on a coarser grid if a vertex has over 255 neighbours.
+    """Create coal's convex shape from the vertices (V, 3) of a convex hull.
 
-    The second value is True if a coarser grid was used.
+    coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to a
+    grid, coarser until it succeeds; the last resort is the bounding box. The second result is True
+    if the vertices were rounded or replaced.
     """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
@@ -294,7 +318,7 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
 
 
 def _thickened(points: Array) -> Array:
-    """Give a flat body a thickness of 0.2 mm: coal crashes on a hull without volume."""
+    """Thicken flat vertices (V, 3) to 0.2 mm, because coal crashes on a hull without volume."""
     spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     for axis in axes[spread < np.sqrt(len(points)) * _THIN]:
         points = np.concatenate([points + _THIN * axis, points - _THIN * axis])

@@ -32,7 +32,7 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
     twists : (K, n, 6) array
         Columns J_i of K Jacobians, world axes.
     R : (K, 3, 3) array, optional
-        Rotation of the frame, if the angular rows should be in its own axes.
+        Rotations of the frame. With them, the angular rows are in the frame's own axes.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
 def axis_turn(R: Array, goal: Array) -> Array:
     """Compute the rotation that aligns the tool's z axis with a goal's: (2,), rad.
 
-    It is the shortest one, about the tool's x and y.
+    The components, about the tool's x and y axes, of the shortest such rotation.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def rotation_vectors(R: Array) -> Array:
 def is_rotation(R: Sequence[float]) -> bool:
     """Test whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
 
-    Two rows of length 1 at a right angle, and the third their cross product. It uses plain floats
-    because every step of a control loop calls it.
+    The test is that two rows are orthonormal and the third one is their cross product. It uses
+    plain floats because every step of a control loop calls it.
 
     Parameters
     ----------
@@ -108,7 +108,13 @@ Placement: TypeAlias = pin.SE3 | ArrayLike
 
 
 def as_placement(value: Placement, name: str = "target") -> pin.SE3:
-    """Take a rigid transform: a pinocchio.SE3 as it is, or a homogeneous 4 × 4 array."""
+    """Convert a rigid transform to a pinocchio.SE3.
+
+    Raises
+    ------
+    InputError
+        If it is neither a pinocchio.SE3 nor a homogeneous 4 × 4 array; ``name`` names it.
+    """
     if isinstance(value, pin.SE3):
         return value
     array = as_numbers(value)
@@ -125,7 +131,10 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
 
 
 def as_placements(values: Any, name: str, what: str) -> list[pin.SE3]:
-    """Take rigid transforms: a list of pinocchio.SE3 or of 4 × 4 arrays, or a (K, 4, 4) array."""
+    """Convert rigid transforms, a list or a (K, 4, 4) array, to a list of pinocchio.SE3.
+
+    Error messages name a transform by ``name`` and its index, and the whole list by ``what``.
+    """
     stack = isinstance(values, np.ndarray) and values.ndim == 3
     listed = list(values) if stack else list_of(values, f"{name}s", what)
     return [as_placement(value, f"{name} {k}") for k, value in enumerate(listed)]

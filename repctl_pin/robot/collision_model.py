@@ -36,19 +36,19 @@ Pair = tuple[str, str]
 Mask = NDArray[np.bool_]
 
 _SAMPLES = 100
-"""Number of random configurations at which pairs are tested for permanent overlap."""
+"""Number of random configurations at which pairs are tested for collisions."""
 
 _FREE = np.pi
-"""Maximum distance of these from the reference pose for a joint without limits, rad or m."""
+"""Maximum distance of the random configurations from the reference pose, rad or m per joint."""
 
 _FUSED = 0.25
-"""Share of sampled collisions from which bodies count as neighbours with overlapping shapes."""
+"""Share of sampled configurations in collision from which neighbouring bodies are not checked."""
 
 _TOUCHING = 1e-12
-"""Distance reported for two bodies in point contact, m, below 0."""
+"""Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
 
 _BLOCK = 64
-"""Configurations per batch of bounds; they stay in the processor's cache."""
+"""Number of configurations per batch of bounds; the batch fits in the processor's cache."""
 
 _MOST_BOUNDS = 1_000_000
 """Maximum number of bounds per batch, for robots with very many pairs."""
@@ -66,7 +66,7 @@ _MODELS_LOCK = RLock()
 class CollisionModel:
     """Bodies of a robot and its surroundings, and the pairs whose relative position a task changes.
 
-    Tasks with the same joints share it; threads can, too.
+    Tasks with the same joints share one model, and several threads can use it.
 
     Parameters
     ----------
@@ -80,11 +80,12 @@ class CollisionModel:
     standing : frozenset of str
         Links of the surroundings.
     unusable : dict of (str, str)
-        By mesh or shape: the robot's link with an unusable shape, and the cause.
+        For each unusable mesh or shape of the robot, by name: its link, and the cause.
     pairs : (P, 2) array
-        Pairs of bodies between which distances are measured.
+        Indices of the two bodies of each checked pair, measured or for collisions only; pairs of
+        the robot's own bodies first.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
-        Pairs of links: see :class:`Bodies`.
+        Pairs of links, as in :class:`Bodies`, which calls the first one ``pairs``.
     """
 
     def __init__(self, task: Task) -> None:
@@ -109,14 +110,18 @@ class CollisionModel:
         self._choose_pairs(task)
 
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
-        """Compute the minimum distance and its pair at every row of Q (K, N): (K,), (K,).
+        """Compute the minimum body distance and the index of its pair at every row of Q (K, N).
+
+        Returns distances (K,), m, and indices (K,) into ``pairs``; inf and −1 without a measured
+        pair.
 
         Parameters
         ----------
         Q
-            Configurations of the model's joints.
+            Configurations of the model's N joints.
         hulls
-            Measure hulls of the robot's bodies, with penetration depths.
+            Return the signed distance of convex hulls, minus their penetration depth where they
+            overlap. Otherwise it is 0 where hulls overlap but the bodies do not collide.
         """
         found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
         measure = self._of_hulls if hulls else self._exact
@@ -129,20 +134,22 @@ class CollisionModel:
         return found, which
 
     def names(self, pair: int) -> Pair:
-        """Name the links of a measured pair."""
+        """Return the names of the two links of a pair, given by its index."""
         a, b = self.pairs[pair].tolist()
         return self.links[a], self.links[b]
 
     def named(self, which: Mask) -> tuple[Pair, ...]:
-        """Name the links of selected measured pairs (P,), without duplicates."""
+        """Return the names of the links of the pairs in a mask (P,), without duplicates."""
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Iterate over Q (K, N) with the bounds (P,) of the pairs.
+        """Yield every row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
 
-        They are infinite for collision-only pairs that cannot collide."""
+        The bound of a collision-only pair is infinite where it shows that the pair does not
+        collide.
+        """
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
@@ -154,7 +161,12 @@ class CollisionModel:
     def _least(
         self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
     ) -> tuple[float, int]:
-        """Compute the minimum distance; pairs with a larger lower bound are not measured."""
+        """Compute the minimum distance at q (N,) and the index of its pair.
+
+        ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
+        first, then the others in order of their lower bounds, until no bound is below the minimum
+        found.
+        """
         self._move(q)
         best, at = measure(guess), guess
         near = np.flatnonzero(bounds < best)
@@ -167,23 +179,29 @@ class CollisionModel:
         return best, at
 
     def _move(self, q: Array) -> None:
-        """Place the robot's bodies at the model's joints q (N,)."""
+        """Update the placements of the robot's bodies to the model's configuration q (N,)."""
         pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
         self._transforms.clear()
 
     def _exact(self, k: int) -> float:
-        """Measure a pair: 0 if only hulls overlap, infinite if collision-only and apart."""
+        """Compute the distance of pair k at the current placements, m; below 0 in a collision.
+
+        It is 0 if only hulls overlap, and infinite for a collision-only pair without a collision.
+        """
         distance = self._apart(k)
         if distance <= 0:
             distance = min(distance, -_TOUCHING) if self._collide(k) else 0.0
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _of_hulls(self, k: int) -> float:
-        """Measure a pair by the hulls of the robot's bodies."""
+        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact."""
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
     def _apart(self, k: int) -> float:
-        """Compute the signed distance of pair k: hulls of the robot, exact shapes around it."""
+        """Compute the signed distance of pair k at the current placements, m.
+
+        The robot's bodies are represented by their hulls, the surroundings by their exact shapes.
+        """
         if k < self._own_pairs:
             return float(pin.computeDistance(self._shapes, self._placed, k).min_distance)
         a, b = self._both[k]
@@ -200,7 +218,7 @@ class CollisionModel:
         )
 
     def _collide(self, k: int) -> bool:
-        """Test whether two bodies with overlapping hulls collide."""
+        """Test whether the two bodies of pair k, whose hulls overlap, collide."""
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         if one.convex and other.convex:
@@ -208,7 +226,10 @@ class CollisionModel:
         return collide(one, self._transform(a), other, self._transform(b))
 
     def _full_distance(self, k: int, q: Array) -> float:
-        """Measure a pair at q (N,), exactly if the hulls overlap; 0 in a collision."""
+        """Bound the distance of pair k from below at q (N,), m; 0 in a collision.
+
+        It is the distance of the hulls or, where they overlap, that of the exact shapes.
+        """
         self._move(q)
         distance = self._apart(k)
         if distance > 0 or self._collide(k):
@@ -220,7 +241,7 @@ class CollisionModel:
         )
 
     def _transform(self, k: int) -> coal.Transform3s:
-        """Return the placement of a body for coal."""
+        """Return the current placement of body k as coal's Transform3s."""
         if k >= self._own:
             return self._standing_transforms[k - self._own]
         if k not in self._transforms:
@@ -230,7 +251,7 @@ class CollisionModel:
     # ---- bodies --------------------------------------------------------------------------------
 
     def _add_robot(self, task: Task) -> dict[str, Pair]:
-        """Add the robot's bodies; return the unusable shapes with their link and the cause."""
+        """Add the robot's bodies; return its unusable shapes: link and cause, by name."""
         description, links, unusable = task.robot.description, link_frames(self._model), {}
         for solid in description.collisions:
             link = links[solid.link]
@@ -243,7 +264,7 @@ class CollisionModel:
         return unusable
 
     def _add_surroundings(self, task: Task) -> None:
-        """Add the bodies of the robot's surroundings, measured from its root."""
+        """Add the bodies of the surroundings, placed relative to the robot's root."""
         around, own = task.robot.surroundings, set(task.robot.description.links)
         if around is None:
             return
@@ -265,7 +286,7 @@ class CollisionModel:
     # ---- pairs ---------------------------------------------------------------------------------
 
     def _choose_pairs(self, task: Task) -> None:
-        """Choose the pairs whose distances are measured, and name those that are left out."""
+        """Choose the pairs to check, and list the names of all pairs by how they are treated."""
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
         neighbours = self._are_in(joined)
@@ -298,7 +319,10 @@ class CollisionModel:
         return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
-        """List the pairs (P, 2) of bodies with a moving joint between them, own pairs first."""
+        """Return the pairs (P, 2) of bodies with a moving joint between them.
+
+        Pairs of the robot's own bodies come first.
+        """
         joint, own = np.array(self._joint, np.intp), self._own
         moving = np.flatnonzero(joint[:own])
         counts = np.bincount(joint[:own]) if own else np.zeros(1, int)
@@ -326,13 +350,16 @@ class CollisionModel:
         return found
 
     def _one_joint_between(self) -> Mask:
-        """Mark the pairs of the robot's own bodies (P,) with a single joint between them."""
+        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them."""
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
 
     def _measure(self, pairs: NDArray[np.intp], only_contact: Mask | None = None) -> None:
-        """Set the pairs (P, 2) to check, and those (P,) that are checked for collisions only."""
+        """Set the pairs (P, 2) to check, and prepare their lower bounds.
+
+        ``only_contact`` (P,) marks those that are checked for collisions only; None for none.
+        """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
         self._some_only_contact = bool(self._only_contact.any())
@@ -345,15 +372,15 @@ class CollisionModel:
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
 
     def _sampled_collisions(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
-        """Sample the configurations at which pairs collide.
+        """Test the pairs for collisions at the reference pose and at random configurations.
 
         Parameters
         ----------
         task
             Task whose reference pose is the first configuration.
         near
-            Pairs (P,) that are tested at every configuration; the others only as long as their
-            hulls overlap.
+            Mask (P,) of the pairs that are tested at every configuration; other pairs are tested
+            until their hulls are apart at one of them.
 
         Returns
         -------
@@ -375,7 +402,10 @@ class CollisionModel:
 
 
 def _sample_configurations(task: Task) -> Array:
-    """Sample the reference pose and random configurations within the limits: (K, N)."""
+    """Sample configurations (K, N) of the bodies' model: the reference pose, then random ones.
+
+    The random ones are within the joint limits.
+    """
     lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
     q0 = task.joints(task.reference)
     low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
@@ -386,7 +416,7 @@ def _sample_configurations(task: Task) -> Array:
 
 
 def collision_model(task: Task) -> CollisionModel:
-    """Create the collision model of a task, cached by robot, files and joints."""
+    """Return the collision model of a task, cached by robot, files and joints."""
     key = _key(task)
     with _MODELS_LOCK:
         if key not in _MODELS:
@@ -398,7 +428,10 @@ def collision_model(task: Task) -> CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """Cache key of a collision model: descriptions, files with their times, and held joints."""
+    """Return the cache key of a task's collision model.
+
+    It contains the descriptions, the files with their times and sizes, and the fixed joints.
+    """
     robot = task.robot
     around, entry = robot.surroundings, robot.entry
     files = _mesh_files(robot.description, robot.package_dirs)

@@ -18,9 +18,10 @@ class Coordinates:
 
     ``J_ψ = J T``, ``H_ψ[a, i, k] = Σ H[a, p, s] T[p, i] T[s, k]``, ``M_ψ = Tᵀ M T``.
 
-    The box of allowed q is in general not a box in ψ. A joint whose row of T has a single entry,
-    q_i = T_ij ψ_j, bounds ψ_j exactly. Only such bounds are listed; the others are −inf, inf.
-    :meth:`Task.check` tests q = T ψ itself.
+    J, H and M on the right are those in q: task Jacobian, its Hessian, and inertia. The limits on q
+    are in general not limits on single ψ_j. Only a joint with ``q_i = T_ij ψ_j``, a single nonzero
+    entry in its row of T, limits ψ_j alone. ``lower``, ``upper`` and ``velocity_limit`` contain
+    these limits, and −inf and inf elsewhere; :meth:`Task.check` tests the limits of all q = T ψ.
 
     Attributes
     ----------
@@ -29,7 +30,7 @@ class Coordinates:
     names : tuple of str
         Name of the joint if ψ_i = q_i, else ``ψ1``, ``ψ2``, …
     lower, upper, velocity_limit : (n,) arrays
-        Bounds on ψ and its rate that do not depend on the other ψ.
+        Limits on ψ_j and its rate, for each j that is limited alone.
     revolute : (n,) array of bool
         True if ψ_i moves a revolute joint; its unit is then rad.
     """
@@ -59,7 +60,7 @@ def linear_coordinates(
     revolute: NDArray[np.bool_],
     T: ArrayLike,
 ) -> Coordinates:
-    """Create the coordinates ``q = T ψ`` of n joints with given names, limits (n,) and types (n,).
+    """Create the coordinates ``q = T ψ`` of n joints from their names, limits (n,) and types (n,).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Mimic joints: the coupling ``q_all = S q + o`` to the free joints, limits, and poses."""
+"""Mimic joints: map ``q_all = S q + o`` from the free joints, and the limits and poses of these."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Coupling:
     Attributes
     ----------
     S : (N, n) array
-        One entry per row: 1 for a free joint, the multiplier for a mimic joint.
+        One nonzero entry per row: 1 for a free joint, the multiplier for a mimic joint.
     offset : (N,) array
         Offsets o of the mimic joints, rad or m.
     """
@@ -29,11 +29,11 @@ class Coupling:
     offset: Array
 
     def joints(self, Q: Array) -> Array:
-        """Compute all joints (..., N) from the free joints (..., n)."""
+        """Compute the positions of all joints (..., N) from those of the free joints (..., n)."""
         return Q @ self.S.T + self.offset
 
     def leader(self, joint: int) -> int:
-        """Index of the free joint that drives a joint of the model."""
+        """Return the index of the free joint that drives joint number ``joint`` of the model."""
         return int(np.argmax(self.S[joint] != 0))
 
 
@@ -55,12 +55,12 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
 def limits(
     joint: Joint, followers: Sequence[Joint], notes: list[str]
 ) -> tuple[float, float, float]:
-    """Find the limits of a joint that also keep its mimic joints within theirs.
+    """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
-    Returns the lower, the upper and the speed limit.
-
-    A mimic joint that is out of its limits at every position of its leader is ignored, with a
-    note."""
+    Returns the lower, the upper and the speed limit, rad or m and per second. If no position of the
+    joint satisfies the limits of a mimic joint (``followers``), these are ignored, and a sentence
+    about it is appended to ``notes``.
+    """
     lower, upper, velocity = joint.lower, joint.upper, joint.velocity
     for follower in followers:
         ends = [
@@ -120,7 +120,7 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a joint value within its limits, by a full turn or to the nearer limit."""
+    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit."""
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]
     return float(inside[0] if inside else np.clip(value, lower, upper))

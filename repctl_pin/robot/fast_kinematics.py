@@ -1,7 +1,8 @@
 """Allocation-free task kinematics for control loops.
 
-The functions are closures and copy short vectors by BLAS: in a step of 5 µs, calls and look-ups
-take longer than the arithmetic."""
+The functions are closures and copy short vectors by BLAS: in a control step of 5 µs, Python's
+function calls and attribute look-ups take longer than the arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +21,23 @@ from .task import Task
 
 @dataclass(frozen=True)
 class InPlace:
-    """Functions that evaluate J, and then the task error, at one q after another.
+    """Functions that evaluate a task at one q after another, see :func:`in_place`.
 
-    They use the scratch memory of the thread that created them, and only that thread may call them.
-    Arguments are not checked; for bad numbers, call :meth:`Task.jacobian` to get the reason.
+    ``jacobian(q)`` is called first; ``error`` and ``task_velocity`` then refer to this q. They use
+    scratch memory of the thread that created them, and only that thread may call them. Arguments
+    are not checked: if a result is not finite, :meth:`Task.jacobian` raises an error with the
+    reason.
 
     Attributes
     ----------
     jacobian : function q → None
-        Write J(q) (m, n).
+        Write J(q) into the array J (m, n) given to :func:`in_place`.
     error : function target → None
-        Write the task error (m,) from the placement at that q to a target, as :meth:`Task.error`
-        does; raise InputError if the target's rotation is needed and is not a rotation.
+        Write the task error from f(q) to a target into the array e (m,) given to :func:`in_place`,
+        as :meth:`Task.error` computes it; raise InputError if the target's rotation is needed and
+        is not a rotation.
     task_velocity : function twist → (m,) array
-        Extract ẋ from a frame's twist (v, ω) at that q, as :meth:`Task.task_velocity` does.
+        Extract ẋ from the twist (v, ω) of the frame at q, as :meth:`Task.task_velocity` does.
     """
 
     jacobian: Callable[[Array], None]
@@ -42,7 +46,7 @@ class InPlace:
 
 
 def in_place(task: Task, J: Array, e: Array) -> InPlace:
-    """Create the functions that write a task's J (m, n) and its errors (m,) into arrays."""
+    """Create the functions that write a task's Jacobian into J (m, n) and its error into e (m,)."""
     here = task._data.oMf[task._frame_id]
     p, R = here.translation, here.rotation  # views, updated by every evaluation
     return InPlace(_jacobian(task, J), _error(task, e, p, R), _rate(task, R))

@@ -15,17 +15,19 @@ from .task import Task
 @dataclass(frozen=True, eq=False)
 @read_only
 class JointChain:
-    """P joints in a row, the last of which carries the frame.
+    """Serial chain of the P joints from the base to the frame of a task.
 
     Attributes
     ----------
     R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
-        Placement of each joint in the frame of the one before, and of the frame, m.
+        Rotation and origin, m, of each joint relative to the previous one at position 0; last,
+        those of the frame relative to the last joint.
     axes : (P, 3) array
-        Unit vectors.
+        Unit vectors of the joint axes, each in the frame of its joint.
     revolute : (P,) array of bool
+        False for prismatic joints.
     S, offset : (P, n) and (P,) arrays
-        ``θ = S q + offset``: positions of these joints.
+        ``θ = S q + offset``: positions θ of these joints, from the q of the task.
     """
 
     R: Array
@@ -37,7 +39,7 @@ class JointChain:
 
 
 def joint_chain(task: Task) -> JointChain:
-    """Take the joints that move the frame of a task."""
+    """Extract the serial chain of a task from its Pinocchio model."""
     model, data = task.model, task.model.createData()
     frame = model.frames[task._frame_id]
     path = [int(j) for j in model.supports[frame.parentJoint] if j > 0]

@@ -10,9 +10,9 @@ from .task import Task
 
 
 def arm_length(task: Task, q: Array) -> float:
-    """Compute the arm length: distances between revolute joints, and to the frame, m.
+    """Compute the arm length, m: sum of the distances between successive revolute joints.
 
-    0 without revolute joints.
+    The distance from the last one to the frame is added. 0 without revolute joints.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def joint_scale(task: Task, q: Array) -> Array:
 
 
 def elbow(task: Task, q: Array) -> int:
-    """Find the elbow: the joint whose origin moves most in self-motions, q̇ = N ż.
+    """Find the index of the elbow: the joint whose origin moves most in self-motions q̇ = N ż.
 
     It maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all directions z_i weighted
     equally.

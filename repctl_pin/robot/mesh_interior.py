@@ -41,13 +41,13 @@ class MeshParts:
 
     @property
     def witnesses(self) -> Array:
-        """One vertex per part (P, 3), m."""
+        """One vertex of each part (P, 3), m."""
         _, first = np.unique(self.part, return_index=True)
         return self.points[self.faces[first, 0]]
 
 
 def mesh_parts(points: Array, faces: Index) -> MeshParts:
-    """Split a mesh into connected parts."""
+    """Split a mesh into connected parts, after merging coincident vertices."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -84,7 +84,8 @@ class MeshInterior:
     parts
         Parts of the mesh.
     gaps
-        Include parts with gaps, decided by two of three rays.
+        True to include parts with gaps: a point is then inside if two of three rays say so. False
+        to ignore them.
     """
 
     def __init__(self, parts: MeshParts, *, gaps: bool) -> None:
@@ -110,7 +111,7 @@ class MeshInterior:
 
 
 class _Ray:
-    """Rays through a mesh in one direction."""
+    """Crossings of a mesh by rays in one direction, from any point."""
 
     def __init__(self, turn: Array, points: Array, faces: Index) -> None:
         self._turn = turn
@@ -122,7 +123,10 @@ class _Ray:
         self._strips = [_Strip(corners[(low <= end) & (high >= start)]) for start, end in ends]
 
     def crossings(self, point: Array) -> int:
-        """Count the faces above a point, with −1 for downward normals."""
+        """Sum ±1 over the faces that the ray from a point (3,) crosses.
+
+        It is −1 for a face whose normal points against the ray.
+        """
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
             return 0
@@ -131,7 +135,10 @@ class _Ray:
 
 
 class _Strip:
-    """Faces (F, 3, 3) above a strip of the plane normal to the rays."""
+    """Faces that the rays in one strip can cross, so that few faces are tested per ray.
+
+    Corners (F, 3, 3) are in axes whose z axis is the direction of the rays.
+    """
 
     def __init__(self, corners: Array) -> None:
         low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
@@ -139,7 +146,7 @@ class _Strip:
         self._corners = corners
 
     def crossings(self, p: Array) -> int:
-        """Count the faces above p (3,), with −1 for downward normals."""
+        """Sum ±1 over the faces above p (3,); −1 if the normal points down."""
         (left, front), (right, back), (x, y, z) = self._low, self._high, p.tolist()
         near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
         corners = self._corners[near] - p
@@ -147,7 +154,10 @@ class _Strip:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Orientation of a triangle above the origin: 1 up, −1 down, 0 if not above it."""
+    """Return whether a triangle above the origin faces up (1) or down (−1); 0 if not above it.
+
+    The three corners are given as x, y, z.
+    """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the signed areas of the triangles formed by the origin and each edge
     bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx

@@ -17,10 +17,11 @@ _TEMPORARY = "\N{NULL} link"
 
 
 def frame_id(model: pin.Model, name: str) -> int:
-    """Find a frame by name, links before joints.
+    """Return the id of a frame by name; a link takes precedence over a joint of the same name.
 
-    Pinocchio's own lookup returns an id that crashes later for an unknown name, and raises on a
-    name that a joint and a link share."""
+    Raises InputError for an unknown name. Pinocchio's own lookup then returns an id that crashes
+    later, and it raises on a name that a joint and a link share.
+    """
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     ids |= {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
     if name not in ids:
@@ -29,12 +30,12 @@ def frame_id(model: pin.Model, name: str) -> int:
 
 
 def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
-    """Map link names to their frames."""
+    """Return the frames of all links, by link name."""
     return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
 
 
 def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
-    """Build the reduced model with joints locked at a configuration.
+    """Build the reduced model with joints, given by ids, locked at a configuration q of the model.
 
     Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
     joint, so such links are renamed temporarily."""
@@ -66,7 +67,11 @@ def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Ar
 
 
 def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
-    """List the joints from the base up to the common ancestor, and from there down to the frame."""
+    """List the ids of the joints on the path from one frame to another, in two lists.
+
+    The first list leads from the frame ``base`` up to the common ancestor, the second one from
+    there down to the frame ``frame``.
+    """
     up, down = (
         [int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0]
         for f in (base, frame)
@@ -81,7 +86,7 @@ def chain_between(
     """Build the serial chain from one frame of a tree to another, with the first one fixed.
 
     A joint traversed from child to parent moves in reverse: ``(P E(q))⁻¹ = E(−q) P⁻¹``, with P its
-    placement. Joint i of the chain keeps its name and the sign of its q.
+    placement and E(q) its motion. Every joint keeps its name and the sign of its q.
 
     Parameters
     ----------

@@ -52,7 +52,8 @@ class Robot(Mechanism):
     end_frames : tuple of str
         Frames at the ends of arms, the default first.
     warnings : tuple of str
-        Notes on the file: missing poses, poses moved within the limits.
+        Notes on the file: missing meshes, ignored limits of mimic joints, and values of the
+        reference pose that were moved within the limits.
 
     Examples
     --------
@@ -249,7 +250,7 @@ class Robot(Mechanism):
         return Task(self, frame, kind, chain)
 
     def chain(self, frame: str) -> tuple[str, ...]:
-        """List the movable joints between ``base`` and a frame, from the base outward.
+        """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
         A joint that others mimic is listed at the first joint that it drives.
         """
@@ -259,7 +260,10 @@ class Robot(Mechanism):
         )
 
     def reference_positions(self) -> dict[str, Array]:
-        """Compute the origins (3,) of all links at the reference pose, m, in the base frame."""
+        """Compute the origins (3,) of all links at the reference pose, m, in the base frame.
+
+        Returns a dictionary by link name.
+        """
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
         base = data.oMf[self.base_id]
@@ -267,7 +271,10 @@ class Robot(Mechanism):
         return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
 
     def _missing_meshes(self) -> list[str]:
-        """Report missing meshes, which kinematics does not need."""
+        """Return a list with a warning about missing meshes, or an empty list.
+
+        Only drawings and distances need meshes, not the kinematics.
+        """
         names = self.description.meshes
         missing = [
             name
@@ -291,16 +298,20 @@ class Robot(Mechanism):
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
-        """List the links at the ends of arms, legs and heads, the longest chain first.
+        """List candidate frames at the ends of arms, legs and heads: one list of links per end.
 
-        In each list, the best end effector is first."""
+        The end of the longest chain is first; in each list, the best end effector is first.
+        """
         return [
             task_links(body)
             for body in sorted(arm_ends(self.description), key=lambda body: -body.before)
         ]
 
     def _beyond_base(self, frame: str) -> bool:
-        """Test whether a frame lies beyond the base, as offered frames do."""
+        """Test whether the path from the base to a frame only leads away from the root.
+
+        Only such frames are offered as task frames.
+        """
         return not path_between(self.model, self.base_id, self._frame_id(frame))[0]
 
     @property
@@ -314,7 +325,7 @@ class Robot(Mechanism):
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
-        """End frames to offer: the catalogue's, else the default one."""
+        """Frames to offer for a task: the catalogue's, else the end of the longest arm."""
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
         )
@@ -329,9 +340,8 @@ class Robot(Mechanism):
     def end_frames(self) -> tuple[str, ...]:
         """Candidate task frames, the default first.
 
-        All links at the ends of the longest arms, and one at each other end.
-
-        Sensors are omitted, and links that fewer than two joints move.
+        They are all links at the ends of the longest arms, and one link at each other end. Sensors
+        are omitted, and links that fewer than two joints move.
         """
         frames = list(self.offered_frames)
         most = len(self.chain(frames[0]))
@@ -352,7 +362,10 @@ class Robot(Mechanism):
 
 
 def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
-    """Read the named poses of a catalogue robot: values by joint name."""
+    """Read the named poses of a catalogue robot: joint values by pose name and joint name.
+
+    Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
+    """
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
     if entry is not None and entry.srdf is not None:
         poses["reference"] = reference_posture(entry.srdf, entry.posture)

@@ -19,15 +19,15 @@ _BOXES = 1000
 """Maximum number of boxes of joint positions per pair."""
 
 _BEYOND = 0.05
-"""Margin beyond the limits within which a proof holds, rad or m."""
+"""Distance beyond the joint limits up to which a proof holds, rad or m."""
 
 
 class Separation:
     r"""Proofs that pairs of bodies collide at no position of the joints between them.
 
-    Let d be the distance at the centre of a box of joint positions with half-widths w, and let
-    joint j move the points of a body by at most ρ_j per rad, or m. If d > Σ ρ_j w_j, there is no
-    collision in the box; else the box is split.
+    Let d be the distance of two bodies at the centre of a box of joint positions with half-widths
+    w, and let joint j move the points of the bodies by at most ρ_j per rad, or m. If d > Σ ρ_j w_j,
+    there is no collision in the box; else the box is split.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Separation:
     joints
         Joints of the model, by name.
     shapes
-        Bodies and their pairs.
+        Geometry model with the bodies and their pairs.
     distance
         Function that bounds the distance of a pair from below at the model's joints (N,); 0 or less
         if it may collide.
@@ -56,7 +56,11 @@ class Separation:
         self._low, self._high = np.array([_range(joint) for joint in kinds]).reshape(-1, 2).T
 
     def proved(self, pair: int) -> bool:
-        """Try to prove that the two bodies of a pair never collide."""
+        """Try to prove that the two bodies of a pair, given by its index, never collide.
+
+        False if it is not proved: they may collide, more than two joints or one without limits lie
+        between them, or the search takes too many boxes.
+        """
         ends = self._shapes.collisionPairs[pair]
         one, other = (self._carriers(body) for body in (ends.first, ends.second))
         ways = [(one - other, ends.first), (other - one, ends.second)]
@@ -83,11 +87,15 @@ class Separation:
         return True
 
     def _carriers(self, body: int) -> set[int]:
-        """Find the joints that move a body."""
+        """Return the ids of the joints that move a body, given by its index."""
         return {int(j) for j in self._model.supports[self._bodies[body].parentJoint] if j > 0}
 
     def _reach(self, way: Sequence[int], body: int) -> dict[int, float]:
-        """Bound the motion of a body's points per rad or m of each joint on the way to it."""
+        """Bound how far a body's points move, m, per rad or m of each joint in ``way``.
+
+        ``way`` lists the ids of the joints from the common ancestor of both bodies outwards to this
+        one. Returns the bounds by joint id.
+        """
         shape, found = self._bodies[body], {}
         far = float(
             np.linalg.norm(shape.placement.act(shape.geometry.aabb_center))
@@ -102,7 +110,11 @@ class Separation:
 
 
 def _range(joint: Joint) -> tuple[float, float]:
-    """Range of a joint; unlimited for a mimic joint, whose leader may move it out of its limits."""
+    """Return the range of joint positions (lower, upper) over which a proof is made, rad or m.
+
+    It is the range between the limits, slightly enlarged. A mimic joint's own limits are not used,
+    because its leader may move it beyond them: a full turn if it is revolute, infinite otherwise.
+    """
     turns = joint.kind != "prismatic"
     if turns and (joint.mimic is not None or joint.upper - joint.lower > 2 * np.pi):
         return -np.pi, np.pi
@@ -112,7 +124,10 @@ def _range(joint: Joint) -> tuple[float, float]:
 
 
 def _split(middle: Array, half: Array, reach: Array) -> list[tuple[Array, Array]]:
-    """Split a box along the joint with the largest motion."""
+    """Halve a box of joint positions along the joint that moves the bodies most.
+
+    Boxes are given by centre and half-widths; both halves are returned.
+    """
     at = np.zeros(len(half))
     widest = int(np.argmax(reach * half))
     at[widest] = half[widest] / 2

@@ -38,7 +38,7 @@ from .mechanism import Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
 Kind = Literal["pose", "axis", "position", "xy", "xz", "yz"]
-"""Kind of a task."""
+"""Kind of a task: the coordinates of the frame that it controls."""
 
 KINDS: dict[Kind, tuple[int, ...]] = {
     "pose": (0, 1, 2, 3, 4, 5),
@@ -67,7 +67,7 @@ class Task:
     ``ẋ = J q̇`` (2), with ``x`` the pose, the position, the position and tool axis, or two
     coordinates of the position. Redundant when r = n − m ≥ 1.
 
-    Created by :meth:`Robot.task`. Each thread has separate scratch memory. It can be pickled.
+    Created by :meth:`Robot.task`. Several threads can use one task, and it can be pickled.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Task:
         Model of the chain; all other joints are fixed at the reference pose. With ``base``, it
         starts there and has no masses.
     drive : Coupling or None
-        Map from q to the model's joints; None if they are the same.
+        Map from q to the positions of the model's joints; None if these are q.
 
     Examples
     --------
@@ -144,7 +144,7 @@ class Task:
         self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling | None:
-        """Create the map from q to the joints of a model; None if they are the same."""
+        """Create the map from q to the joints of a model; None if it is the identity."""
         rows, all_ = (
             [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]],
             self.robot.coupling,
@@ -210,8 +210,10 @@ class Task:
     def error(self, q: ArrayLike, target: Placement) -> Array:
         """Evaluate the task error (m,), the displacement from f(q) to the target, m and rad.
 
-        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
-        shortest rotation from the tool axis to the target's."""
+        ``e = (p* − p, log(R* Rᵀ))`` from the placement (R, p) to the target (R*, p*), restricted to
+        the rows of this kind; for ``axis``, the shortest rotation from the tool axis to the
+        target's.
+        """
         target = as_placement(target)
         here = self.placement(q)
         p = target.translation - here.translation
@@ -303,9 +305,10 @@ class Task:
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
-        """Build the model of all links with a fixed root and the joints that q moves.
+        """Return the model of all links, with a fixed root and only the joints that q moves.
 
-        The second result maps q to these joints."""
+        The second result maps q to the positions of these joints; None if these are q.
+        """
         return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
@@ -359,13 +362,16 @@ class Task:
         return tuple(self.robot.joint_names[i] for i in self._columns)
 
     def from_robot(self, whole: ArrayLike) -> Array:
-        """Extract q (n,) from a configuration of the whole robot: inverse of :meth:`to_robot`."""
+        """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
     def joints(self, values: ArrayLike) -> Array:
-        """Convert positions or velocities (..., n) in ψ to those of the robot's own joints."""
+        """Convert positions or velocities (..., n) in ψ to those of the robot's own joints.
+
+        Without a change of coordinates, they are returned as they are.
+        """
         (rows,) = as_matrices(("values", values, f"{self.n}"), finite=False)
         return rows if self.coordinates is None else self.coordinates.joints(rows)
 
@@ -376,19 +382,19 @@ class Task:
         return robot.lower[columns], robot.upper[columns], robot.velocity_limit[columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each joint to its nearer limit: (..., n); negative outside."""
+        """Compute the distance of each joint to its nearer limit: (..., n); below 0 outside."""
         if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
             (q,) = as_matrices(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
         return np.minimum(joints - lower, upper - joints)
 
     def as_dict(self) -> dict[str, Any]:
-        """Describe the task in plain Python types."""
+        """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types."""
         names = {"robot": self.robot.name, "frame": self.frame, "task": self.kind}
         return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
-        """Check a user's configuration: (n,) finite numbers within the limits.
+        """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
 
         Raises
         ------
@@ -418,7 +424,10 @@ class Task:
     # ---- inside --------------------------------------------------------------------------------
 
     def _first_driven(self) -> list[int]:
-        """Find the first joint on the way to the frame that each of the robot's joints drives."""
+        """Find, for each of the n joints, the first joint of the model that it drives: (n) ids.
+
+        It is the first one on the path to the frame: the joint itself, or one that mimics it.
+        """
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
         driven = leaders[
@@ -438,7 +447,9 @@ class Task:
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
 
-        For ``axis``, the second result is its rotation (K, 3, 3)."""
+        For ``axis``, the second result is the rotations (K, 3, 3) of the frame; otherwise it is
+        None.
+        """
         Q = self._matrix(Q)
         Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
         Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None
@@ -480,7 +491,7 @@ class Task:
 
 
 class _Scratch:
-    """Pinocchio data for one thread."""
+    """Pinocchio data of a task, for one thread."""
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()
@@ -489,13 +500,16 @@ class _Scratch:
 
 
 def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
-    """Lock all joints of a robot at the reference pose, except the moving ones (ids)."""
+    """Lock all joints of a robot at the reference pose, except those with ids in ``moving``.
+
+    Returns the reduced model.
+    """
     still = [j for j in range(1, robot.model.njoints) if j not in moving]
     return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))
 
 
 def require_task(value: Any) -> Task:
-    """Require an argument to be a task."""
+    """Return a value that is a task; raise InputError for any other value."""
     return require_type(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
 
 

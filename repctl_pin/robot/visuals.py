@@ -148,9 +148,10 @@ class Visuals:
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
-    """Locate the mesh files of a robot's shapes.
+    """Iterate over a robot's visible shapes, with their mesh files located.
 
-    Yields shape, placement on the link, and mesh name."""
+    Yields shape, placement relative to the link, and mesh name; the path of a missing mesh is None.
+    """
     for seen in robot.description.shapes:
         path = (
             find_mesh(seen.filename, robot.description.path, robot.package_dirs)
@@ -170,9 +171,11 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[Placed]:
-    """Place the first ``MAX_SHAPES`` shapes of the surroundings, relative to the robot's root.
+    """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the robot's
+    root.
 
-    :class:`Bodies` raises on a missing mesh, and its notes count the shapes that are not drawn."""
+    A missing mesh is skipped here; :class:`Bodies` raises on it, and notes shapes not drawn.
+    """
     around = robot.surroundings
     if around is None:
         return
@@ -201,12 +204,14 @@ def _surroundings(robot: Mechanism) -> Iterator[Placed]:
 def _skeleton(
     robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
 ) -> Iterator[Placed]:
-    """Create tubes and cylinders for selected links.
+    """Iterate over the shapes that stand in for links without meshes: tubes, and joints.
 
     Parameters
     ----------
+    robot
+        The robot.
     links
-        Link frames of the robot's model.
+        Link frames of the robot's model, by name.
     draw
         Names of the links to draw.
     """
@@ -224,7 +229,10 @@ def _skeleton(
 
 
 def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[Placed]:
-    """Draw a revolute joint as a cylinder, a prismatic joint as a slider on a rail."""
+    """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
+
+    ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True.
+    """
     name, along = joint.name, pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
     if joint.kind != "prismatic":
         yield (
@@ -268,7 +276,7 @@ def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
-    """Find a rotation that maps the z axis to a direction."""
+    """Compute a rotation matrix that maps the z axis to a direction."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     if z[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])

@@ -1,7 +1,9 @@
-"""Law of one control step, the leaf lock: one Jacobian, one evaluation of potentials, one solve.
+"""Control step of a repeatable inverse, with feedback to its leaf (the leaf lock), in Python.
 
-The closures work in preallocated memory on checked arguments, see
-:mod:`repctl_pin.strategies.fast_loop`."""
+A step evaluates J and the potentials once and solves one linear system. The functions work in
+preallocated memory on arguments that are already checked, see
+:mod:`repctl_pin.strategies.fast_loop`.
+"""
 
 from __future__ import annotations
 
@@ -27,19 +29,22 @@ from .fast_loop import speeds as speeds
 
 
 def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
-    """Make the factory of the fast functions in Python, which is called once per thread."""
+    """Return a function without arguments that creates the fast functions, in Python.
+
+    It is called once per thread, so that each thread has separate working memory.
+    """
     return partial(make_loop, task, potentials)
 
 
 def make_loop(task: Task, potentials: Potentials) -> Loop:
-    """Make the fast functions of the repeatable inverse of potentials h."""
+    """Create the fast functions, with argument checks, of the repeatable inverse of h."""
     return checked(task, control_law(task, potentials))
 
 
 def control_law(task: Task, potentials: Potentials) -> Law:
-    """Make the law of the repeatable inverse of potentials h, in preallocated memory.
+    """Create the control law of the repeatable inverse of potentials h, in preallocated memory.
 
-    ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` with ``J_V = [J; Vᵀ]`` (37).
+    Its step is ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` with ``J_V = [J; Vᵀ]`` (37).
     """
     n, m = task.n, task.m
     memory = np.zeros(n * n + n)
@@ -114,18 +119,22 @@ def control_law(task: Task, potentials: Potentials) -> Law:
 def checked_solve(
     task: Task, memory: Array, J_V: Array, rhs: Array, evaluate: Callable[[Array], None]
 ) -> Callable[[Array], Array]:
-    """Make the function q → x that solves ``J_V x = rhs``, or raises SingularityError.
+    """Create the function q → x that solves ``J_V x = rhs``, or raises SingularityError.
 
     Parameters
     ----------
     task
+        Task, for error messages.
     memory : array
-        Block that begins with J_V, column by column; if it contains rhs, x is finite.
+        Memory block that begins with J_V, column by column. If it also contains rhs, overflow of x
+        is detected, too.
     J_V : (n, n) array
         Evaluated at q by the caller; overwritten.
     rhs : (n,) or (n, k) array
+        Right-hand side, or k of them.
     evaluate
-        Function that writes J_V at q again, where the exact test of its rank needs it.
+        Function that writes J_V at q again. It is needed only where a fast test cannot show that
+        J_V is regular, and its rank is tested exactly.
     """
     n = task.n
     pivots, half, tolerance = memory[: n * n : n + 1], n / 2, RANK_TOLERANCE / n ** (n / 2)
@@ -152,8 +161,8 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     """Solve ``J_V x = rhs``, damped where J_V is near a singularity.
 
     ``x = Σ_i v_i σ_i / (σ_i² + λ²) u_iᵀ rhs``, with ``λ² = λ_max² (1 − (σ_min / 2λ_max)²)`` where
-    ``σ_min < 2 λ_max`` and λ = 0 elsewhere: continuous, and ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` wherever
-    it acts.
+    ``σ_min < 2 λ_max`` and λ = 0 elsewhere. So x is continuous in J_V, and
+    ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` where λ > 0.
 
     Parameters
     ----------
@@ -166,7 +175,7 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     -------
     x : (n,) array
     damping : float
-        λ; 0 where the solution is exact.
+        The λ that was used; 0 where the solution is exact.
     """
     factors, pivots, info = dgetrf(J_V)
     if not info:
@@ -184,21 +193,22 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
 
 
 def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
-    """Shorten a step ``x = x_task + x_leaf`` to the longest step of each joint.
+    """Shorten a step ``x = x_task + x_leaf`` to the maximum step of each joint.
 
-    The return to the leaf is scaled down first, so that the task keeps its speed; then, if that is
-    not enough, the whole step.
+    The return to the leaf, x_leaf, is scaled down first, so that the task keeps its speed. If that
+    is not enough, the whole step is scaled down.
 
     Parameters
     ----------
     x, x_task, most : (n,) arrays
-        Step, its part that moves the frame, and longest step of each joint.
+        Step, its part that moves the frame, and maximum step of each joint, rad or m.
 
     Returns
     -------
     x : (n,) array
+        Shortened step.
     slowed : float
-        Smaller one of the two factors by which the parts were scaled.
+        Smaller one of the two factors, of x_leaf and of the whole step.
     """
     x_leaf = x - x_task
     left = np.where(x_leaf > 0, most - x_task, most + x_task)

@@ -18,7 +18,8 @@ from .strategy import described
 class CustomInverse:
     """``q̇ = G(q) ẋ`` (3) with a user-defined G.
 
-    ``J G = I`` is checked at every evaluation, because a G without it does not follow its path.
+    ``J G = I`` is checked at every evaluation, because the frame does not follow its path with any
+    other G.
 
     Parameters
     ----------

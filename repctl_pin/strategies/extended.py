@@ -18,8 +18,8 @@ _DIFFERENCE = 1e-5
 
 
 class ExtendedJacobian(RepeatableInverse):
-    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U is minimal for the
-    given x = f(q).
+    """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``: on the leaf h = 0, U is stationary among
+    the configurations of the same x = f(q).
 
     N is the null-space basis closest to the basis at a reference configuration, so that h is a
     function of q alone. For r = 1 the reference fixes the sign of the null vector; for r > 1 the
@@ -124,8 +124,10 @@ class ExtendedMap:
         return V
 
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
-        """Evaluate the basis N (K, n, r) closest to N_ref, and the symmetric ``S = Nᵀ N_ref``
-        (K, r, r)."""
+        """Evaluate the basis N (K, n, r) that is closest to N_ref, and ``S = Nᵀ N_ref`` (K, r, r).
+
+        N is chosen so that S is symmetric.
+        """
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
         if N.shape[-1] == 1:  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
@@ -148,11 +150,11 @@ class Posture:
         self.posture = posture
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ``q − posture``: (K, n)."""
+        """Evaluate ``∇U = q − posture`` at every row of Q: (K, n)."""
         return Q - self.posture
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate the identity: (K, n, n)."""
+        """Evaluate ∂²U/∂q², the identity, at every row of Q: (K, n, n)."""
         return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
 
 
@@ -168,11 +170,11 @@ class Given:
         self.function, self.gradient, self.hessian = function, gradient, hessian
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate ∇U, or central differences of U: (K, n)."""
+        """Evaluate ∇U, or central differences of U, at every row of Q: (K, n)."""
         return np.array([self._gradient(q) for q in Q])
 
     def hessians(self, Q: Array) -> Array:
-        """Evaluate ∂²U/∂q², or central differences of ∇U: (K, n, n)."""
+        """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n)."""
         if self.hessian is not None:
             return np.array([_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q])
         step = 1e-6 if self.gradient is not None else 1e-4

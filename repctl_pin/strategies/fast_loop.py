@@ -1,16 +1,19 @@
-"""Seam of the fast closures: one argument check, before the law of a control step in any language.
+"""Argument checks in front of the fast control laws, which are written in Python or C.
 
-In a step of 5 µs, calls and look-ups take longer than arithmetic. So each part of the law is a
-closure that writes into memory of its caller, serves one thread, and checks nothing:
+In a control step of 5 µs, Python's function calls and attribute look-ups take longer than the
+arithmetic. So each part of the law is a closure (a function that holds its arrays). It writes into
+memory of its caller, serves one thread, and checks nothing:
 
 - :func:`repctl_pin.robot.fast_kinematics.in_place`: J, task error and task velocity of a task;
 - :func:`repctl_pin.potentials.fast_potentials.in_place`: Vᵀ and c − h of potentials, whose class
   may bring an ``in_place`` of its own;
 - :func:`repctl_pin.inverse_function.fast_function.in_place`: coordinates of a cell.
 
-The law is made of them in :mod:`repctl_pin.strategies.control_step`, and stands in C in
-:mod:`repctl_pin.codegen.compiled_loop`. :func:`checked` puts the check before either one: native
-doubles of the right size pass as they are, anything else is converted or refused by name."""
+:mod:`repctl_pin.strategies.control_step` combines them into the control law;
+:mod:`repctl_pin.codegen.compiled_loop` has the law in C. :func:`checked` adds the argument check to
+either of these: arrays of doubles of the right size are passed on as they are, other values are
+converted, or refused by an error that names the argument.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ from ..robot.task import Task
 
 
 class Bounds(NamedTuple):
-    """Bounds of a step: speed limits (n,), infinite without, and the maximum damping λ_max."""
+    """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max."""
 
     velocity_limit: Array
     damping: float
@@ -40,14 +43,15 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True)
 class Law:
-    """The law of one control step, on arguments that are checked already.
+    """Control law as fast functions, whose arguments are already checked.
 
     Attributes
     ----------
     velocity : function (q, ẋ) → q̇
     step : function (q, target, dt, twist, leaf, gain, bounds or None) → the next q
     report : function () → (λ, slowed)
-        Damping, and factor of the speed limits, of the last step with bounds.
+        Damping λ of the last step with bounds, and the factor by which it was scaled down to the
+        speed limits.
     """
 
     velocity: Callable[[Array, Array], Array]
@@ -64,7 +68,8 @@ class Loop:
     velocity : function (q, ẋ) → q̇
     step : function (q, target, dt, twist, leaf, gain) → the next q
     bounded : function (q, target, dt, twist, leaf, gain, velocity_limit, damping)
-        Gives the next q, λ, and the factor of the speed limits.
+        Returns the next q, the damping λ, and the factor by which the step was scaled down to the
+        speed limits.
     inverses : function Q (K, n) → G (K, n, m), optional
     velocities : function (Q, Ẋ) → q̇ (K, n), optional
     """
@@ -79,7 +84,7 @@ class Loop:
 def checked_velocity(
     n: int, m: int, law: Callable[[Array, Array], Array]
 ) -> Callable[[ArrayLike, ArrayLike], Array]:
-    """Put the argument check before a function (q, ẋ) → q̇."""
+    """Add the argument check to a function (q, ẋ) → q̇."""
     of_joints, of_task = (n,), (m,)
 
     def velocity(q: ArrayLike, xdot: ArrayLike) -> Array:
@@ -98,7 +103,7 @@ def checked(
     inverses: Callable[[Array], Array] | None = None,
     velocities: Callable[[Array, Array], Array] | None = None,
 ) -> Loop:
-    """Put the argument check before the law of one control step."""
+    """Add the argument checks to a control law."""
     n, r, run, SE3 = task.n, task.r, law.step, pin.SE3
     of_joints, of_twist, of_leaf = (n,), (6,), (r,)
 
@@ -149,7 +154,10 @@ def checked(
 
 
 def as_gain(gain: float, dt: float) -> float:
-    """Convert a feedback gain, 1/s, of which a step removes the share gain · dt of the error."""
+    """Check a feedback gain, 1/s, and convert it to a float.
+
+    A step removes the share gain · dt of the error.
+    """
     value = gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
     if not 0.0 <= value * dt <= 2.0:
         raise InputError(
@@ -159,12 +167,15 @@ def as_gain(gain: float, dt: float) -> float:
 
 
 def speeds(velocity_limit: ArrayLike, n: int) -> Array:
-    """Convert speed limits: (n,)."""
+    """Convert speed limits, one number or one per joint, to an array (n,)."""
     return per_joint(velocity_limit, n, "a speed limit")
 
 
 def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
-    """Make the error for a step without a finite solution."""
+    """Create the exception for a step without a finite solution.
+
+    It is an InputError if q or ``rhs`` is not finite, else a SingularityError.
+    """
     if not np.isfinite(q).all():
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
     if not np.isfinite(rhs).all():

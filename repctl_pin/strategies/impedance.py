@@ -34,19 +34,20 @@ from .torque_law import Gains, Observer, torque_law
 class LeafImpedance:
     """Impedance control of the end effector, with a null-space spring to the leaf h(q) = c.
 
-    ``τ = Jᵀ F + P V Λ_h (ḧ* − Vᵀ M⁻¹ Jᵀ F) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``, ``ḧ* = ω²
-    (c − h) − 2 ζ_h ω Vᵀ q̇``, ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``, ``Λ = (J M⁻¹ Jᵀ)⁻¹``,
-    ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; b compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the
-    second term does not accelerate the end effector (Khatib), and its last part decouples the leaf
-    from the force F. There is no home posture: the null-space spring is relaxed anywhere on the
-    leaf, and only pulls the joints back to the leaf. Beyond the paper.
+    ``τ = Jᵀ F + P V Λ_h (ḧ* − Vᵀ M⁻¹ Jᵀ F) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
+    ``ḧ* = ω² (c − h) − 2 ζ_h ω Vᵀ q̇``, ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``,
+    ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; e is the task error, M the joint-space inertia,
+    and b compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not
+    accelerate the end effector (Khatib), and its last part decouples the leaf from the force F.
+    There is no home posture: the null-space spring is relaxed anywhere on the leaf, and only pulls
+    the joints back to the leaf. Beyond the paper.
 
     It is computed in the form ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``, which also compensates
-    ``J̇_V q̇``: exactly ``ḧ = ḧ*``, at any speed. D gives the end effector, with its inertia Λ, the
-    same damping ratio in every direction.
+    ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D gives the end effector, with its
+    inertia Λ, the same damping ratio in every direction.
 
-    Friction and errors of M and b disturb the leaf. An :meth:`observer` estimates the disturbance
-    from ḧ* and ḣ, and cancels it.
+    Friction and errors of M and b move the joints off the leaf. An :meth:`observer` estimates this
+    disturbance from ḧ* and ḣ, and cancels it.
 
     Parameters
     ----------
@@ -125,9 +126,9 @@ class LeafImpedance:
         return described(self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s")
 
     def observer(self, dt: float) -> Observer:
-        """Make a disturbance observer for :meth:`torque`, one per arm.
+        """Create a disturbance observer for :meth:`torque`; each arm needs its own.
 
-        Its ``reset()`` begins again after a stop of the robot.
+        Call its ``reset()`` after the robot was stopped.
 
         Parameters
         ----------
@@ -170,7 +171,7 @@ class LeafImpedance:
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
         observer : Observer, optional
-            What :meth:`observer` made, which the call updates unless it raises. Without it,
+            Result of :meth:`observer`; the call updates its state, unless it raises. Without it,
             friction and errors of the model are not compensated.
 
         Raises
@@ -200,8 +201,10 @@ class LeafImpedance:
 
 
 def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
-    """Whether values are n finite doubles that compiled code takes without conversion; False also
-    for the very large."""
+    """Test whether values are an array of n finite doubles, which needs no conversion.
+
+    False also for finite numbers whose squares overflow.
+    """
     return (
         type(values) is np.ndarray
         and values.dtype is FLOAT
@@ -211,8 +214,10 @@ def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
 
 
 def _stiffness(given: ArrayLike, m: int) -> Array:
-    """Convert a stiffness: one number per row of J, or one for translations and one for
-    rotations."""
+    """Convert a stiffness to an array (m,), one number per row of J.
+
+    Two numbers are taken for the translations and the rotations.
+    """
     values, linear = as_numbers(given), min(3, m)
     if values is not None and values.shape == (2,) and m != 2:
         values = np.repeat(values, [linear, m - linear])
@@ -224,8 +229,10 @@ def _stiffness(given: ArrayLike, m: int) -> Array:
 
 
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
-    """Make the function (q, q̇) → M (n, n) and b (n,), for one thread; mimic joints load those
-    that they follow."""
+    """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
+
+    b contains gravity and velocity terms. Mimic joints count for the joints that drive them.
+    """
     model, drive = task.bodies_model()
     data = model.createData()
 

@@ -21,7 +21,7 @@ from .strategy import OnLeaves
 
 
 class WithPotentials(OnLeaves, Protocol):
-    """A strategy on the leaves of potentials that can be evaluated anywhere."""
+    """A strategy on leaves that gives access to its potentials h, to evaluate h and V."""
 
     @property
     def potentials(self) -> Potentials:
@@ -32,7 +32,7 @@ _STEP = 0.3
 """Longest first Newton step of any joint, rad or m."""
 
 _SHORTEST = 2.0**-10
-"""Shortest part of the path that is tried at once."""
+"""Smallest share of the path that is attempted in one solve."""
 
 _ITERATIONS = 8
 _CONTRACTION = 0.7
@@ -44,20 +44,21 @@ def solve(
 ) -> Array:
     """Evaluate q = F(x; c) by Newton's method on ``[x − f(q); c − h(q)] = 0`` along a path from q0.
 
-    The path is straight for the frame, with a rotation about one axis, and for c. Where Newton's
-    method does not converge with short steps, or ``det J_V`` changes sign, half as much of it is
-    tried at once. So q stays on the sheet of solutions of q0. Joint limits are not checked.
+    Along the path, the frame moves in a straight line and rotates about one axis, from f(q0) to the
+    target, while the level changes linearly from h(q0) to c. The path is solved in parts. A part is
+    halved where Newton's method does not converge with short steps, or ``det J_V`` changes sign, so
+    that q stays on the solution branch of q0. Joint limits are not checked.
 
     Parameters
     ----------
     inverse
         The repeatable inverse.
     target
-        x.
+        Desired placement x of the frame.
     q0 : (n,) array
         Initial configuration.
     leaf : (r,) array, optional
-        c; by default h(q0).
+        Level c; by default h(q0).
 
     Returns
     -------
@@ -126,7 +127,10 @@ def solve_all(
 def _newton(
     inverse: WithPotentials, q: Array, target: pin.SE3, c: Array, tolerance: float
 ) -> Array | None:
-    """Solve ``[x − f(q); c − h(q)] = 0`` near q; None where the steps are long or do not shrink."""
+    """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance.
+
+    None if the first step is too long, the steps do not shrink, or J_V is singular.
+    """
 
     def correction(q: Array) -> Array:
         return inverse.step(q, target, 1.0, leaf=c) - q
@@ -145,13 +149,16 @@ def _newton(
 
 
 def _side(inverse: WithPotentials, q: Array) -> int:
-    """Evaluate the sign of det J_V."""
+    """Return the sign of det J_V at q: −1, 0 or 1."""
     J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
-    """Evaluate the rotation vector (3,), base axes, from start to target; 0 without orientation."""
+    """Compute the rotation vector (3,) from start to target, base axes, rad.
+
+    It is 0 if the kind of the task does not control the orientation.
+    """
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)
     if kind == "axis":
@@ -166,7 +173,7 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
 
 
 def _unreached(inverse: WithPotentials, target: pin.SE3, q: Array, done: float) -> InputError:
-    """Make the error for a target that cannot be reached on the leaf."""
+    """Create the error for a target that cannot be reached on the leaf: the path ends at q."""
     task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)

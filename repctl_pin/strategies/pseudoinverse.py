@@ -30,7 +30,10 @@ from .fast_loop import checked_velocity, failure
 from .strategy import described
 
 WELL_CONDITIONED = 1e-2
-"""Minimum sine of the angle between a row of J and the span of the others for solving J Jᵀ."""
+"""Minimum sine of the angle between a row of J and the span of the other rows to solve with J Jᵀ.
+
+Below it, J⁺ is computed from J itself, which is slower and more accurate.
+"""
 
 
 class Pseudoinverse:
@@ -155,9 +158,9 @@ class WeightedInverse:
 def least_speed(
     task: Task, attraction: Callable[[Array], Array] | None = None
 ) -> Callable[..., Array]:
-    """Make the fast function ``q̇ = z + J⁺ (ẋ − J z)``, ``J⁺ = Jᵀ (J Jᵀ)⁻¹``, of q and ẋ.
+    """Create the fast function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
 
-    A closure over preallocated memory and BLAS, see :mod:`repctl_pin.strategies.fast_loop`.
+    It uses preallocated memory and BLAS, see :mod:`repctl_pin.strategies.fast_loop`.
 
     Parameters
     ----------
@@ -198,7 +201,10 @@ def least_speed(
 
 
 def _positive(weight: ArrayLike, n: int) -> Array:
-    """Check a weight, n numbers or a symmetric positive definite (n, n) matrix: (n, n)."""
+    """Check a weight and return it as a matrix M (n, n).
+
+    It can be n positive numbers, or a symmetric positive definite (n, n) matrix.
+    """
     M = as_numbers(weight)
     if M is None:
         raise InputError(
@@ -215,7 +221,7 @@ def _positive(weight: ArrayLike, n: int) -> Array:
 
 
 def _check_inertia(task: Task) -> None:
-    """Refuse the inertia as a weight if a joint moves no mass."""
+    """Raise InputError if a joint moves no mass: the inertia is then no positive weight."""
     own = np.diagonal(task.inertias(task.reference[None])[0])
     light = own <= 1e-12 * own.max()
     if light.any():
@@ -232,7 +238,10 @@ def _check_inertia(task: Task) -> None:
 
 
 def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array]:
-    """Take configurations Q (K, n), and evaluate J (K, m, n) there unless it is given."""
+    """Check configurations Q (K, n), and return them with their Jacobians J (K, m, n).
+
+    A given J is checked; otherwise J is evaluated.
+    """
     Q = as_configurations(Q, task.n, "batch()")
     if J is None:
         return Q, task.jacobians(Q)
@@ -241,7 +250,10 @@ def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array
 
 
 def redundant(value: Any) -> Task:
-    """Copy a task, see :func:`own_task`; refuse fewer joints than coordinates, r < 0."""
+    """Copy a task with separate scratch memory, see :func:`own_task`.
+
+    Raises InputError if it has fewer joints than coordinates, r < 0.
+    """
     task = own_task(value)
     if task.r < 0:
         raise InputError(

@@ -36,7 +36,7 @@ Outside = Literal["ignore", "warn", "raise"]
 _ACTIONS = get_args(Outside)
 
 _EDGE = 1e-9
-"""Tolerance of ``region.ratio(q) <= 1``: rounding of f(q)."""
+"""Tolerance of ``region.ratio(q) <= 1`` for the rounding of f(q)."""
 
 
 @runtime_checkable
@@ -63,10 +63,11 @@ class RepeatableInverse:
     potentials
         r potentials h; their common level sets are the leaves on which the motion stays.
     region
-        Design region Ω, which ``outside`` checks.
+        Design region Ω, which the argument ``outside`` of :meth:`step` checks.
     loops
-        Factory of the fast functions of the control loop, called once per thread;
-        :func:`repctl_pin.codegen.compiled` has them in C.
+        Function of task and potentials that returns a factory of the fast functions of the control
+        loop. The factory is called once per thread. :func:`repctl_pin.codegen.compiled` has the
+        functions in C.
 
     Raises
     ------
@@ -132,7 +133,7 @@ class RepeatableInverse:
         ----------
         q, xdot : (n,), (m,) arrays
         outside
-            Action if q lies outside Ω or a joint beyond its limits, see :meth:`step`.
+            Action if q lies outside Ω or violates a joint limit, see :meth:`step`.
 
         Raises
         ------
@@ -167,10 +168,10 @@ class RepeatableInverse:
         damping: float = 0.0,
         outside: Outside = "ignore",
     ) -> Array:
-        """Take the next q (n,) of a control loop: feed-forward, and feedback of both errors.
+        """Compute the next q (n,) of a control loop, with feedback of the task and leaf errors.
 
         ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock. Only
-        the result is allocated. The control holds no state: a step that raises changes nothing.
+        the result is allocated. The controller holds no state: a step that raises changes nothing.
 
         Parameters
         ----------
@@ -183,7 +184,7 @@ class RepeatableInverse:
         twist : (6,) array, optional
             Velocity (v, ω) of the target, base axes, m/s and rad/s.
         leaf : (r,) array, optional
-            c, from :meth:`leaf` at the start; without it, h is held at its present value.
+            Level c, from :meth:`leaf` at the start; without it, h is held at its present value.
         gain
             Feedback gain K, 1/s; by default 1 / dt, a full Newton step.
         velocity_limit : float or (n,) array, optional
@@ -255,7 +256,7 @@ class RepeatableInverse:
         return step
 
     def _check_region(self, q: ArrayLike, outside: str) -> None:
-        """Warn or raise where q lies outside Ω."""
+        """Warn or raise, as ``outside`` says, if q lies outside Ω."""
         require_choice(outside, _ACTIONS, "action outside Ω")
         if self.region is None:
             raise InputError(
@@ -269,7 +270,7 @@ class RepeatableInverse:
             _report(f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it", outside)
 
     def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
-        """Warn or raise where joints lie beyond their limits."""
+        """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit."""
         try:
             self.task.check(q, what)
         except InputError as error:
@@ -284,7 +285,8 @@ class RepeatableInverse:
     def solve(self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
         """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).
 
-        The result depends on x and c alone, not on the motion before. See :func:`on_leaf.solve`.
+        On the solution branch of q0, the result depends on x and c alone, not on the motion before.
+        See :func:`on_leaf.solve`.
 
         Parameters
         ----------
@@ -321,7 +323,7 @@ class RepeatableInverse:
 
 
 def _report(what: str, outside: str) -> None:
-    """Raise an InputError, or warn."""
+    """Raise an InputError with the message ``what`` if ``outside`` is "raise", else warn."""
     if outside == "raise":
         raise InputError(what)
     warnings.warn(what, UserWarning, stacklevel=4)

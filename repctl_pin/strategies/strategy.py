@@ -15,7 +15,7 @@ AN_INVERSE = (
     "an inverse q̇ = G(q) ẋ, such as rp.Pseudoinverse(task) or design.inverse; "
     "rp.CustomInverse(task, function) makes one of a function q → G"
 )
-"""Remedy where an inverse is required."""
+"""Text of error messages where an inverse is required: what to pass instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Strategy(Protocol):
 
 
 def described(strategy: object, task: Task, details: str = "") -> str:
-    """Write a strategy as a repr: its class, its task, and details."""
+    """Format the repr of a strategy: its class, its task, and details."""
     of = f"{type(strategy).__name__} of {task.robot.name} {task.frame} {task.kind}"
     return f"<{of}: {details}>" if details else f"<{of}>"
 

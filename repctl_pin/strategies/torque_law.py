@@ -1,5 +1,7 @@
-"""Law of the joint torques on a leaf, in preallocated memory, see
-:mod:`repctl_pin.strategies.fast_loop`."""
+"""Torque law of :class:`repctl_pin.strategies.impedance.LeafImpedance`, in preallocated memory.
+
+See :mod:`repctl_pin.strategies.fast_loop`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,7 @@ from ..robot.task import Task
 from .control_step import checked_solve
 
 DIFFERENCE = 1e-3
-"""Half the length of the central difference along q̇, rad or m."""
+"""Length of the two steps ±Δq of the central difference along q̇, rad or m."""
 
 
 class Gains(NamedTuple):
@@ -30,8 +32,11 @@ class Gains(NamedTuple):
     Attributes
     ----------
     stiffness : (m,) array
+        Stiffness K for each row of J, N/m or Nm/rad.
     damping, leaf_frequency, leaf_damping, observer_rate : float
+        ζ, ω in rad/s, ζ_h, and κ in 1/s.
     observer_limit : (n,) array
+        Maximum torque of the observer on each joint, Nm or N.
     """
 
     stiffness: Array
@@ -48,7 +53,7 @@ class Observer(NamedTuple):
     Attributes
     ----------
     state : (r,) array
-        w, which the law updates; 0 at rest without a disturbance.
+        State w, which the torque law updates; 0 at rest without a disturbance.
     dt : float
         Time step of the loop, s.
     """
@@ -57,21 +62,21 @@ class Observer(NamedTuple):
     dt: float
 
     def reset(self) -> None:
-        """Begin again, after a stop of the robot."""
+        """Set the state to 0, after a stop of the robot."""
         self.state[:] = 0.0
 
 
 def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[..., Array]:
-    """Make the function (q, q̇, M, b, target, twist, leaf, observer) → τ (n,), for one thread.
+    """Create the function (q, q̇, M, b, target, twist, leaf, observer) → τ (n,), for one thread.
 
-    ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` (37): the hand and the leaf
-    have accelerations of their own, and neither moves the other.
+    ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` (37): the end effector
+    accelerates by ẍ and the potentials by ḧ, independently.
 
-    ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, with D of one damping ratio in every mode: for the
+    ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, where D gives every mode the damping ratio ζ: for the
     Cholesky factor L of M and ``W = √K J L⁻ᵀ``, ``W Wᵀ = U k Uᵀ``, it is
     ``√K ẍ = U (k Uᵀ √K e + 2 ζ √k Uᵀ √K (ẋ* − ẋ))``, without an inverse of J M⁻¹ Jᵀ.
 
-    ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``. The observer's estimate of what disturbs it is
+    ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``. The observer's estimate of the disturbance of ḧ is
     ``d = κ (ḣ − w)``, ``ẇ = ḧ``; its torque is scaled down to the limit of every joint.
     """
     n, m = task.n, task.m
@@ -96,7 +101,10 @@ def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[...
     solved = checked_solve(task, memory, J_V, y, evaluate)
 
     def curvature(q: Array, qdot: Array) -> None:
-        """Evaluate ``J̇_V q̇``: exact for potentials of degree 3, else to 1e-6 of its size."""
+        """Write ``J̇_V q̇`` into ``bent`` by a central difference along q̇.
+
+        It is exact for the rows of potentials of degree 3, else to 1e-6 of its size.
+        """
         speed = dnrm2(qdot)
         if speed * speed == 0.0:
             bent[:] = 0.0
@@ -108,7 +116,7 @@ def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[...
         dgemv(-0.5 / step, J_V, qdot, 1.0, bent, overwrite_y=1)
 
     def hand(M: Array) -> Array:
-        """Compute ẍ (m,) of the hand's spring and damper, from e and its rate."""
+        """Compute the acceleration ẍ (m,) of the spring and damper at the end effector."""
         factor, info = dpotrf(M.T, lower=1)  # M is symmetric, and M.T needs no copy
         if info:
             raise InputError("the joint-space inertia M is not positive definite")
@@ -162,7 +170,7 @@ def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[...
 
 
 def not_finite() -> InputError:
-    """Make the error for numbers that overflow."""
+    """Create the error for numbers that overflow."""
     return InputError(
         "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large"
     )
