@@ -26,7 +26,7 @@ class FitOptions:
         the unknowns divided by m if that is more; :func:`nearest_inverse_function` takes as many as
         the unknowns require.
     held_out : int, optional
-        Number of nodes of the evaluation; by default 16,384, or 8,192 of a cell.
+        Number of nodes of the evaluation; by default 16,384, or 8,192 for a cell.
     seed : int
         Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
         start configuration, too.
@@ -34,9 +34,9 @@ class FitOptions:
         Number of nodes that are evaluated at a time. This and the options below are for
         :func:`nearest_repeatable` only.
     stream : bool
-        Rebuild the batches in each pass instead of keeping them, which needs the memory of one.
+        Rebuild the batches in each pass instead of storing them, so that only one is in memory.
     executor : concurrent.futures.Executor or Dask client, optional
-        Workers that build the batches and keep them.
+        Workers that build and store the batches.
     restarts : int
         Number of further descents, from random changes of the start; the best descent is taken.
     tolerance : float
@@ -82,7 +82,7 @@ class FitOptions:
         object.__setattr__(self, name, value)
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
-        """Refuse options that differ from their defaults and that a function does not use."""
+        """Raise InputError for changed options other than ``names``, which ``by`` does not use."""
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:
@@ -90,7 +90,7 @@ class FitOptions:
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:
-    """Take the options of a fit; the defaults if there are none."""
+    """Check the given options of a fit; return the defaults for None."""
     if given is None:
         return FitOptions()
     return require_type(
