@@ -30,7 +30,7 @@ class Proof:
     limit_margin : float
         Lower bound of every joint's distance to its limits, rad or m; infinite without limits.
     sigma_min : float
-        Lower bound of the smallest singular value of J, base axes, m and rad.
+        Lower bound of the smallest singular value of J, in base axes, m and rad.
     boxes : int
         Number of boxes evaluated.
     seconds : float
@@ -42,7 +42,7 @@ class Proof:
         Why the proof ended early, in words; empty if it did not.
     asked_leaf_margin, asked_limit_margin : float or None
         Bounds that were to be proved, the second in rad or m; None to find the largest bound that
-        can be proved in the time.
+        can be proved in the available time.
     theorem : int
         Version of the theorem (:data:`THEOREM`) that was used.
 

@@ -22,9 +22,9 @@ def printable(text: str, *, lines: bool = False) -> str:
 class RepctlError(Exception):
     """Base of the errors that this package raises on purpose.
 
-    The message reads ``argument fact; remedy``. The fact is the fault and its cause. If there is an
-    argument, the fact continues its name, as in ``must be above 0`` and ``: there is no such
-    folder``.
+    The message reads ``argument fact; remedy``. The fact describes the fault and its cause. If
+    there is an argument, the fact follows its name, as in ``must be above 0`` and ``: there is no
+    such folder``.
 
     A program that shows the message can replace ``argument`` and ``remedy`` by its own words;
     :func:`str` uses the current ones.

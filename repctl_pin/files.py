@@ -42,7 +42,7 @@ def prepare_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Context manager that at its end removes a folder, and parents it got, if they are empty."""
+    """Context manager that at its end removes a new folder, and new parents, if they are empty."""
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
         yield folder

@@ -38,10 +38,11 @@ class FitOptions:
     executor : concurrent.futures.Executor or Dask client, optional
         Workers that build and store the batches.
     restarts : int
-        Number of further descents, from random changes of the start; the best descent is taken.
+        Number of additional descents, each from randomly changed start coefficients; the best
+        descent is used.
     tolerance : float
-        The optimiser stops when a step is predicted to lower the cost by less than this share, or
-        when three steps together did not lower it.
+        The optimiser stops when a step is predicted to lower the cost by at most this fraction, or
+        when three steps in a row change the cost by at most this fraction each.
 
     Raises
     ------
@@ -82,7 +83,7 @@ class FitOptions:
         object.__setattr__(self, name, value)
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
-        """Raise InputError for changed options other than ``names``, which ``by`` does not use."""
+        """Raise InputError for a changed option that is not one of ``names``, which ``by`` uses."""
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:

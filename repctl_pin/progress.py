@@ -17,7 +17,7 @@ def silent(what: str, share: float) -> None:
 
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
-    """Context manager that provides a progress callback: none, a bar on stderr, or the user's."""
+    """Context manager that provides a progress callback: silent, a bar on stderr, or the user's."""
     if not callable(progress) and not isinstance(progress, bool):
         raise InputError(
             "must be True, False or a callback (step, fraction), "

@@ -179,7 +179,7 @@ def _added(weight: str, at: str, sums: Sequence[str]) -> list[str]:
 
 
 def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:
-    """Write the C lines that fill the last r rows of J_V with n_refᵀ."""
+    """Write the C lines that fill the last r rows of J_V, in the array A, with n_refᵀ."""
     return _lines(
         (
             f"A[{row_of[task.m + j]}][{column_of[i]}][l] = both[{(1 + task.r) * i + 1 + j}][l];"
@@ -226,9 +226,9 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
 
 
 def _factors(n: int, lanes: int) -> str:
-    """Write the C lines of the LU factorisation of A without pivoting, with 1 / U on the diagonal.
+    """Write the C lines of the LU factorisation of J_V, in the array A, without pivoting.
 
-    For one pose, the loops are unrolled.
+    The diagonal of A then holds 1 / U. For one pose, the loops are unrolled.
     """
     small = "if (!(fabs({0}) > 1e-6)) state[l] = -1.0;"
     if lanes > 1:
@@ -259,7 +259,7 @@ def _factors(n: int, lanes: int) -> str:
 
 
 def _solution(n: int) -> str:
-    """Write the C lines that solve for the step, in b, with the LU factors of A."""
+    """Write the C lines that solve for the Newton step, in b, with the LU factors in A."""
     lines = [
         f"b[{i}][l] -= {' + '.join(f'A[{i}][{k}][l] * b[{k}][l]' for k in range(i))};"
         for i in range(1, n)

@@ -16,8 +16,8 @@ from .derivative import derivative, require_inverse
 def brackets(G: Array, dG: Array) -> Array:
     """Evaluate the Lie brackets ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of G's columns.
 
-    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without an
-    inverse.
+    With ``G = Jᵀ`` and ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without
+    evaluating it.
 
     Parameters
     ----------
@@ -47,9 +47,10 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
 
 
 def curl_form(G: Array, dG: Array) -> Array:
-    """Evaluate the scalar ``s = n_G · ∇×n_G``, ``n_G = g_1 × g_2`` for n = 3, m = 2 (6), (25).
+    """Evaluate the scalar ``s = n_G · ∇×n_G``, 0 if G is repeatable, for n = 3, m = 2 (6), (25).
 
-    With ``G = Jᵀ``, ``dG = Hᵀ`` it is the s(θ) of (13) and (17), n_J the cross product of J's rows.
+    n_G is g_1 × g_2, the cross product of G's columns. With ``G = Jᵀ`` and ``dG = Hᵀ``, s is the
+    s(θ) of (13) and (17), where n_G is n_J, the cross product of J's rows.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class Repeatability:
 def is_repeatable(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
 ) -> Repeatability:
-    """Test the Lie bracket condition (24) throughout a region.
+    """Test whether an inverse is repeatable in a region, by the Lie bracket condition (24).
 
     The tolerance is computed, not chosen: it is twice the defect that the estimated error of ∂G/∂q
     could produce.

@@ -1,4 +1,7 @@
-"""Candidate and stable surfaces, on which an inverse that is not repeatable still repeats."""
+"""Candidate and stable surfaces of an inverse that is not repeatable.
+
+On a stable surface, its motions are repeatable nevertheless.
+"""
 
 from __future__ import annotations
 

@@ -35,8 +35,8 @@ _ROUNDINGS = 64
 def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     r"""Convert ``q = F(x; c)`` to a pure, jitted JAX function.
 
-    It can be vmapped and differentiated. Newton's method finds q. The derivative is that of the implicit function theorem, not taken
-    through the iterations:
+    It can be vmapped and differentiated. Newton's method finds q. The derivative is that of the
+    implicit function theorem, not taken through the iterations:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}

@@ -81,7 +81,7 @@ def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
 
 
 def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """List all distinct orders of a tuple whose entries may repeat."""
+    """Return all distinct orders of the entries of a tuple, which may repeat."""
     if len(places) <= 1:
         return [places]
     return [

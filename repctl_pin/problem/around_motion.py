@@ -208,9 +208,10 @@ def _noted(solved: _Solved) -> Problem:
 def _around_motion(
     problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
 ) -> Design:
-    """Design in a tube around the motion, at first that of a linear design.
+    """Design in a tube around the motion, at first that of a design of degree 1.
 
-    Twice at most, if the design's own motion leaves the tube, design again in a tube around it.
+    If the motion of the new design leaves the tube, the design is repeated in a tube around that
+    motion, at most twice.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")

@@ -100,7 +100,7 @@ def violations(motion: Motion) -> int:
 
 
 def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
-    """Return a start, checked, or the robot's pose of that name; and a description of it."""
+    """Return the given start, checked, or the robot's pose of that name; with a description."""
     if not isinstance(start, str):
         return task.check(start, "start"), GIVEN
     poses = task.robot.poses

@@ -17,13 +17,13 @@ PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order if none is given (``axis`` on request only)."""
 
 _SAMPLES = 32
-"""Configurations at which the rank of J is evaluated."""
+"""Number of configurations at which the rank of J is evaluated."""
 
 _RANK = 1e-4
 
 
 def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
-    """Make the task of a given kind, or the first preferred kind with r ≥ 1.
+    """Create the task of a given kind, or of the first preferred kind with r ≥ 1, at a frame.
 
     Raises
     ------

@@ -41,7 +41,7 @@ _BOUNDLESS = (
     "body_distance",
 )
 _UNSAID = {"joint_range": np.inf, "nearly": np.nan, "unasked": np.nan}
-"""Values in :class:`Turn` of the figures that are null in a file."""
+"""Figures of :class:`Turn` that are null in a file if they have these values."""
 
 _HOW = (
     "samples",
@@ -85,7 +85,7 @@ class TurnFile(Plain):
 
 
 class SectorFile(Plain):
-    """Cylindrical coordinates of a sector: radius, angle, height, two tilts and spin, from 0 to 5.
+    """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
 
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
     ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the

@@ -65,7 +65,7 @@ class Entry:
 
 
 def entries() -> tuple[Entry, ...]:
-    """List all robots of the catalogue.
+    """Return the entries of all robots in the catalogue.
 
     Raises
     ------
@@ -199,10 +199,11 @@ def _read_srdf(srdf: Path) -> Any:
 
 
 def default_package_dirs(urdf_path: str | Path) -> list[str]:
-    """List the folders in which ``package://`` names of a URDF file are looked up.
+    """Find the folders in which the ``package://`` names of a URDF file are looked up.
 
-    The parent folders of the file, nearest first, then those in ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``."""
+    They are the parent folders of the file, nearest first, then those in ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``.
+    """
     folders = list(Path(os.path.expanduser(urdf_path)).absolute().parents)
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         folders += [

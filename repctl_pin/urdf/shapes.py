@@ -27,12 +27,12 @@ class Solid:
     kind
         ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
     size
-        box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m; mesh:
-        empty.
+        Box: three edges; cylinder and capsule: radius, and length along z; sphere: radius. All are
+        in m. Empty for a mesh.
     color
         Red, green, blue and opacity, 0 to 1; None if the file gives none.
     xyz, rpy
-        Origin, m and rad.
+        Origin of the shape on its link: position, m, and roll, pitch and yaw, rad.
     filename
         Mesh file name as written in the URDF; ``""`` for primitives.
     scale
