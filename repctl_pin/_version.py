@@ -1,3 +1,3 @@
-"""The version: the one place where it is written."""
+"""Version of the package, defined only here."""
 
 __version__ = "0.1.0"

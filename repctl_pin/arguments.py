@@ -20,13 +20,13 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 FLOAT = np.dtype(float)
-"""A double in native byte order, which compiled code takes without conversion."""
+"""NumPy type of doubles in native byte order, which compiled code takes without conversion."""
 
 MOST_NODES = 2**22
-"""Maximum number of nodes of a region, by memory and time."""
+"""Maximum number of nodes of a region, limited by memory and time."""
 
 MIN_LENGTH = 1e-12
-"""Minimum length that joint positions may be divided by, rad or m."""
+"""Minimum length by which joint positions may be divided, rad or m."""
 
 MOST_STEPS = 10_000_000
 """Maximum number of steps of a motion."""
@@ -55,14 +55,14 @@ def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
 
 
 def function(value: F, name: str, what: str, takes: int = 1) -> F:
-    """Require a function of ``takes`` positional arguments."""
+    """Require a function of ``takes`` positional arguments, described by ``what``; return it."""
     if callable(value) and not isinstance(value, type) and _binds(value, takes):
         return value
     raise InputError(f"must be {what}; got {shown(value)}", argument=name)
 
 
 def _binds(value: Callable[..., Any], takes: int) -> bool:
-    """Tell whether a callable accepts ``takes`` arguments; True if it has no signature."""
+    """Test whether a callable accepts ``takes`` arguments; True if its signature is not known."""
     try:
         signature(value).bind(*[None] * takes)
     except TypeError:
@@ -73,7 +73,7 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
 
 
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
-    """Require one of several names."""
+    """Require a text that is one of ``names``; in the message, ``kind`` says what they name."""
     names = tuple(names)
     if isinstance(value, str) and value in names:
         return value
@@ -81,7 +81,7 @@ def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
 
 
 def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
-    """Convert a whole number from ``least`` to ``most``."""
+    """Convert an argument to an integer, which must be from ``least`` to ``most``."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
         raise InputError(
@@ -93,7 +93,7 @@ def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> in
 
 
 def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> float:
-    """Convert a finite number above 0; with ``zero``, from 0 up."""
+    """Convert an argument to a finite number above 0; with ``zero``, 0 is allowed, too."""
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
@@ -105,7 +105,7 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
 
 
 def finite(value: Any, name: str, unit: str = "") -> float:
-    """Convert a finite number of any sign."""
+    """Convert an argument to a finite number of any sign."""
     number = _number(value)
     if not math.isfinite(number):
         number_of = f"a finite number{unit and ', '}{unit}"
@@ -114,7 +114,7 @@ def finite(value: Any, name: str, unit: str = "") -> float:
 
 
 def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
-    """Copy n finite numbers: (n,); with n = None, one or more."""
+    """Copy n finite numbers to an array (n,); with n = None, one or more numbers."""
     array = as_numbers(values)
     wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
     if array is None or wrong or not np.isfinite(array).all():
@@ -128,10 +128,11 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joi
 def per_joint(
     values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False
 ) -> Array:
-    """Convert one number above 0, or n of them: (n,). Infinity is allowed unless ``finite``.
+    """Convert one number above 0, or n of them, to an array (n,).
 
-    ``finite`` is for lengths that numbers are divided by: they must also exceed the rounding of a
-    joint position."""
+    Infinity is allowed unless ``finite``, which is for lengths by which joint positions are
+    divided: these must also exceed the rounding of a joint position.
+    """
     array = as_numbers(values)
     most = (
         array is not None
@@ -154,7 +155,7 @@ def per_joint(
 
 
 def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Convert n limits: (n,); infinity is no limit."""
+    """Convert n limits to an array (n,); infinity stands for no limit."""
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
         raise InputError(f"must be {n} numbers, {each}; got {shown(values)}", argument=name)
@@ -162,7 +163,7 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 
 
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
-    """Convert finite configurations, one per row: (K, n); with n = None, of any length."""
+    """Convert finite configurations, one per row, to an array (K, n); with n = None, any n."""
     array = as_numbers(values)
     if (
         array is None
@@ -185,11 +186,13 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
 def as_matrices(
     *given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True
 ) -> list[Array]:
-    """Convert stacks of matrices with matching sizes: ``("J", J, "m n"), ("V", V, "n r")``.
+    """Convert stacks of matrices with matching sizes, each given as (name, array, axes).
 
-    An axis is a number, or a letter that stands for the same size in all arrays: at least 1, except
-    r and K. Leading axes must broadcast; ``exact`` allows none. Without ``finite``, NaN and
-    infinity are accepted."""
+    ``axes`` are the sizes of the last axes, as in ``("J", J, "m n"), ("V", V, "n r")``: a number,
+    or a letter that stands for the same size in all arrays. Sizes are at least 1, except r and K.
+    Leading axes must broadcast; ``exact`` allows none. Without ``finite``, NaN and infinity are
+    accepted.
+    """
     sizes: dict[str, int] = {}
     arrays = []
     for name, values, axes in given:
@@ -223,7 +226,7 @@ def as_matrices(
 
 
 def flag(value: Any, name: str) -> bool:
-    """Require True or False."""
+    """Require True or False, or 1 or 0, and return it as a bool."""
     if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
         return bool(value)
     raise InputError(f"must be True or False, not {shown(value)}", argument=name)
@@ -239,7 +242,7 @@ def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:
-    """Convert an iterable to a list; text and mappings are refused."""
+    """Convert an iterable to a list; refuse text and mappings."""
     no_list = isinstance(values, (str, bytes, type, Mapping)) or (
         isinstance(values, np.ndarray) and values.ndim != 1
     )
@@ -249,7 +252,7 @@ def list_of(values: Any, name: str, what: str) -> list[Any]:
 
 
 def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
-    """Convert one name or a list of names."""
+    """Convert one name, or a list of names, to a tuple."""
     listed = (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
     if all(isinstance(v, str) for v in listed):
         return listed
@@ -257,13 +260,13 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 
 
 def freeze(made: object, /, **values: Any) -> None:
-    """Set attributes of a frozen dataclass in its ``__init__``, arrays as read-only views."""
+    """Set attributes of a frozen dataclass while it is created; arrays become read-only views."""
     for name, value in values.items():
         object.__setattr__(made, name, _read_only(value))
 
 
 def read_only(cls: type[T]) -> type[T]:
-    """Make the array fields of a frozen dataclass read-only; stands below ``@dataclass``.
+    """Class decorator, below ``@dataclass``: make array fields of a frozen dataclass read-only.
 
     Copied and unpickled objects are read-only, too. The caller's arrays stay writable.
     """
@@ -292,12 +295,12 @@ def _read_only(value: Any) -> Any:
 
 
 def row(q: Array) -> str:
-    """Write a configuration in a message."""
+    """Format a configuration for a message, such as ``(0.1, -1.571)``."""
     return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"
 
 
 def file_name(value: Any, name: str = "file") -> Path:
-    """Convert the name of a file or folder."""
+    """Convert the name of a file or folder to a path."""
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):
         return Path(value)
     raise InputError(f"must be a file's name, not {shown(value)}", argument=name)
@@ -316,7 +319,7 @@ def _number(value: Any) -> float:
 
 
 def as_numbers(values: ArrayLike) -> Array | None:
-    """Copy numbers to an array of native doubles; None if they are not numbers or ragged."""
+    """Copy numbers to an array of native doubles; None if it is ragged or not of numbers."""
     try:
         array = np.asarray(values)
         return np.array(array, dtype=float, order="C") if array.dtype.kind in "biuf" else None
@@ -331,7 +334,7 @@ def _shape(values: ArrayLike, array: Array | None) -> str:
 
 
 def shown(value: Any) -> str:
-    """Write a value in a message, on one line of at most 60 characters."""
+    """Format a value for a message, on one line of at most 60 characters."""
     text = " ".join(repr(value).split())
     text = text if len(text) <= 60 else f"{text[:59]}…"
     return text.encode("unicode_escape").decode() if not text.isprintable() else text

@@ -1,4 +1,4 @@
-"""Limit on BLAS threads: on matrices of these sizes two threads are slower than one."""
+"""Limit of BLAS to one thread, which is faster than two for the matrices of this package."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from .errors import RepctlError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 VECTOR_FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fPIC", "-shared")
-"""Flags for code that is compiled for the vector units of this machine."""
+"""Flags of the compiler for code that uses the vector units of this machine."""
 
 _COMPILES, _LOADS = 50.0, 10.0
 """Maximum time of the compiler, and of loading its library, s."""
@@ -71,7 +71,7 @@ def shared_library(code: str, flags: Sequence[str] = FLAGS) -> Path:
 
     Files are written under another name and renamed, so that processes can compile at the same
     time. The folder is private to the user, and a file in it is valid only with the checksum beside
-    it. If the cache cannot be used, a temporary folder is.
+    it. If this cache cannot be used, a temporary folder is used instead.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
     Raises
     ------
     NoCompilerError
-        If there is no library, or it does not load in this process.
+        If no library can be compiled, or it does not load in this process.
     """
     library = shared_library(code, flags)
     try:
@@ -115,7 +115,10 @@ def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
 
 
 def _vector_units() -> str:
-    """Name the processor and its instructions, so that no cache serves another one's library."""
+    """Describe the processor and its instruction set.
+
+    The description is part of the cache's key, because such a library may not run on another one.
+    """
     said = platform.processor()
     with suppress(OSError, UnicodeDecodeError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -125,9 +128,10 @@ def _vector_units() -> str:
 
 
 def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
-    """Return the library in a folder, compiled if necessary.
+    """Return the library with a key in a cache folder, after compiling it if necessary.
 
-    Raises OSError if the folder cannot be used."""
+    Raises OSError if the folder cannot be used.
+    """
     library, checksum = folder / f"{key}.so", folder / f"{key}.sha256"
     if not _intact(library, checksum):
         _compile(code, command, library, checksum, key)
@@ -135,7 +139,7 @@ def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
 
 
 def _intact(library: Path, checksum: Path) -> bool:
-    """Test whether a library has its checksum and belongs to the user alone."""
+    """Test whether a library matches its checksum, and both belong to the user alone."""
     try:
         if not (_ours(library) and _ours(checksum) and checksum.stat().st_size == 64):
             return False
@@ -155,7 +159,7 @@ def _ours(file: Path) -> bool:
 
 
 def _compile(code: str, command: list[str], library: Path, checksum: Path, key: str) -> None:
-    """Compile, test loading in another process, and move the library to its place."""
+    """Compile C to a library, test loading it in another process, and move it to its path."""
     with tempfile.TemporaryDirectory(
         dir=library.parent, prefix=".building-", ignore_cleanup_errors=True
     ) as building:
@@ -247,7 +251,7 @@ def _clean(text: object) -> str:
 
 
 def _cache_folder() -> Path:
-    """Find or create the private cache folder of the user; OSError if that is not possible."""
+    """Find or create the user's private cache folder; raise OSError if that is not possible."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         cache = Path(base) if os.path.isabs(base) else Path.home() / ".cache"

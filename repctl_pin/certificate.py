@@ -1,4 +1,4 @@
-"""A certificate: what was proved of a design or of a cell, in plain numbers."""
+"""Certificate of a design or of a cell's function: the bounds that were proved."""
 
 from __future__ import annotations
 
@@ -15,37 +15,36 @@ THEOREM = 3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Proof:
-    """Lower bounds that hold on the whole of a region or a cell, or the place where the proof
-    ended.
+    """Lower bounds that are proved over a whole region or cell, or the box that prevented a proof.
 
     ``bool(proof)`` is :attr:`proved`.
 
     Attributes
     ----------
     what : str
-        What it is about.
+        Description of the design or the cell's function.
     proved : bool
         Whether everything that was asked for is proved.
     leaf_margin : float
-        Lower bound of the leaf margin on the whole of it; 0 where none was found.
+        Lower bound of the leaf margin over the whole region or cell; 0 if none was found.
     limit_margin : float
         Lower bound of every joint's distance to its limits, rad or m; infinite without limits.
     sigma_min : float
-        Lower bound of the smallest singular value of J, base axes, m and rad.
+        Lower bound of the smallest singular value of J, in base axes, m and rad.
     boxes : int
-        Boxes evaluated.
+        Number of boxes evaluated.
     seconds : float
-        Time that it took, s.
+        Computation time, s.
     worst, half : (n,) or (k,) arrays
-        Centre and half-widths, rad or m, of the box that could not be decided; if all could, of the
-        one with the smallest bound. For a cell, its coordinates u.
+        Centre and half-widths of the box that could not be decided; if all were decided, of the box
+        with the smallest bound. In rad or m; for a cell, in its coordinates u.
     reason : str
         Why the proof ended early, in words; empty if it did not.
     asked_leaf_margin, asked_limit_margin : float or None
-        What was to be proved, the second in rad or m; None: the largest bound that can be proved in
-        the time.
+        Bounds that were to be proved, the second in rad or m; None to find the largest bound that
+        can be proved in the available time.
     theorem : int
-        Version of the theorem.
+        Version of the theorem (:data:`THEOREM`) that was used.
 
     Examples
     --------
@@ -78,7 +77,7 @@ class Proof:
         return self.proved
 
     def summary(self) -> str:
-        """Say in a few lines what is proved."""
+        """Describe in a few lines what is proved."""
         state = "proved" if self.proved else "NOT proved"
         place = ", ".join(f"{v:.4g}" for v in np.round(self.worst, 4) + 0.0)
         wide = f"{self.half.min():.2g} to {self.half.max():.2g}" if len(self.half) else "0"
@@ -99,7 +98,7 @@ class Proof:
 
 
 def below(value: float) -> str:
-    """Write a lower bound with three digits, rounded down."""
+    """Format a lower bound with three digits, rounded down."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     step = 10.0 ** (np.floor(np.log10(abs(value))) - 2)
@@ -107,7 +106,7 @@ def below(value: float) -> str:
 
 
 def proved_words(proof: Proof | None) -> str:
-    """Say what is proved of a leaf margin that a search has found."""
+    """Write whether a leaf margin is proved, with its bound, or only found by a search."""
     return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
 
 

@@ -22,20 +22,21 @@ def printable(text: str, *, lines: bool = False) -> str:
 class RepctlError(Exception):
     """Base of the errors that this package raises on purpose.
 
-    The message reads ``argument fact; remedy``. The parts can be set anew, in the words of the
-    program that shows the message; :func:`str` then follows them.
+    The message reads ``argument fact; remedy``. The fact describes the fault and its cause. If
+    there is an argument, the fact follows its name, as in ``must be above 0`` and ``: there is no
+    such folder``.
 
-    It is made of the fact: the fault and its cause, which follow the argument's name if there is
-    one, as in ``must be above 0`` and ``: there is no such folder``.
+    A program that shows the message can replace ``argument`` and ``remedy`` by its own words;
+    :func:`str` uses the current ones.
 
     Attributes
     ----------
     argument : str
         Name of the argument at fault; empty if the message names none.
     remedy : str
-        What to do, in the imperative; empty if the fact says it.
+        Remedy, in the imperative; empty if the fact contains it.
     at : object
-        Where it fails: a configuration, a pose, or a line of a file; None if nowhere in particular.
+        Configuration, pose or line of a file at which the fault occurs; None if there is none.
 
     Examples
     --------
@@ -53,11 +54,11 @@ class RepctlError(Exception):
         self.argument, self.remedy, self.at = argument, remedy, at
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle and copy all parts, whatever the class takes to be made."""
+        """Pickle and copy all parts, whatever arguments a subclass's constructor takes."""
         return _restored, (type(self), self.args, vars(self))
 
     def __str__(self) -> str:
-        """Write the message on one line of bounded length, whatever it quotes."""
+        """Format the message on one line of bounded length, whatever it quotes."""
         fact = super().__str__()
         joint = "" if not self.argument or fact.startswith(":") else " "
         parts = (f"{self.argument}{joint}{fact}", self.remedy)
@@ -67,7 +68,7 @@ class RepctlError(Exception):
 
 
 def _restored(kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]) -> RepctlError:
-    """Make an error from its parts again, without calling its constructor."""
+    """Create an error again from its parts, without calling its constructor."""
     error = kind.__new__(kind, *args)
     vars(error).update(parts)
     return error
@@ -115,16 +116,16 @@ class SingularityError(RepctlError):
 
 
 _PACKAGES = {"collada": "pycollada", "PIL": "pillow", "umsgpack": "meshcat"}
-"""Packages of modules that have another name."""
+"""Names of packages, by the name of their module where it differs."""
 
 
 def needed(*modules: str, by: str) -> None:
-    """Check that optional packages are installed.
+    """Check that optional packages, which ``by`` requires, are installed.
 
     Raises
     ------
     InputError
-        If one is missing, with the command that installs it.
+        If a package is missing; the message contains the command that installs it.
     """
     missing = " ".join(
         dict.fromkeys(_PACKAGES.get(name, name) for name in modules if find_spec(name) is None)
@@ -147,7 +148,7 @@ def unknown(
     likely: Sequence[str] = (),
     listing: str = "",
 ) -> InputError:
-    """Make the error for an unknown name, with the most similar known names.
+    """Create the error for an unknown name, with the most similar known names.
 
     Parameters
     ----------
@@ -178,7 +179,7 @@ def unknown(
 
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
-    """Find up to four names that contain the written one, begin with it, or are spelled alike."""
+    """Find up to four known names that contain a name, begin with it, or are spelled alike."""
     written, folded = name.strip().lower(), {k.lower(): v for k, v in names.items()}
     holding = [
         k

@@ -15,7 +15,7 @@ from .errors import InputError
 
 
 def check_folder(folder: Path, *, make: bool = False) -> Path:
-    """Check that files can be written into a folder, and create it if asked to.
+    """Check that files can be written into a folder; with ``make``, create it first.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def prepare_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Remove the folder and its new parents at the end if they are empty."""
+    """Context manager that at its end removes a new folder, and new parents, if they are empty."""
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
         yield folder
@@ -54,7 +54,7 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def written_together(folder: Path) -> Iterator[Path]:
-    """Provide a temporary folder whose files replace those in ``folder``, all or none.
+    """Context manager: a temporary folder whose files replace those in ``folder``, all or none.
 
     One process at a time moves its files, so that a folder never holds files of two runs. After an
     exception the files in ``folder`` are unchanged.
@@ -84,7 +84,7 @@ def _target_in(folder: Path, name: str) -> Path:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Replace a file by renaming a complete one, or by writing it again if that fails."""
+    """Move a file to a target: rename it, or write the target again if that fails."""
     old = target.stat() if target.exists() else None
     try:
         if old is None or stat.S_ISREG(old.st_mode):
@@ -99,7 +99,7 @@ def _move(file: Path, target: Path) -> None:
 
 @contextlib.contextmanager
 def _one_at_a_time(folder: Path) -> Iterator[None]:
-    """Lock a folder against other processes, where the system can lock folders."""
+    """Context manager that locks a folder against other processes, where that is possible."""
     try:
         import fcntl
 
@@ -211,7 +211,7 @@ def _target(path: str | Path) -> Path:
 
 
 def _replace(target: Path, data: bytes, old: os.stat_result | None) -> None:
-    """Write a temporary file with an unpredictable name beside the target, and rename it."""
+    """Write data to a temporary file with a random name beside the target, and rename it."""
     temporary = target.with_name(f".repctl-{secrets.token_hex(8)}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
     try:  # includes os.open: a signal may arrive before it returns the handle

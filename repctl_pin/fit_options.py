@@ -26,7 +26,7 @@ class FitOptions:
         the unknowns divided by m if that is more; :func:`nearest_inverse_function` takes as many as
         the unknowns require.
     held_out : int, optional
-        Number of nodes of the evaluation; by default 16,384, or 8,192 of a cell.
+        Number of nodes of the evaluation; by default 16,384, or 8,192 for a cell.
     seed : int
         Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
         start configuration, too.
@@ -34,14 +34,15 @@ class FitOptions:
         Number of nodes that are evaluated at a time. This and the options below are for
         :func:`nearest_repeatable` only.
     stream : bool
-        Rebuild the batches in each pass instead of keeping them, which needs the memory of one.
+        Rebuild the batches in each pass instead of storing them, so that only one is in memory.
     executor : concurrent.futures.Executor or Dask client, optional
-        Workers that build the batches and keep them.
+        Workers that build and store the batches.
     restarts : int
-        Number of further descents, from random changes of the start; the best descent is taken.
+        Number of additional descents, each from randomly changed start coefficients; the best
+        descent is used.
     tolerance : float
-        The optimiser stops when a step is predicted to lower the cost by less than this share, or
-        when three steps together did not lower it.
+        The optimiser stops when a step is predicted to lower the cost by at most this fraction, or
+        when three steps in a row change the cost by at most this fraction each.
 
     Raises
     ------
@@ -82,7 +83,7 @@ class FitOptions:
         object.__setattr__(self, name, value)
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
-        """Refuse options that differ from their defaults and that a function does not use."""
+        """Raise InputError for a changed option that is not one of ``names``, which ``by`` uses."""
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:
@@ -90,7 +91,7 @@ class FitOptions:
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:
-    """Take the options of a fit; the defaults if there are none."""
+    """Check the given options of a fit; return the defaults for None."""
     if given is None:
         return FitOptions()
     return require_type(

@@ -5,8 +5,8 @@ In the ``pyproject.toml`` of such a package::
     [project.entry-points."repctl_pin.strategies"]
     my_control = "my_package:MyControl"          # task → strategy
 
-    [project.entry-points."repctl_pin.potentials"] my_waves = "my_package:waves"                #
-    (task, q0) → basis of potentials
+    [project.entry-points."repctl_pin.potentials"]
+    my_waves = "my_package:waves"                # (task, q0) → basis of potentials
 
     [project.entry-points."repctl_pin.paths"]
     spiral = "my_package:spiral"                 # (task, q0, *numbers, plane=…) → closed path
@@ -26,13 +26,13 @@ _ONE_OF = {"strategies": "strategy", "potentials": "basis of potentials", "paths
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:
-    """List the plugins of a kind by name, without importing them."""
+    """Find the plugins of a kind, by name, without importing them."""
     assert kind in _ONE_OF, kind
     return {point.name: point for point in entry_points(group=f"repctl_pin.{kind}")}
 
 
 def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
-    """Import the plugin that another package registered under a name.
+    """Import and return the plugin that another package registered under a name.
 
     Parameters
     ----------

@@ -12,12 +12,12 @@ Report = Callable[[str, float], None]
 
 
 def silent(what: str, share: float) -> None:
-    """Ignore progress."""
+    """Progress callback that does nothing."""
 
 
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
-    """Provide a progress callback: one that does nothing, a bar, or the user's."""
+    """Context manager that provides a progress callback: silent, a bar on stderr, or the user's."""
     if not callable(progress) and not isinstance(progress, bool):
         raise InputError(
             "must be True, False or a callback (step, fraction), "

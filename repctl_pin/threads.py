@@ -1,4 +1,4 @@
-"""Scratch memory per thread, so that any number of threads can call one object."""
+"""Objects per thread, such as memory, so that any number of threads can call one function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Cell functions q = F(x; c) as C: straight-line code for one pose, and for several in lanes."""
+"""C code of cell functions q = F(x; c): one version for a single pose, one for a batch of poses.
+
+The batch version evaluates several poses at a time, one per lane of the vector unit.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,17 @@ from .potentials import cell_tables
 from .text import filled, row, table
 
 LANES = 8
-"""Poses that a batch evaluates at once."""
+"""Number of poses (lanes) that the batch version evaluates at a time."""
 
 _WIDEST = 8
-"""Sums that are accumulated at once: as many as the registers hold."""
+"""Maximum number of sums accumulated in one loop: as many as the registers hold."""
 
 
 def function_code(function: InverseFunction, name: str) -> str:
-    """Write F as a C function, with infinite limits if it does not keep them."""
+    """Write the C code of an inverse kinematic function F.
+
+    If F does not keep the joint limits, they are written as infinite.
+    """
     task, chart = function.task, function.chart
     lower, upper = (
         (task.lower, task.upper)
@@ -46,7 +52,7 @@ def function_code(function: InverseFunction, name: str) -> str:
 
 
 def _lanes(chart: Chart, name: str, lanes: int) -> str:
-    """Write the polynomials, and Newton's method, for a number of poses at once."""
+    """Write the C code that evaluates F at ``lanes`` poses: polynomials, and Newton's method."""
     task, monomials = chart.cell.task, chart.monomials
     chain = Chain(task, lanes=True)
     rows, columns = elimination_order(chart)
@@ -72,7 +78,11 @@ def _lanes(chart: Chart, name: str, lanes: int) -> str:
 
 
 def elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
-    """Order rows and columns of J_V by complete pivoting in the middle of the cell."""
+    """Order rows and columns of J_V by complete pivoting in the middle of the cell.
+
+    Returns the indices of the rows, and of the columns, in their new order, in which the C code
+    eliminates without pivoting.
+    """
     q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
     A = np.concatenate([chart.cell.task.jacobian(q), V.T])
     n = len(A)
@@ -89,7 +99,11 @@ def elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
 
 
 def _products(monomials: Monomials, lanes: int) -> str:
-    """Write each monomial as a variable times one of a degree lower, in runs of neighbours."""
+    """Write C loops that evaluate all monomials of u (k,): ``T[i][l]`` at pose l.
+
+    Each monomial is a variable times a monomial of a degree lower. Neighbours with the same
+    variable share a loop.
+    """
     powers = monomials.exponents.tolist()
     at = {tuple(power): i for i, power in enumerate(powers)}
     runs: list[list[int]] = []  # variable, first factor, first product, length
@@ -109,8 +123,11 @@ def _products(monomials: Monomials, lanes: int) -> str:
 
 
 def _columns(chart: Chart) -> list[tuple[int, list[int]]]:
-    """Group the entries of q_ref and n_ref by the number of monomials that they have, a few at a
-    time; n_ref mostly has fewer."""
+    """Group the entries of q_ref and n_ref by their number of monomials, at most 8 per group.
+
+    Returns the number of monomials and the indices of the entries, for each group. The polynomials
+    of n_ref mostly have fewer monomials than those of q_ref.
+    """
     weights = chart.coefficients.reshape(chart.monomials.size, -1)
     counts = [1 + int(np.max(np.flatnonzero(w), initial=0)) for w in weights.T]
     parts = []
@@ -123,7 +140,7 @@ def _columns(chart: Chart) -> list[tuple[int, list[int]]]:
 
 
 def _weights(chart: Chart, name: str) -> str:
-    """Write a table of weights for each group of entries."""
+    """Write a C table of polynomial coefficients for each group of :func:`_columns`."""
     weights = chart.coefficients.reshape(chart.monomials.size, -1)
     return "".join(
         f"\nstatic const double {name}_chart_weight_{part}[{count}][{len(group)}] = {{\n"
@@ -133,7 +150,7 @@ def _weights(chart: Chart, name: str) -> str:
 
 
 def _sums(name: str, columns: Iterable[tuple[int, list[int]]], lanes: int) -> str:
-    """Write the sums of weighted monomials, a few at a time."""
+    """Write C loops that evaluate the entries of q_ref and n_ref: weighted sums of monomials."""
     lines, step = [], 2 if lanes == 1 else 1  # two sums of one pose do not wait for each other
     for part, (count, group) in enumerate(columns):
         weight, sums = f"{name}_chart_weight_{part}", [f"s{i}" for i in group]
@@ -155,14 +172,14 @@ def _sums(name: str, columns: Iterable[tuple[int, list[int]]], lanes: int) -> st
 
 
 def _added(weight: str, at: str, sums: Sequence[str]) -> list[str]:
-    """Write the addition of one weighted monomial to sums."""
+    """Write the C lines that add one monomial, times its weights, to several sums."""
     terms = [f"            {s} += t * w[{k}];" for k, s in enumerate(sums)]
     begin = f"            const double t = T[{at}][l], *w = {weight}[{at}];"
     return ["        {", begin, *terms, "        }"]
 
 
 def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:
-    """Write the last rows of J_V, n_ref."""
+    """Write the C lines that fill the last r rows of J_V, in the array A, with n_refᵀ."""
     return _lines(
         (
             f"A[{row_of[task.m + j]}][{column_of[i]}][l] = both[{(1 + task.r) * i + 1 + j}][l];"
@@ -174,10 +191,13 @@ def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:
 
 
 def _errors(task: Task, row_of: Sequence[int]) -> str:
-    """Write the right-hand side: the error of f(x), with sines of small angles, and of the label.
+    """Write the C lines that fill b, the right-hand side of the linear system of a Newton step.
 
-    For a pose it is half of the skew part of R* Rᵀ, for an axis its sine about the tool's x and y:
-    they are 0 where the rotation error is."""
+    Its entries are the task error, from f(q) to the target, and the error c − h(q) of the level. In
+    the task error, sines stand for the angles: for a pose, half of the skew part of R* Rᵀ, with R*
+    of the target and R of the frame; for an axis, its sines about the tool's x and y. They vanish
+    with the rotation error. ``cosine_left`` gets the sign of the cosine of the rotation error.
+    """
     g, h = ([f"{what}[{i}][l]" for i in range(12)] for what in ("goal", "here"))
     e = [f"{g[axis]} - {h[axis]}" for axis in task.rows if axis < 3]
     lines = []
@@ -206,8 +226,10 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
 
 
 def _factors(n: int, lanes: int) -> str:
-    """Write the elimination without exchanges, with 1 / U on the diagonal; for one pose without
-    loops."""
+    """Write the C lines of the LU factorisation of J_V, in the array A, without pivoting.
+
+    The diagonal of A then holds 1 / U. For one pose, the loops are unrolled.
+    """
     small = "if (!(fabs({0}) > 1e-6)) state[l] = -1.0;"
     if lanes > 1:
         each = f"for (l = 0; l < {lanes}; l++)"
@@ -237,7 +259,7 @@ def _factors(n: int, lanes: int) -> str:
 
 
 def _solution(n: int) -> str:
-    """Write the substitutions with these factors."""
+    """Write the C lines that solve for the Newton step, in b, with the LU factors in A."""
     lines = [
         f"b[{i}][l] -= {' + '.join(f'A[{i}][{k}][l] * b[{k}][l]' for k in range(i))};"
         for i in range(1, n)
@@ -249,7 +271,7 @@ def _solution(n: int) -> str:
 
 
 def _steps(column_of: Sequence[int]) -> str:
-    """Write the step, and the size of its largest entry."""
+    """Write the C lines that add the Newton step to the joints, and find its largest entry."""
     lines = []
     for i, k in enumerate(column_of):
         lines.append(f"x[{i}][l] += b[{k}][l];")

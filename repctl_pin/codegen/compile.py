@@ -23,13 +23,14 @@ from ..threads import PerThread
 from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, library, run_many
 
 _LEAST_PART = 1024
-"""Poses for which another thread is worthwhile."""
+"""Minimum number of poses per thread; for fewer, another thread is not worthwhile."""
 
 
 class CompiledFunction(InverseFunction):
     """Inverse kinematic function ``q = F(x; c)`` in C.
 
-    Python evaluates failed calls again for the error message."""
+    If a C call fails, Python evaluates F again, for the error message.
+    """
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
         super().__init__(chart, keep_limits=keep_limits)
@@ -72,7 +73,7 @@ class CompiledFunction(InverseFunction):
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """Inverse ``q̇ = ∂F/∂x ẋ``, also in C."""
+        """Repeatable inverse ``q̇ = ∂F/∂x ẋ``, also compiled to C."""
         if self._library is None:  # a warning was given
             return super().inverse
         return RepeatableInverse(
@@ -83,9 +84,10 @@ class CompiledFunction(InverseFunction):
 def _one_pose(
     task: Task, run: Callable[..., int]
 ) -> Callable[[pin.SE3, Array | None], Array | None]:
-    """Create the function (target, leaf or None) → q (n,) of one thread.
+    """Create the function (target, leaf or None) → q (n,) that calls C from one thread.
 
-    It returns None if C returns an error."""
+    It returns None if C returns an error.
+    """
     parts, address = call_memory(task)
     pose, leaf_in, result = parts["target"].reshape(4, 4), parts["leaf"], parts["result"]
 
@@ -107,26 +109,27 @@ def compiled(control: InverseFunction) -> InverseFunction: ...
 def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse | InverseFunction:
     """Compile a repeatable inverse or a cell function to C.
 
-    An inverse gets compiled ``velocity``, ``step``, ``batch`` and ``velocities``.
+    The returned inverse runs ``velocity``, ``step``, ``batch`` and ``velocities`` in C. The
+    returned cell function runs F, ``batch`` and its ``inverse`` in C.
 
-    It is compiled once by the system's C compiler, and stored in the user's cache. Without a
-    compiler, a warning is given and Python is used. Any number of threads can call the result.
+    The code is compiled once by the system's C compiler, and stored in the user's cache. Without a
+    compiler, a warning is given and the result runs in Python. Any number of threads can call it.
 
     Parameters
     ----------
     control
-        Inverse with potentials that are polynomials, Fourier series, or their sums. Or a cell's
-        inverse kinematic function, such as ``found.function``; F, ``batch`` and its ``inverse`` are
-        then in C.
+        Inverse with potentials that are polynomials, Fourier series, or their sums; or a cell's
+        inverse kinematic function, such as ``found.function``.
 
     Returns
     -------
     RepeatableInverse or InverseFunction
+        Compiled version of ``control``, with its interface.
 
     Raises
     ------
     InputError
-        If its potentials are user-defined functions, which cannot be written as C.
+        If the potentials are user-defined functions, which cannot be written as C.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Governor in C, called from Python: ticks of some 10 µs."""
+"""Governor in C, called from Python; a tick takes some 10 µs."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _BYTES = f"{NAME}_governor_bytes"
 
 
 class CompiledGovernor(Governor):
-    """:class:`Governor` in C, with the same arguments, methods and joints.
+    """Governor compiled to C, with the arguments, methods and results of :class:`Governor`.
 
-    It is compiled once by the system's C compiler, and stored in the user's cache. Without a
-    compiler, a warning is given and Python is used.
+    The code is compiled once by the system's C compiler, and stored in the user's cache. Without a
+    compiler, a warning is given and :class:`Governor` runs in Python.
 
     Raises
     ------
     InputError
-        As in :class:`Governor`, or if the potentials cannot be written as C.
+        As for :class:`Governor`, or if the potentials cannot be written as C.
     """
 
     def __init__(self, inverse: RepeatableInverse, dt: float, **limits: Any) -> None:
@@ -50,7 +50,7 @@ class CompiledGovernor(Governor):
         self._run = self._library[f"{NAME}_governor_step"]
 
     def start(self, q: ArrayLike) -> None:
-        """Begin, or begin again, at rest at a configuration; see :meth:`Governor.start`."""
+        """Start, or restart, at rest at a configuration; see :meth:`Governor.start`."""
         super().start(q)
         if self._library is not None:
             begin = self._library[f"{NAME}_governor_start"]
@@ -61,7 +61,7 @@ class CompiledGovernor(Governor):
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
     ) -> tuple[Array, Status]:
-        """Go on by one tick; see :meth:`Governor.step`."""
+        """Compute the next configuration and its status; see :meth:`Governor.step`."""
         if self._library is None:
             return super().step(target, twist)
         history = self._started().history
@@ -85,7 +85,10 @@ def _address(values: Array) -> Any:
 
 
 def _library(inverse: RepeatableInverse) -> ctypes.PyDLL | None:
-    """Compile the governor of an inverse; None, with a warning, without a compiler."""
+    """Compile the governor of an inverse to a shared library, and load it.
+
+    Returns None, after a warning, if there is no C compiler.
+    """
     region = inverse.region if isinstance(inverse.region, Region) else None  # a cell is its own
     source = write_source(inverse, NAME, region, governor=True)
     size = f"const unsigned long {_BYTES} = sizeof({NAME}_governor);\n"

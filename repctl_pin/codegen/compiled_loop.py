@@ -1,4 +1,4 @@
-"""Law of one control step in compiled C, called from Python."""
+"""Control step of a repeatable inverse in compiled C, called from Python."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ _OK, _SINGULAR = 0, 1
 
 
 def compiled_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
-    """Make the factory of the fast functions in C; without a compiler, in Python with a warning."""
+    """Create a factory of the C functions of a control step; each call makes those of one thread.
+
+    Without a C compiler, a warning is given and the functions are in Python.
+    """
     path = library(RepeatableInverse(task, potentials))
     if path is None:
         return python_loops(task, potentials)
@@ -38,7 +41,10 @@ def compiled_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
 
 
 def library(control: RepeatableInverse | InverseFunction) -> str | None:
-    """Compile a control to a shared library: its path; None, with a warning, without a compiler."""
+    """Compile an inverse or a cell function to a shared library, and return its path.
+
+    Returns None, after a warning, if there is no C compiler.
+    """
     source, many = write_source(control, NAME), isinstance(control, InverseFunction)
     function = filled("python_function.c", NAME, {}) if many else ""
     code = (
@@ -57,7 +63,10 @@ def library(control: RepeatableInverse | InverseFunction) -> str | None:
 
 
 def call_memory(task: Task) -> tuple[dict[str, Array], ctypes.c_void_p]:
-    """Allocate the memory of one thread's calls: its parts by name, and its address."""
+    """Allocate the arguments of the C calls of one thread: ``arm_call`` in ``python.c``.
+
+    Returns an array for each argument, by name, and the address of the memory.
+    """
     n, m, r = task.n, task.m, task.r
     sizes = {
         "q": n,
@@ -78,7 +87,11 @@ def call_memory(task: Task) -> tuple[dict[str, Array], ctypes.c_void_p]:
 
 
 def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
-    """Wrap a library: short calls hold the interpreter's lock, long ones release it."""
+    """Create the :class:`Loop` of a shared library, for one thread.
+
+    The library is loaded twice. Calls of ``held``, for one configuration, keep Python's global
+    interpreter lock; calls of ``released``, for batches, release it.
+    """
     parts, address = call_memory(task)
     q_in, xdot_in, twist_in = parts["q"], parts["xdot"], parts["twist"]
     leaf_in, dt_in, gain_in = parts["leaf"], parts["dt"], parts["gain"]
@@ -134,9 +147,9 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
 
 
 def run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:
-    """Call a C function for each row of several arrays, the last of which takes the results.
+    """Call a C function on all rows of several arrays, the last of which receives the results.
 
-    Returns the number of rows that were evaluated.
+    Returns the number of rows that were evaluated before the first failure.
     """
     function = library[f"{NAME}_call_{name}"]
     function.restype = ctypes.c_long
@@ -147,7 +160,7 @@ def run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:
 def _batches(
     task: Task, library: ctypes.CDLL
 ) -> tuple[Callable[[Array], Array], Callable[[Array, Array], Array]]:
-    """Make the batched functions: Q (K, n) → G (K, n, m), and Q, Ẋ (K, m) → q̇ (K, n)."""
+    """Create the batched functions: Q (K, n) → G (K, n, m), and Q, Ẋ (K, m) → q̇ (K, n)."""
     n, m = task.n, task.m
 
     def run(name: str, *arrays: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Export of a repeatable inverse as a folder of C files for a robot's control loop."""
+"""Export of a repeatable inverse or a cell function as C files for a robot's control loop."""
 
 from __future__ import annotations
 
@@ -34,43 +34,45 @@ def export_c(
     *,
     region: Region | None = None,
 ) -> list[Path]:
-    """Export a repeatable inverse as C99 (and C++17) that depends on ``<math.h>`` only.
+    """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
 
-    ``name.h`` and ``name.c``: placement, jacobian, inverse, leaf, velocity, step, torque, inside,
-    every name beginning with ``name_``. They do not allocate memory, keep no state, and return a
-    status. ``name.hpp``: the same with ``std::array``; ``name_kdl.hpp``: solvers of Orocos KDL.
-    ``test_vectors.h`` and ``check.c`` compare a build with Python; ``loop.c`` is an example at
-    1 kHz; ``CMakeLists.txt`` builds all. The output is deterministic.
+    ``name.h`` and ``name.c`` depend on ``<math.h>`` only. They define the functions placement,
+    jacobian, inverse, leaf, velocity, step, torque and inside, with the prefix ``name_``. The
+    functions do not allocate memory, keep no state, and return a status. ``name.hpp`` has these
+    functions with ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program
+    ``check.c`` compares a build with Python's results in ``test_vectors.h``. ``loop.c`` is an
+    example of a control loop at 1 kHz, and ``CMakeLists.txt`` builds all. The output is
+    deterministic.
 
-    ``name_governor_step`` is :class:`Governor` in C: limits kept at run time. Its state is a struct
-    that the caller owns. A task in other joint coordinates has none.
+    ``name_governor_step`` is :class:`Governor` in C, which keeps the limits at run time. Its state
+    is a struct that the caller owns. It is not exported for a task in other joint coordinates.
 
     Parameters
     ----------
     control
         Inverse such as ``design.inverse``, with potentials that are polynomials, Fourier series, or
-        their sums. Or a cell's inverse kinematic function, such as ``found.function``, which adds
-        ``name_F(target)``.
+        their sums; or a cell's inverse kinematic function, such as ``found.function``, which is
+        exported as ``name_F``, with its inverse.
     folder
         Folder for the files, created if it does not exist.
     name
         Prefix of the files and of every name in C.
     region
         Region such as ``design.region``, which ``name_inside`` checks and from which the test
-        vectors are sampled. A cell's function and its inverse use their cell, and by default stay
-        within it and within the joint limits.
+        vectors are sampled. A cell's function and its inverse use their cell instead; their steps
+        by default stay within the cell and the joint limits.
 
     Returns
     -------
     list of Path
-        The files.
+        Paths of the files written.
 
     Raises
     ------
     InputError
-        If the name is not an identifier, the inverse or the region holds user-defined functions, or
-        the folder cannot be written, holds another control, or a file of one of these names that
-        repctl_pin did not write or that was edited.
+        If the name is not an identifier; the inverse or the region contains user-defined functions;
+        or the folder cannot be written, contains the export of another inverse, or contains a file
+        of one of these names that repctl_pin did not write or that was edited since.
 
     Examples
     --------
@@ -126,7 +128,7 @@ def export_c(
 
 
 def _signed(file: str, text: str) -> str:
-    """Add a first line to a file: origin, version and checksum of the rest."""
+    """Put a comment line before a file's text: origin, version and checksum of the text."""
     said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
     return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"
 
@@ -150,7 +152,10 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:
-    """Choose axes and radius, m, of a small circle, within the cell if there is one."""
+    """Choose the axes (at most two) and the radius, m, of the circle in the example ``loop.c``.
+
+    If the region is a cell, the circle from the start lies inside it.
+    """
     axes = [int(axis) for axis in task.rows if axis < 3]
     if not isinstance(region, Cell):
         return axes[:2], 0.02
@@ -164,7 +169,7 @@ def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]
 
 
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
-    """Format one test vector as C."""
+    """Write a test vector, and Python's results ``said`` for it, as a C initialiser."""
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
@@ -195,7 +200,10 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
-    """Format targets inside and outside the cell, and Python's results for them."""
+    """Write the C test vectors of a cell function, with Python's results.
+
+    Their targets are inside and outside the cell.
+    """
     rows = []
     for target, leaf in targets(function):
         status, q = asked(partial(function, target, leaf=leaf), function.task.n)

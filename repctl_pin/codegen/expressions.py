@@ -17,7 +17,7 @@ URDF."""
 
 
 class Expression:
-    """Number, input, sine, cosine, sum or product, created by a :class:`Graph`."""
+    """Number, input, sine, cosine, negative, sum or product, created by a :class:`Graph`."""
 
     __slots__ = ("graph", "kind", "order", "parts", "value")
 
@@ -40,13 +40,13 @@ class Expression:
 
 
 class Graph:
-    """Factory of expressions without duplicates."""
+    """Factory of expressions, in which equal expressions are one object."""
 
     def __init__(self) -> None:
         self._made: dict[tuple[Any, ...], Expression] = {}
 
     def number(self, value: float) -> Expression:
-        """Create a constant."""
+        """Create a constant, rounded to 0, 1 or −1 if it is within 1e-15 of it."""
         near = min((0.0, 1.0, -1.0), key=lambda known: abs(value - known))
         return self._make("number", (), near if abs(value - near) <= _SNAP else float(value))
 
@@ -119,7 +119,7 @@ def assignments(targets: dict[str, Expression], indent: str = "    ") -> str:
     Parameters
     ----------
     targets
-        Expressions by their target, such as ``J[0][1]``.
+        Expressions by the C variable that they are assigned to, such as ``J[0][1]``.
     """
     uses: dict[int, int] = {}
     order: list[Expression] = []
@@ -171,7 +171,7 @@ def _text(expression: Expression, names: dict[int, str]) -> str:
 
 
 def _factor(expression: Expression, names: dict[int, str]) -> str:
-    """Format a factor of a product, or the operand of a minus."""
+    """Write a factor of a product, or the operand of a minus, in parentheses if necessary."""
     text = _text(expression, names)
     bare = id(expression) in names or expression.kind in ("input", "sin", "cos")
     return (
@@ -180,5 +180,5 @@ def _factor(expression: Expression, names: dict[int, str]) -> str:
 
 
 def _is_single(expression: Expression, names: dict[int, str]) -> bool:
-    """Test whether a leading minus applies to the whole expression."""
+    """Test whether a minus at the beginning of an expression's text applies to all of it."""
     return expression.kind in ("number", "negative") and id(expression) not in names

@@ -1,4 +1,7 @@
-"""C of the governor: limits kept at run time, see :class:`repctl_pin.motion.Governor`."""
+"""C code of the governor, which keeps the limits at run time.
+
+See :class:`repctl_pin.motion.Governor`.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,10 @@ _LIFT = {
 
 
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
-    """Write the parts of header, source and C++ header; nothing for other joint coordinates."""
+    """Write the governor's parts of the C header, the C source and the C++ header.
+
+    All three are empty for a task in other joint coordinates, which has no governor in C.
+    """
     if task.coordinates is not None:
         return "", "", ""
     kind = task.kind if task.kind in _LIFT else "position"
@@ -69,7 +75,10 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
 
 
 def _padded(values: Array) -> Array:
-    """Fill the rows with zeros to the longer degree, and add rows."""
+    """Fill a table with zeros to the size of the longer degree: (LONG + 1, LONG + 1).
+
+    A table of one row stays one row: (1, LONG + 1).
+    """
     rows = 1 if len(values) == 1 else LONG + 1
     whole = np.zeros((rows, LONG + 1))
     whole[: len(values), : values.shape[1]] = values

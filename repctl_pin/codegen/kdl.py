@@ -12,7 +12,9 @@ from .text import filled, row
 def kdl_header(
     control: RepeatableInverse | InverseFunction, name: str, about: str, start: Array
 ) -> str:
-    """Write the header: a velocity solver, and a position solver that evaluates F or iterates.
+    """Write the C++ header with a velocity solver and a position solver for Orocos KDL.
+
+    The position solver evaluates F if ``control`` is a cell function; otherwise it iterates.
 
     Parameters
     ----------
@@ -23,7 +25,7 @@ def kdl_header(
     about
         Comment with robot, frame and joints.
     start : (n,) array
-        Configuration around which the solvers compare a chain with the arm.
+        Configuration near which the solvers compare the user's KDL chain with the arm.
     """
     task = control.task
     solver = "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
@@ -38,7 +40,7 @@ def kdl_header(
 
 
 def _rates(task: Task) -> str:
-    """Write the task's velocity ẋ, from the twist of the tip in base axes."""
+    """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes."""
     lines = [f"        xdot[{i}] = v_in({row});" for i, row in enumerate(task.rows) if row < 3]
     if task.kind == "pose":
         lines += [f"        xdot[{i}] = v_in({i});" for i in range(3, 6)]
@@ -52,7 +54,7 @@ def _rates(task: Task) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Write a C string: letters, digits and ``_`` as they are, other bytes as octal escapes."""
+    """Write a C string literal; bytes other than letters, digits and ``_`` as octal escapes."""
     return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 
 

@@ -26,17 +26,19 @@ class Chain:
     R : (3, 3) expressions
         Orientation of the frame.
     J : (m, n) expressions
-        Jacobian of ``ẋ = J q̇`` (2), rows as in :class:`repctl_pin.robot.task.Task`; also in
-        coordinates ψ.
+        Jacobian of ``ẋ = J q̇`` (2), rows as in :class:`repctl_pin.robot.task.Task`. For a task in
+        other joint coordinates ψ, q stands for ψ.
     angles : list of expressions
-        Angles of the revolute joints, if ``lanes``: their sines and cosines are inputs then.
+        Angles of the revolute joints if ``lanes``, in which case their sines and cosines are
+        inputs; otherwise empty.
 
     Parameters
     ----------
     task
         The task.
     lanes
-        Write for several poses at once: every variable has one value per pose, ``q[i][l]``.
+        Write code for several poses at a time: every variable has one value per pose l, and joint
+        i is ``x[i][l]``.
     """
 
     def __init__(self, task: Task, *, lanes: bool = False) -> None:
@@ -79,7 +81,7 @@ class Chain:
         )
 
     def _column(self, turns: bool, z: Vector, o: Vector) -> Vector:
-        """Compute the frame's twist (v, ω) per unit joint speed."""
+        """Compute the frame's twist (v, ω) per unit speed of a joint with axis z through o."""
         if not turns:
             return [*z, *self._numbers(np.zeros(3))]
         d = [a - b for a, b in zip(self.p, o, strict=True)]
@@ -92,7 +94,7 @@ class Chain:
         self.R = [[self._weighted(column, row) for column in rotation.T] for row in self.R]
 
     def _turn(self, angle: Expression) -> None:
-        """``R ← R R_z(angle)``."""
+        """Rotate the frame about its z axis: ``R ← R R_z(angle)``."""
         c, s = self._cosine_and_sine(angle)
         self.R = [[x * c + y * s, y * c - x * s, z] for x, y, z in self.R]
 
@@ -112,7 +114,10 @@ class Chain:
         return [self.graph.number(v) for v in values]
 
     def code(self) -> dict[str, str]:
-        """Write C assignments of ``p[3]`` and ``R[9]``, of ``J[m][n]``, and of all of them."""
+        """Write C assignments of ``p[3]``, ``R[9]`` and ``J[m][n]``.
+
+        Returns three texts by name: ``placement`` (p and R), ``jacobian`` (J) and ``chain`` (all).
+        """
         p = {f"p[{i}]": e for i, e in enumerate(self.p)}
         R = {f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)}
         J = {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
@@ -123,7 +128,12 @@ class Chain:
         }
 
     def lane_code(self, row_of: Sequence[int], column_of: Sequence[int]) -> tuple[str, str, str]:
-        """Write the angles, ``here`` (p and R), and ``here`` with J in rows and columns of A."""
+        """Write C assignments for several poses: three texts.
+
+        The first assigns ``angle``, the angles of the revolute joints; the second ``here``, which
+        is p and R (12 numbers); the third ``here`` and J. J is written into the matrix A: its row a
+        and column i go to ``A[row_of[a]][column_of[i]]``.
+        """
         angles = {f"angle[{j}][l]": e for j, e in enumerate(self.angles)}
         entries = [*self.p, *(e for row in self.R for e in row)]
         here = {f"here[{i}][l]": e for i, e in enumerate(entries)}
@@ -137,7 +147,7 @@ class Chain:
 
 
 def _joints(task: Task) -> list[tuple[bool, Array]]:
-    """List the type of every joint, True if revolute, and its axis in its own frame."""
+    """Find for every joint whether it is revolute, and its axis (3,) in its own frame."""
     model, data = task.model, task.model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     found = []
@@ -149,7 +159,10 @@ def _joints(task: Task) -> list[tuple[bool, Array]]:
 
 
 def _z_along(axis: Array) -> Array:
-    """Compute a rotation (3, 3) with a given third column; entries 0 and 1 for the axes x, y, z."""
+    """Compute a rotation (3, 3) whose third column is a given unit vector.
+
+    Along the axes x, y and z, its entries are exactly 0, 1 and −1.
+    """
     axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
     k = int(np.argmax(np.abs(axis)))
     other = np.eye(3)[(k + 1) % 3]

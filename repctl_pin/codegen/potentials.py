@@ -1,4 +1,4 @@
-"""Potentials h(q), their gradients as C, by tables and loops."""
+"""C code of potentials h(q) and their gradients, by tables and loops."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ Written = PolynomialMap | FourierMap | CellPotentials
 
 
 def potential_functions(potentials: Potentials, n: int, name: str) -> list[str]:
-    """Write C functions ``name_potential_0``, … that add parts of h (r,) and Vᵀ = ∂h/∂q (r, n).
+    """Write the C functions ``name_potential_0``, …, which evaluate h (r,) and Vᵀ = ∂h/∂q (r, n).
+
+    Each function adds one term of a sum of potentials to h and to Vᵀ.
 
     Parameters
     ----------
@@ -56,7 +58,7 @@ def potential_functions(potentials: Potentials, n: int, name: str) -> list[str]:
 
 
 def _flat(potentials: Potentials, joints: Sequence[int]) -> list[tuple[Written, Sequence[int]]]:
-    """Split sums into single potentials, each with the joints that it depends on."""
+    """Split sums of potentials into their terms, each with the joints that it depends on."""
     if isinstance(potentials, SumMap):
         return [found for part in potentials.maps for found in _flat(part, joints)]
     if isinstance(potentials, PartialMap):
@@ -70,10 +72,12 @@ def _flat(potentials: Potentials, joints: Sequence[int]) -> list[tuple[Written, 
 
 
 def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
-    """Tabulate r polynomials of degree d, homogenised by a factor z_0 = 1.
+    """Write the tables of r polynomials of degree d for the template ``polynomial.c``.
 
-    The derivatives ``w_i = ∂h/∂z_i`` are sums over monomials u^β of degree d − 1 at most, and by
-    Euler's theorem ``h = Σ_i w_i z_i / d``: one table serves values and gradient."""
+    With a factor z_0 = 1, h is homogeneous in ``z = (1, q − center)``. Its derivatives ``w_i =
+    ∂h/∂z_i`` are sums over monomials u^β of degree at most d − 1, with ``u = (q − center) /
+    scale``. By Euler's theorem ``h = Σ_i w_i z_i / d``, so one table serves values and gradient.
+    """
     d, k = potentials.degree, len(potentials.center)
     r = len(next(iter(potentials.terms.values())))
     shares: dict[Powers, Array] = {}  # weights of u^β in w (r, k + 1)
@@ -104,9 +108,11 @@ def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
 
 
 def _monomials(expected: dict[Powers, Array], k: int) -> tuple[list[Powers], list[int], list[int]]:
-    """Order monomials so that each is an earlier one times a variable.
+    """Order monomials so that each is an earlier one (its parent) times a variable.
 
-    Returns their powers, parents and variables."""
+    Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
+    for each monomial its powers, the index of its parent, and the index of the variable.
+    """
     needed = {(0,) * k}
     for beta in expected:
         while any(beta):
@@ -119,13 +125,16 @@ def _monomials(expected: dict[Powers, Array], k: int) -> tuple[list[Powers], lis
 
 
 def _lower(beta: Powers) -> tuple[Powers, int]:
-    """Split one variable off a monomial: the remaining powers, and the variable."""
+    """Divide a monomial by its last variable: the remaining powers, and the variable's index."""
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last
 
 
 def _fourier(potentials: FourierMap) -> dict[str, object]:
-    """Tabulate waves and coefficients, without unused waves."""
+    """Write the tables of a Fourier series for the template ``fourier.c``: waves and coefficients.
+
+    Waves whose coefficients are all 0 are left out.
+    """
     used = ((potentials.sines != 0) | (potentials.cosines != 0)).any(axis=1)
     used[0] |= not used.any()
     weights = np.stack([potentials.sines[used], potentials.cosines[used]], axis=-1)  # (waves, r, 2)
@@ -137,7 +146,10 @@ def _fourier(potentials: FourierMap) -> dict[str, object]:
 
 
 def _cell(chart: Chart, name: str) -> dict[str, object]:
-    """Tabulate ``h(q) = n_ref(u)ᵀ (q − q_ref(u))``, with the C code for the rate of u."""
+    """Write the tables of ``h(q) = n_ref(u)ᵀ (q − q_ref(u))`` for the template ``cell.c``.
+
+    They include the C code that computes u and its rate.
+    """
     cell, tables = chart.cell, cell_tables(chart)
     if isinstance(cell, Sector):
         return tables | {
@@ -160,11 +172,11 @@ _ANGULAR = {
     "        d[3 + i] = R[3 * i] * g[0] + R[3 * i + 1] * g[1] + R[3 * i + 2] * g[2];\n",
     "axis": "    d[3] = g[0];\n    d[4] = g[1];\n",
 }
-"""The end of the gradient, by the kind of the task."""
+"""C lines that write the angular entries of a gradient d from g, by the kind of the task."""
 
 
 def _sector(cell: Sector) -> dict[str, object]:
-    """Tabulate the axis and the middle of a sector."""
+    """Write the tables of a sector: its axis, middle and bounds."""
     bounds = np.where(cell.widths == 0, TURNED, cell.widths * (1 + EDGE))
     bounds[list(cell.free)] = np.inf
     places = min(3, cell.task.m)
@@ -201,7 +213,7 @@ def _slope(one: Symmetry, r: int) -> str:
 
 
 def cell_tables(chart: Chart) -> dict[str, object]:
-    """Tabulate a chart: the cell, the monomials, and the weights of q_ref and n_ref."""
+    """Write the tables of a chart: the cell, the monomials, and the weights of q_ref and n_ref."""
     cell, monomials = chart.cell, chart.monomials
     return {
         "k": cell.k,

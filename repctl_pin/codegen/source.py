@@ -1,4 +1,4 @@
-"""C99 header and source file of a repeatable inverse."""
+"""C99 header and source file of a repeatable inverse or a cell function."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MEANING = {
 
 
 class Source(NamedTuple):
-    """Header and source file, and the governor's part of the C++ header."""
+    """Texts of the C header and the C source file, and of the governor in the C++ header."""
 
     header: str
     code: str
@@ -53,7 +53,7 @@ def write_source(
         Inverse with potentials that are polynomials, Fourier series, or their sums; or a cell
         function, whose inverse is written, too.
     name
-        Checked prefix.
+        Prefix, which must be valid (see :func:`repctl_pin.codegen.text.checked_name`).
     region
         Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
         region, every q is inside.
@@ -107,7 +107,10 @@ def write_source(
 
 
 def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:
-    """Return the region given, or the cell of a cell function."""
+    """Return the region that ``name_inside`` checks: the given one, or the cell of a cell function.
+
+    None if there is neither.
+    """
     return (
         inverse.potentials.chart.cell.whole
         if region is None and isinstance(inverse.potentials, CellPotentials)
@@ -116,7 +119,10 @@ def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cel
 
 
 def _limits(task: Task) -> dict[str, str]:
-    """Write the limits of the robot's own joints, and these joints as functions of q."""
+    """Write the limits of the robot's joints, and C assignments of these joints from q.
+
+    The joints are not q itself if the task has other joint coordinates.
+    """
     lower, upper, _ = task.joint_limits
     graph = Graph()
     q = [graph.input(f"q[{i}]") for i in range(task.n)]
@@ -158,14 +164,14 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | 
 
 
 def _of(region: Region | Cell | None) -> str:
-    """Describe a region in a comment."""
+    """Describe a region, for a C comment."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))
 
 
 def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
-    """Write the function that tests whether q is in a region."""
+    """Write the C function that tests whether q is in a region; without one, every q is."""
     if region is None:
         return filled("inside_any.c", name, {})
     if isinstance(region, Cell):

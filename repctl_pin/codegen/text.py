@@ -1,4 +1,4 @@
-"""Formatting of C: names, numbers, safe comments, and templates."""
+"""Formatting of C code: names, numbers, safe comments, and templates."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _LONGEST = 80
 
 
 def checked_name(name: Any) -> str:
-    """Check the prefix of all names and files of the C code.
+    """Check the name that becomes the prefix of all names and files of the C code; return it.
 
     Raises
     ------
     InputError
-        If it is not an identifier, or is used in C, C++ or the other files.
+        If the name is not an identifier, or is reserved in C, C++ or the exported files.
     """
     plain = isinstance(name, str) and re.fullmatch(
         r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII
@@ -41,45 +41,51 @@ def checked_name(name: Any) -> str:
 
 
 def comment(text: str) -> str:
-    """Escape a text for a C comment: ASCII only, special characters as ``\\u002a``."""
+    """Escape a text for a C comment, and cut it to 80 characters.
+
+    The result is ASCII; special characters become escapes such as ``\\u002a``.
+    """
     short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
     return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
 
 
 def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
-    """Format the rows of a table of doubles."""
+    """Format rows of doubles as the rows of a two-dimensional C initialiser."""
     return ",\n".join(f"{indent}{{{', '.join(map(number, row))}}}" for row in rows)
 
 
 def row(values: Iterable[float]) -> str:
-    """Format a row of doubles."""
+    """Format doubles as a C initialiser, ``{1.0, HUGE_VAL}``."""
     return f"{{{', '.join(map(value, values))}}}"
 
 
 def pose(placement: pin.SE3) -> str:
-    """Format a placement: position, and rotation row by row."""
+    """Format a placement as a C initialiser: position, and rotation row by row."""
     return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
 
 
 def value(x: float) -> str:
-    """Format a double, which may be infinite or nan."""
+    """Format a double, which may be infinite or nan, as a C expression."""
     if math.isnan(x):
         return "(HUGE_VAL - HUGE_VAL)"
     return number(x) if math.isfinite(x) else "HUGE_VAL" if x > 0 else "-HUGE_VAL"
 
 
 def integer(values: Iterable[int]) -> str:
-    """Format a row of integers."""
+    """Format integers as a C initialiser, ``{1, 2}``."""
     return f"{{{', '.join(str(int(v)) for v in values)}}}"
 
 
 def template(file: str) -> str:
-    """Read a template: C code with ``@part`` for parts and ``arm`` for the name."""
+    """Read a template of C code, in which ``@part`` and ``arm`` stand for parts and the name."""
     return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
 
 
 def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
-    """Fill a template: replace ``@part`` by parts, ``arm`` and ``ARM`` by the name."""
+    """Fill a template of C code.
+
+    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name.
+    """
     text = re.sub(r"\bARM_", f"{name.upper()}_", template(file))
     text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
     return re.sub(r"@([a-z]+)", lambda found: str(parts[found[1]]), text)

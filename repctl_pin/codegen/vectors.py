@@ -19,7 +19,7 @@ from ..strategies.torque_law import Gains, Observer, torque_law
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
 EDGE = 1e-9
-"""Tolerance beyond the boundary, and beyond joint limits, that counts as inside."""
+"""Tolerance beyond the edge of a region, and beyond joint limits, that counts as inside."""
 
 _DT = 1e-3
 _GAINS = (20.0, None, 500.0, 0.0)
@@ -28,7 +28,7 @@ _GAINS = (20.0, None, 500.0, 0.0)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Vector:
-    """One configuration, the inputs of the functions, and Python's results."""
+    """Test vector: a configuration q, and the other inputs of the C functions."""
 
     q: Array
     xdot: Array
@@ -50,7 +50,10 @@ class Vector:
 def vectors(
     inverse: RepeatableInverse, region: Bounded | None, start: Array, count: int = 48, seed: int = 0
 ) -> list[Vector]:
-    """Sample configurations in and near the region or the start, with inputs of all kinds."""
+    """Sample test vectors at configurations in and near the region, or near the start without one.
+
+    Optional inputs are given in some vectors and None in others, and a few vectors are invalid.
+    """
     task, rng = inverse.task, np.random.default_rng(seed)
     near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
     Q = region.random(count, seed)[:count] if isinstance(region, Region) else near_start
@@ -108,7 +111,10 @@ def vectors(
 
 
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
-    """Compute Python's results: the status of every function, and its output if it is OK."""
+    """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
+
+    The output of a velocity, a step or a torque is 0 where its status is not OK.
+    """
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
         refused = dict.fromkeys(("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER)
@@ -148,7 +154,7 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 
 
 def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
-    """Evaluate the torque law: its status, τ, and the state of the observer after it."""
+    """Evaluate the torque law: its status, τ (n,), and the observer's state (r,) after the call."""
     task, observer = inverse.task, None
     if vector.observer is not None:
         observer = Observer(vector.observer.copy(), vector.dt)
@@ -162,13 +168,13 @@ def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Arr
 
 
 def _inertia(rng: np.random.Generator, n: int) -> Array:
-    """Sample an inertia matrix (n, n)."""
+    """Sample a positive definite inertia matrix (n, n)."""
     A = rng.normal(size=(n, n))
     return np.eye(n) + A @ A.T / n
 
 
 def _gains(rng: np.random.Generator, task: Task) -> Gains:
-    """Sample gains of the torque law."""
+    """Sample random gains of the torque law."""
     zeta, omega, zeta_h, kappa = rng.uniform(0.5, 20.0, 4).tolist()
     stiffness, limit = rng.uniform(20.0, 2000.0, task.m), rng.uniform(0.5, 5.0, task.n)
     return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)
@@ -177,7 +183,7 @@ def _gains(rng: np.random.Generator, task: Task) -> Gains:
 def targets(
     function: InverseFunction, count: int = 24, seed: int = 0
 ) -> list[tuple[pin.SE3, Array]]:
-    """Sample targets inside and outside the cell, and leaves."""
+    """Sample targets inside and outside the cell, each with a level c (r,)."""
     rng = np.random.default_rng(seed)
     U = (
         rng.uniform(-1.1, 1.1, (count, function.cell.k))
@@ -190,7 +196,10 @@ def targets(
 
 
 def asked(question: Any, n: int) -> tuple[int, Array]:
-    """Evaluate a function in Python: its status, and q if it is OK."""
+    """Call a function without arguments: the status, and its result (n,).
+
+    If it raises, the status is SINGULAR or BAD_NUMBER, and the result is 0.
+    """
     try:
         with np.errstate(all="ignore"):  # inputs may be infinite or nan
             return OK, question()

@@ -30,12 +30,14 @@ _ENOUGH = 1e-6
 @dataclass(frozen=True, eq=False)
 @read_only
 class Derivative:
-    """Inverse and its derivative at K configurations.
+    """Inverse G and its derivative ∂G/∂q at K configurations.
 
     Attributes
     ----------
     J : (K, m, n) array
+        Jacobian.
     G : (K, n, m) array
+        Inverse.
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
@@ -54,7 +56,7 @@ class Derivative:
 
 @singledispatch
 def derivative(strategy: Inverse, Q: Array) -> Derivative:
-    """Differentiate an inverse at every row of Q (K, n), by a formula or by differences.
+    """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
     Raises
     ------
@@ -80,7 +82,7 @@ def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
 
 @derivative.register
 def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
-    """``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, from ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
+    """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
     potentials, m = strategy.potentials, strategy.task.m
     if not isinstance(potentials, CurvedPotentials):  # no second derivatives
         return derivative.dispatch(object)(strategy, Q)
@@ -97,10 +99,11 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Compute the scale of difference steps at every row of Q (K, n), less near limits.
+    """Compute the scale of difference steps at every row of Q (K, n): (K, n), smaller near limits.
 
-    The first step, 1/16 of it, moves no joint further than half its distance to a limit. Outside
-    the limits the scale is not reduced."""
+    The first step is 1/16 of the scale, and moves no joint further than half its distance to a
+    limit. Outside the limits the scale is not reduced.
+    """
     distance = task.limit_margin(Q)  # (K, n)
     with np.errstate(divide="ignore"):
         most = np.min(
@@ -112,15 +115,16 @@ def inside_limits(task: Task, Q: Array) -> Array:
 
 
 def require_inverse(strategy: Inverse) -> Inverse:
-    """Require an argument to be an inverse with a G(q)."""
+    """Check that a strategy is an inverse, with a G(q), and return it."""
     require_type(strategy, Batched, "strategy", AN_INVERSE)
     return strategy
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Estimate the rounding error per joint of a formula that inverts a matrix (K, a, b).
+    """Estimate the rounding error of ∂G/∂q_k, (K, n), by a formula that inverts a matrix (K, a, n).
 
-    Joints are in units L: (K, n)."""
+    ``L`` (n,) is the unit of each joint.
+    """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
     largest = np.abs(dG / L[:, None, None]).max(axis=(1, 2))
@@ -144,7 +148,7 @@ def differentiate(
     function
         Function Q (P, n) → values (P, …).
     Q : (K, n) array
-        Where.
+        Configurations at which to differentiate.
     scale : (n,) or (K, n) array
         Scale of the steps; the first step is 1/16 of it.
 

@@ -1,4 +1,4 @@
-"""Lie brackets of the columns of G, their defects Δ, and the drift that these predict."""
+"""Lie brackets of the columns of G, their defects Δ, and the drift predicted from Δ."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .derivative import derivative, require_inverse
 
 
 def brackets(G: Array, dG: Array) -> Array:
-    """Evaluate ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of all columns.
+    """Evaluate the Lie brackets ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of G's columns.
 
-    With ``G = Jᵀ``, ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without an
-    inverse.
+    With ``G = Jᵀ`` and ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without
+    evaluating it.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def brackets(G: Array, dG: Array) -> Array:
     Returns
     -------
     (..., m, m, n) array
-        ``[..., a, b, :]``, antisymmetric in a and b.
+        ``[..., a, b, :]`` is [g_a, g_b], antisymmetric in a and b.
     """
     along = np.einsum("...ibk,...ka->...abi", dG, G)  # (∂g_b/∂q) g_a
     return along - np.swapaxes(along, -3, -2)
@@ -47,9 +47,10 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
 
 
 def curl_form(G: Array, dG: Array) -> Array:
-    """Evaluate the scalar ``s = n_G · ∇×n_G``, ``n_G = g_1 × g_2`` for n = 3, m = 2 (6), (25).
+    """Evaluate the scalar ``s = n_G · ∇×n_G``, 0 if G is repeatable, for n = 3, m = 2 (6), (25).
 
-    With ``G = Jᵀ``, ``dG = Hᵀ`` it is the s(θ) of (13) and (17), n_J the cross product of J's rows.
+    n_G is g_1 × g_2, the cross product of G's columns. With ``G = Jᵀ`` and ``dG = Hᵀ``, s is the
+    s(θ) of (13) and (17), where n_G is n_J, the cross product of J's rows.
 
     Parameters
     ----------
@@ -78,10 +79,10 @@ class Defects:
     delta : (K, m, m, n) array
         Δ_ab in units of the task and of the joints.
     relative : (K, m, m, n) array
-        The same for an orthonormal basis of G's column space, prismatic joints in arm lengths;
-        independent of units and of task axes.
+        Defects Λ_cd of an orthonormal basis of G's column space, with prismatic joints in arm
+        lengths; independent of units and of task axes (see :func:`measure`).
     error : (K,) array
-        Estimated error of ``norm``, from that of the derivative.
+        Estimated error of ``norm``, from the error of the derivative.
     exact : bool
         True if the derivative is computed by a formula.
     J, G : (K, m, n), (K, n, m) arrays
@@ -97,18 +98,19 @@ class Defects:
 
     @property
     def norm(self) -> Array:
-        """Relative defect ``sqrt(Σ_{a<b} ‖Λ_ab‖²)``: (K,)."""
+        """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,)."""
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 
 
 def measure(strategy: Inverse, Q: Array) -> Defects:
     """Evaluate the defects of an inverse at every row of Q (K, n).
 
-    The relative defect: let L be the unit of each joint (1 rad; the arm's length) and ``L⁻¹ G = Q
-    R``. The columns of ``G R⁻¹`` span the same space (Proposition 1), are orthonormal, and have the
-    defects ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``: the rate, per unit of joint motion, at
-    which the motion leaves the span of two of its directions. It does not depend on the units or
-    the axes of the task."""
+    Relative defects do not depend on the units or the axes of the task. Let L be the unit of each
+    joint (1 rad, or the arm's length), and ``L⁻¹ G = B R`` with orthonormal columns of B. The
+    columns of ``G R⁻¹`` span the column space of G (Proposition 1), and have the defects ``Λ_cd =
+    L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``. Λ_cd is the rate, per unit of joint motion, at which the
+    motion leaves the span of directions c and d.
+    """
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
     delta = defects(found.J, found.G, found.dG)
@@ -133,9 +135,9 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
-    An inverse is repeatable near q if and only if all of them vanish there. They are exact for J⁺
-    (from the kinematic Hessian) and for a repeatable inverse, and computed by extrapolated
-    differences otherwise.
+    An inverse is repeatable near q if and only if all defects vanish there. They are exact for J⁺
+    (from the kinematic Hessian), and for a repeatable inverse whose potentials have second
+    derivatives. Otherwise they are computed by extrapolated differences.
 
     Parameters
     ----------
@@ -175,8 +177,8 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
 def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
     """Predict the joint drift per enclosed area of a small closed loop.
 
-    A loop a → b → −a → −b of area A ends at ``q + A Δ_ab + o(A)``, so ``‖Δ_ab‖`` is the drift per
-    area.
+    A loop of the frame along the directions a, b, −a and −b, of area A, ends at the configuration
+    ``q + A Δ_ab + o(A)``, so ``‖Δ_ab‖`` is the drift per area.
 
     Parameters
     ----------
@@ -209,5 +211,5 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:
-    """Convert one configuration to a row: (1, n)."""
+    """Check a configuration, and convert it to an array of one row: (1, n)."""
     return vector(q, require_inverse(strategy).task.n, "q")[None]

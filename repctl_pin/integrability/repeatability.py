@@ -24,7 +24,9 @@ _NEAR_SINGULAR = 1e-3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Repeatability:
-    """Result of the repeatability test of an inverse in a region; true in an ``if`` if repeatable.
+    """Result of the repeatability test of an inverse in a region.
+
+    ``bool(result)`` is :attr:`repeatable`.
 
     Attributes
     ----------
@@ -33,9 +35,9 @@ class Repeatability:
     defect : float
         Maximum relative defect, per rad, independent of units and of task axes.
     at : (n,) array
-        Configuration of the maximum.
+        Configuration of that maximum.
     tolerance : float
-        Maximum defect there that the error of the derivative alone can produce.
+        Twice the defect that the estimated error of ∂G/∂q could produce at that configuration.
     samples : int
         Number of configurations checked.
     exact : bool
@@ -73,7 +75,7 @@ class Repeatability:
 def is_repeatable(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
 ) -> Repeatability:
-    """Test the Lie bracket condition (24) throughout a region.
+    """Test whether an inverse is repeatable in a region, by the Lie bracket condition (24).
 
     The tolerance is computed, not chosen: it is twice the defect that the estimated error of ∂G/∂q
     could produce.
@@ -92,8 +94,8 @@ def is_repeatable(
     Returns
     -------
     Repeatability
-        True in an ``if`` if repeatable; with the worst ``defect``, its configuration, and the
-        tolerance.
+        The result, which is true if the inverse is repeatable, with the worst ``defect``, its
+        configuration, and the tolerance.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""Candidate and stable surfaces, on which an inverse that is not repeatable still repeats."""
+"""Candidate and stable surfaces of an inverse that is not repeatable.
+
+On a stable surface, its motions are repeatable nevertheless.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 @dataclass(frozen=True, eq=False)
 @read_only
 class Surfaces:
-    """Points on s(q) = 0 and their kinds.
+    """Points found on surfaces s(q) = 0, with the stacked defects s of an inverse, and their kinds.
 
     Attributes
     ----------
@@ -95,12 +98,14 @@ Surface = Callable[[Array], tuple[Array, Array]]
 def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
 
-    The relative defects times ``det(BᵀB)``, ``B = L⁻¹ G J Jᵀ``: the normal of G's column space is
-    then as smooth as J itself, but not of unit length. For J⁺, n = 3 and m = 2, B is Jᵀ and s is
-    the paper's scalar (6) along n̂. On an arm whose prismatic travel differs much from 1 m, the
-    unit normal reverses over a very short distance, which Newton's method steps across. The rows of
-    s are dependent, because each defect lies in the null space of J; the search accounts for
-    that."""
+    s is the relative defects times ``det(BᵀB)``, with ``B = L⁻¹ G J Jᵀ`` and L the unit of each
+    joint. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the paper's scalar (6) along n̂.
+
+    Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
+    travel differs much from 1 m, the unit normal reverses over a very short distance, which
+    Newton's method steps across. With the factor, s is as smooth as J. The entries of s are
+    dependent, because each defect lies in the null space of J; the search accounts for that.
+    """
     found, task = measure(strategy, Q), strategy.task
     B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
     size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
@@ -109,7 +114,10 @@ def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 
 
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
-    """Normalise s by its median norm over Q, so that tolerances do not depend on the arm's size."""
+    """Create the function s(q), divided by its median norm over the regular rows of Q.
+
+    Tolerances on it then do not depend on the arm's size.
+    """
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
     if regular.any():
@@ -128,7 +136,9 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
 def candidate_surface(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
 ) -> Array:
-    """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from random seeds in a region.
+    """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from random start points in a region.
+
+    s(q) are the stacked defects of the inverse.
 
     Returns
     -------
@@ -157,7 +167,8 @@ def stable_surface(
 ) -> Surfaces:
     """Find points on surfaces s(q) = 0, and test which surfaces are stable (9).
 
-    On a stable surface, every motion of G stays on it.
+    s(q) are the stacked defects of the inverse. A motion of G that begins on a stable surface stays
+    on it, and is repeatable there.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
     *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test
@@ -214,7 +225,11 @@ def stable_surface(
 
 
 def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> tuple[Array, Array]:
-    """Move start points to s = 0 by Gauss–Newton: points on it (K, n), and singular end points."""
+    """Move start points Q (K, n) to s = 0 by Gauss–Newton.
+
+    Returns the points reached on s = 0, and the points at which J became singular; both only inside
+    the region.
+    """
     task = strategy.task
     L = joint_scale(task, Q[0])
     found: list[Array] = []
@@ -289,12 +304,12 @@ def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array
 
 
 def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
-    """Move along G in every task direction, ±, and evaluate ‖s‖ at the ends.
+    """Move from every row of Q along G, in every task direction, and evaluate ‖s‖ at the ends.
 
-    Returns the maximum ‖s‖ and the minimum length: (K,) each.
-
-    The length is relative to the full length, which is shorter where G changes direction within
-    less than 1 rad."""
+    Returns for each row the maximum ‖s‖, and the minimum fraction of the length that was completed
+    before a singularity: (K,) each. The length is 0.2 rad, or shorter where G changes direction
+    within less than 1 rad.
+    """
     task = strategy.task
     L = joint_scale(task, Q[0])
     found = derivative(strategy, Q)

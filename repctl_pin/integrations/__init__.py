@@ -1,1 +1,1 @@
-"""Integration with other packages; each module requires its own extra."""
+"""Integrations with other packages: JAX, LeRobot, pink, and ROS 2 with MoveIt."""

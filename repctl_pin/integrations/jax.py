@@ -29,14 +29,14 @@ _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
 
 _ROUNDINGS = 64
-"""Accuracy of the configuration, in units of the last place of 1."""
+"""Tolerance of Newton's method, rad or m, as a multiple of the machine epsilon."""
 
 
 def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
-    r"""Make ``q = F(x; c)`` a pure function of JAX: it is jitted, and can be vmapped and
-    differentiated.
+    r"""Convert ``q = F(x; c)`` to a pure, jitted JAX function.
 
-    Newton's method finds q. The derivative is the implicit one, not taken through the iterations:
+    It can be vmapped and differentiated. Newton's method finds q. The derivative is that of the
+    implicit function theorem, not taken through the iterations:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
@@ -118,9 +118,9 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 
 
 def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Make the way back a pure function of JAX: pose and leaf of a configuration.
+    """Convert the inverse of F, from a configuration to its pose and level, to a pure JAX function.
 
-    ``x = f(q)``, ``c = n_ref(x)ᵀ (q − q_ref(x))``, so that ``F(x; c) = q`` near the function.
+    ``x = f(q)`` and ``c = n_ref(x)ᵀ (q − q_ref(x))``, so that ``F(x; c) = q`` if q is near F(x; 0).
 
     Parameters
     ----------
@@ -130,7 +130,8 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
     Returns
     -------
     function q → (x, c)
-        q (n,) → homogeneous matrix (4, 4) and c (r,); c is NaN if the pose lies outside the cell.
+        From q (n,) to the pose, a homogeneous matrix (4, 4), and the level c (r,); c is NaN if the
+        pose lies outside the cell.
     """
     require_type(F, InverseFunction, "F", "a cell's function, such as found.function")
     frame, reference = _kinematics(F), _reference(F)
@@ -151,7 +152,7 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
 
 
 def _removed(F: InverseFunction) -> tuple[Symmetry, ...]:
-    """List the symmetries that are left out of a sector's polynomials; a box has none."""
+    """Return the symmetries that a sector's polynomials leave out; none for a box."""
     cell = F.chart.cell
     return cell.removed if isinstance(cell, Sector) else ()
 
@@ -164,7 +165,7 @@ def _pose(x: Numbers) -> Numbers:
 
 
 def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
-    """Make the function q → p (3,), R (3, 3), J (m, n)."""
+    """Create the function from q (n,) to p (3,) and R (3, 3) of the frame, and J (m, n)."""
     chain, task = chain_of(F.task), F.task
     S, turns = chain.S[:, : task.n], chain.revolute[:, None]
     links = (chain.R, chain.p, chain.a, skew(chain.a), chain.revolute)
@@ -193,7 +194,10 @@ def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Number
 
 
 def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Make the function x → q_ref (n,), with what symmetries of the arm add, and n_ref (n, r)."""
+    """Create the function from a pose x (4, 4) to q_ref (n,) and n_ref (n, r).
+
+    q_ref includes the joint angles that symmetries of the arm add to the polynomials.
+    """
     monomials, C = F.chart.monomials, np.asarray(F.chart.coefficients)
     blocks = [
         slice(*pair) for pair in zip(monomials.starts[1:], monomials.starts[2:], strict=False)
@@ -211,7 +215,7 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
 
 
 def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
-    """Evaluate the task error (m,) from a placement of the frame to a pose."""
+    """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4)."""
     away = x[:3, 3] - p
     if cell.task.kind == "pose":
         return jnp.concatenate([away, log3(x[:3, :3] @ R.T)])

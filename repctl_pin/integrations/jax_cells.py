@@ -1,4 +1,4 @@
-r"""Coordinates of cells and sectors as pure JAX functions of a homogeneous matrix."""
+r"""Coordinates of cells and sectors as pure JAX functions of a pose, a matrix (4, 4)."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ Numbers: TypeAlias = Any  # jax.Array, or a tracer of one
 
 
 def coordinates(cell: Cell, x: Numbers) -> Numbers:
-    """Convert a pose to the cell's coordinates u (k,)."""
+    """Convert a pose to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell."""
     return measured(cell, x)[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
 
 
 def inside(cell: Cell, x: Numbers) -> Numbers:
-    """Test whether a pose lies in a cell, given in all its coordinates."""
+    """Test whether a pose lies in a cell, which must have all its coordinates (``cell.whole``)."""
     y, held, most = measured(cell, x), np.flatnonzero(cell.widths == 0), cell._bounds
     near = jnp.abs(coordinates(cell, x)) <= jnp.asarray(most + max(EDGE, 8 * eps(x)), x.dtype)
     return near.all() & (jnp.abs(y[held]) <= max(TURNED, 8 * eps(x))).all()
 
 
 def shift(cell: Cell, x: Numbers) -> Numbers:
-    """Evaluate what symmetries of the arm add to the configuration at a pose: (n,)."""
+    """Evaluate the joint angles (n,) that symmetries of the arm add to q_ref at a pose."""
     return jnp.asarray(cell.along, x.dtype) @ measured(cell, x)[np.array(cell._removed, int)]
 
 
 def eps(x: Numbers) -> float:
-    """Give the rounding of the numbers of an array."""
+    """Return the machine epsilon of an array's type."""
     return float(np.finfo(x.dtype).eps)
 
 
 def measured(cell: Cell, x: Numbers) -> Numbers:
-    """Measure all m coordinates of a pose, m and rad."""
+    """Compute the coordinates (m,) of a pose from the cell's middle, m and rad, not scaled."""
     if isinstance(cell, Sector):
         return _cylindrical(cell, x)
     placement, kind = cell.placement, cell.task.kind
@@ -51,7 +51,11 @@ def measured(cell: Cell, x: Numbers) -> Numbers:
 
 
 def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
-    """Measure radius, angle and height around the axis, tilts and spin of the tool."""
+    """Compute the coordinates (m,) of a pose in a sector, m and rad, not scaled.
+
+    They are radius, angle and height about the sector's axis, from its middle, and the tilts and
+    the spin of the tool.
+    """
     (rho, z), B = sector.middle, jnp.asarray(sector.directions, x.dtype)
     a, b, height = B @ (x[:3, 3] - jnp.asarray(sector.axis[0], x.dtype))
     angle = jnp.arctan2(b, a)
@@ -71,7 +75,10 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
 
 
 def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
-    """Rotate a vector (3,) by ``exp(-t)``, t (2,) about x and y, differentiable at 0 too."""
+    """Rotate a vector v (3,) by ``exp(-t)``, where t (2,) is a rotation vector in the x-y plane.
+
+    It is differentiable at t = 0, too.
+    """
     square = t @ t
     small = square < 1e-6
     theta = jnp.sqrt(jnp.where(small, 1.0, square))
@@ -83,20 +90,20 @@ def _tilted_back(t: Numbers, v: Numbers) -> Numbers:
 
 
 def log3(R: Numbers) -> Numbers:
-    """Evaluate ω with exp(ω̂) = R, for angles below π, also differentiable at 0."""
+    """Evaluate the rotation vector ω (3,), exp(ω̂) = R, for angles below π; differentiable at 0."""
     w = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
     return w * _angle_over_sine(w @ w, (jnp.trace(R) - 1) / 2)
 
 
 def tilts(R: Numbers, goal: Numbers) -> Numbers:
-    """Measure the rotations (2,), rad, about a tool's x and y that align its z with a goal's."""
+    """Compute the rotation (2,), rad, about a tool's x and y that aligns its z with a goal's z."""
     aim = R.T @ goal[:, 2]
     turn = jnp.stack([-aim[1], aim[0]])
     return turn * _angle_over_sine(turn @ turn, aim[2])
 
 
 def _angle_over_sine(square: Numbers, cosine: Numbers) -> Numbers:
-    """Evaluate θ / sin θ from sin² θ and cos θ; near θ = 0 by its series, 1 + s²/6 + 3 s⁴/40."""
+    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0."""
     small = (square < 1e-6) & (cosine > 0)
     sine = jnp.sqrt(jnp.where(small, 1.0, square))
     series = 1 + square / 6 + 3 * square**2 / 40

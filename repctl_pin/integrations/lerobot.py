@@ -11,21 +11,22 @@ from ..inverse_function import InverseFunction
 
 
 class FunctionKinematics:
-    """Kinematics of a cell's function, for LeRobot's processors: one configuration per hand pose.
+    """Forward and inverse kinematics for LeRobot's processors, by a cell's function.
 
-    Revolute joints are in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
+    Each pose of the frame has one configuration, whatever the current one is. Revolute joints are
+    in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
 
     Parameters
     ----------
     F
         Function of a cell, such as ``found.function``.
     leaf : (r,) array, optional
-        c, by default 0: moves the elbow along the self-motion.
+        Level c, by default 0; another level moves the elbow along the self-motion.
 
     Attributes
     ----------
     joint_names : list of str
-        The joints, in the order of all arrays.
+        Names of the joints, in the order of all arrays.
 
     Raises
     ------
@@ -46,7 +47,7 @@ class FunctionKinematics:
         self._units = np.where(F.task.revolute, np.pi / 180, 1.0)
 
     def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
-        """Evaluate the pose (4, 4) of the frame; joints beyond the arm's are ignored."""
+        """Compute the pose (4, 4) of the frame; joints after the first n are ignored."""
         return self.function.task.placement(self._arm(joint_pos_deg) * self._units).homogeneous
 
     def inverse_kinematics(
@@ -56,9 +57,10 @@ class FunctionKinematics:
         position_weight: float = 1.0,
         orientation_weight: float = 0.01,
     ) -> Array:
-        """Evaluate F at a pose; it needs no initial guess, and no weights because it is exact.
+        """Compute the joint positions of a pose by F, which needs no initial guess.
 
-        Joints beyond the arm's, such as a gripper, keep their current positions.
+        The weights have no effect, because F is exact. Positions after the first n, such as a
+        gripper's, are returned unchanged.
         """
         joints = np.array(current_joint_pos, float)
         joints[: len(self._arm(joints))] = (

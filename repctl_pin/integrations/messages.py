@@ -1,4 +1,4 @@
-"""What messages say to a :class:`Servo`: measured joints by name, and targets."""
+"""Inputs of a :class:`Servo` from messages: measured joint positions by name, and targets."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..inverse_function.cell import Cell
 from ..robot.task import Task
 
 SAME = 1e-3
-"""Distance of measured joints from others or from a command that counts as none, rad or m."""
+"""Tolerance within which measured joints count as unchanged, or as at a command, rad or m."""
 
 _UNIT = 1e-3
-"""Distance of a quaternion's norm from 1 that counts as rounding."""
+"""Tolerance of a quaternion's norm, which should be 1."""
 
 
 class JointReadings:
@@ -25,7 +25,7 @@ class JointReadings:
     Parameters
     ----------
     names
-        The joints, in the order of the task.
+        Names of the joints, in the order of the task.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -34,21 +34,27 @@ class JointReadings:
         self._still: tuple[Array, float] | None = None
 
     def take(self, positions: Mapping[str, float], now: float) -> None:
-        """Take positions by name; other joints, and numbers that are not finite, are ignored."""
+        """Store positions by joint name, measured at the time ``now``, s.
+
+        Other joints, and numbers that are not finite, are ignored.
+        """
         for name in self.names:
             value = positions.get(name)
             if value is not None and np.isfinite(value):
                 self._found[name] = (float(value), now)
 
     def measured(self, now: float) -> tuple[Array | None, float]:
-        """Collect the joints (n,), None if some are missing, and the age of the oldest, s."""
+        """Return the latest joint positions (n,), and the age of the oldest of them, s.
+
+        The positions are None, and the age is 0, if a joint has not been measured yet.
+        """
         found = [self._found[name] for name in self.names if name in self._found]
         if len(found) < len(self.names):
             return None, 0.0
         return np.array([q for q, _ in found]), now - min(t for _, t in found)
 
     def absent(self, now: float) -> str:
-        """Describe which joints are missing or late."""
+        """Describe which joints have no measurement yet, or how old the measurements are."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
@@ -57,7 +63,11 @@ class JointReadings:
         return f"joint states are {self.measured(now)[1]:.2g} s old"
 
     def rest(self, now: float, duration: float) -> bool:
-        """Tell whether the joints have been the same in all calls for a duration, s."""
+        """Test whether the measured joints have not changed for a duration, s.
+
+        Each call compares them with those of earlier calls. False if a joint has not been measured
+        yet.
+        """
         q, _ = self.measured(now)
         if q is None:
             return False
@@ -66,19 +76,20 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Begin the time of rest anew."""
+        """Restart the time for which :meth:`rest` requires constant joints."""
         self._still = None
 
 
 def target_of(
     position: Sequence[float], quaternion: Sequence[float], task: Task, cell: Cell | None
 ) -> pin.SE3:
-    """Convert a target: (x, y, z), m, and (x, y, z, w).
+    """Convert a target to a placement: position (x, y, z), m, and quaternion (x, y, z, w).
 
     Raises
     ------
     InputError
-        If it is not finite, no rotation where the task has one, or outside the cell.
+        If a number is not finite, or the target is outside the cell. Also if the quaternion is not
+        of norm 1, for a task with a rotation; other tasks ignore the quaternion.
     """
     p, x = np.array(position, float), np.array(quaternion, float)
     turns = task.kind in ("pose", "axis")

@@ -65,11 +65,11 @@ class RepeatableTask(PinkTask):
         self.leaf = vector(leaf, self.inverse.task.r, "the level c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
-        """Set c to the leaf of a configuration."""
+        """Set the level c to the value of h at a configuration."""
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
-        """Evaluate h(q) − c: (r,)."""
+        """Evaluate h(q) − c: (r,). InputError if no level c is set."""
         if self.leaf is None:
             raise InputError(
                 "no level c is set; call set_target_from_configuration(configuration) first"
@@ -77,7 +77,7 @@ class RepeatableTask(PinkTask):
         return self.inverse.potentials.value(self._joints(configuration)) - self.leaf
 
     def compute_jacobian(self, configuration: Configuration) -> Array:
-        """Evaluate ∂h/∂q: (r, nv), 0 in the columns of other joints."""
+        """Evaluate ∂h/∂q for pink's nv joint velocities: (r, nv), 0 in columns of other joints."""
         V = self.inverse.potentials.gradient(self._joints(configuration))
         J = np.zeros((V.shape[1], configuration.model.nv))
         J[:, self._columns] = V.T
@@ -94,7 +94,10 @@ class RepeatableTask(PinkTask):
         return q
 
     def _find(self, model: pin.Model) -> None:
-        """Find the joints in a model: indices in q and v, and which are (cos, sin) pairs."""
+        """Find the design's joints in pink's model.
+
+        Stores their indices in q and v, and which of them are (cos, sin) pairs.
+        """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:
             raise InputError(f"pink's model has no joint {missing[0]!r}, which the design requires")

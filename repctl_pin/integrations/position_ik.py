@@ -1,4 +1,4 @@
-"""Answers to MoveIt's service GetPositionIK from the function of a cell; no message is imported."""
+"""Answers to MoveIt's service GetPositionIK by the function of a cell; imports no ROS package."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def answer(
     base: str,
     leaf: Array | None = None,
 ) -> Any:
-    """Fill in the response to a request: F of its pose, or an error code.
+    """Fill in and return the response to a request: the joints F(pose), or an error code.
 
     The seed, the group and the constraints of the request are not used: the pose alone determines
     the joints. With ``avoid_collisions`` the robot's own bodies are checked.
@@ -36,11 +36,11 @@ def answer(
     request, response
         ``moveit_msgs/PositionIKRequest`` and ``GetPositionIK.Response``.
     names
-        Joint names in messages, and those of the task, in its order.
+        Joint names of the task by the joint names in messages, in the task's order.
     base
-        Frame of the poses.
+        Name of the frame in which poses are given.
     leaf : (r,) array, optional
-        c, by default 0.
+        Level c, by default 0.
     """
     q, response.error_code.val = _solved(F, request, base, leaf)
     if q is not None:

@@ -1,4 +1,7 @@
-"""ROS 2 node: poses or twists and joint states in, joint commands out, limits kept on one leaf."""
+"""ROS 2 node of an arm: target poses or twists in, joint commands out.
+
+The commands stay on one leaf and within the limits.
+"""
 
 from __future__ import annotations
 
@@ -46,13 +49,13 @@ class ArmNode(Node):
     Subscribes to ``target_pose``, ``target_twist`` and ``joint_states``; publishes
     ``joint_trajectory`` or, with the parameter ``output:=positions``, ``commands``, and
     ``/diagnostics``. Services: ``~/hold``, ``~/resume`` and, for a cell where moveit_msgs is
-    installed, ``compute_ik``. The parameter ``leaf`` can be set at any
-    time; the others are read once.
+    installed, ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters
+    are read once.
 
     Parameters
     ----------
     design
-        A saved design, or one over a cell.
+        Design of a repeatable inverse, or of a cell's function.
 
     Raises
     ------
@@ -99,7 +102,10 @@ class ArmNode(Node):
         self._said = ""
 
     def _offer_ik(self, F: InverseFunction) -> None:
-        """Answer MoveIt's GetPositionIK from F, where moveit_msgs is installed."""
+        """Create the service ``compute_ik``, MoveIt's GetPositionIK, answered by F.
+
+        Without moveit_msgs, there is no such service.
+        """
         try:
             from moveit_msgs.srv import GetPositionIK
         except ImportError:
@@ -115,12 +121,12 @@ class ArmNode(Node):
     # ---- parameters ----------------------------------------------------------------------------
 
     def _declared(self, name: str, default: Any = None) -> Any:
-        """Declare a parameter and read it; arrays become lists."""
+        """Declare a parameter and return its value; arrays become lists."""
         value = self.declare_parameter(name, default, _ANY).value
         return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
     def _acceleration(self) -> ArrayLike | str:
-        """Read the acceleration limits, which no URDF has."""
+        """Read the acceleration limits, a required parameter because a URDF has none."""
         value: ArrayLike | str | None = self._declared("acceleration")
         if value is None:
             raise InputError(
@@ -131,7 +137,7 @@ class ArmNode(Node):
         return value
 
     def _joint_names(self) -> dict[str, str]:
-        """Map the names of joints in messages to the design's, in the design's order."""
+        """Map joint names in messages to those of the design, in the design's order."""
         own = self.servo.task.joint_names
         given = self._declared("joints", list(own))
         if len(given) != len(own) or len(set(given)) != len(own):
@@ -139,7 +145,7 @@ class ArmNode(Node):
         return dict(zip(given, own, strict=True))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Take a new leaf; refuse the others, which are read once."""
+        """Set the parameter ``leaf``; refuse other parameters, which are read once."""
         for parameter in parameters:
             what = f"{parameter.name} is read at the start; restart the node"
             if parameter.name == "leaf":
@@ -149,7 +155,7 @@ class ArmNode(Node):
         return SetParametersResult(successful=True)
 
     def _set_leaf(self, value: Any) -> str:
-        """Pass a leaf on; return what is wrong."""
+        """Pass a level c to the servo; return why it is refused, or an empty text."""
         if value is None:
             return ""
         try:
@@ -163,7 +169,7 @@ class ArmNode(Node):
         return float(self.get_clock().now().nanoseconds * 1e-9)
 
     def _age(self, stamp: Any) -> float:
-        """Evaluate the age of a stamp, s; 0 if there is none."""
+        """Compute the age of a message's time stamp, s; 0 if it has no stamp."""
         seconds = stamp.sec + 1e-9 * stamp.nanosec
         return self._now() - seconds if seconds else 0.0
 
@@ -192,7 +198,7 @@ class ArmNode(Node):
         return self._answered(response)
 
     def _answered(self, response: Any) -> Any:
-        """Answer a service with the state."""
+        """Fill in a service's response with the state of the servo."""
         response.success = True
         response.message = ": ".join(filter(None, [self.servo.state.value, self.servo.reason]))
         return response
@@ -205,7 +211,7 @@ class ArmNode(Node):
             self._publish(q)
 
     def _publish(self, q: Array) -> None:
-        """Send a command that is to be reached at the next tick."""
+        """Publish a commanded configuration (n,), to be reached at the next tick."""
         if self._output == "positions":
             self._commands.publish(Float64MultiArray(data=q.tolist()))
             return
@@ -215,7 +221,7 @@ class ArmNode(Node):
         self._commands.publish(JointTrajectory(joint_names=list(self._names), points=[point]))
 
     def publish_status(self) -> None:
-        """Publish the state on ``/diagnostics``, and log it where it changes."""
+        """Publish the servo's state on ``/diagnostics``, and log it when it changes."""
         servo = self.servo
         said = ": ".join(filter(None, [servo.state.value, servo.reason]))
         level = _LEVELS[servo.state]
@@ -235,23 +241,23 @@ class ArmNode(Node):
             self.get_logger().info(said)
 
     def stop(self) -> None:
-        """Brake to rest, a command per tick."""
+        """Brake to rest: publish a command per tick until the arm is at rest."""
         while (q := self.servo.brake()) is not None:
             self._publish(q)
             time.sleep(self.servo.dt)
 
 
 def spin(design: Design | CellDesign, arguments: Sequence[str], stop: threading.Event) -> None:
-    """Run the node until an event is set; then brake to rest and end.
+    """Run the node until an event is set, then brake to rest and return.
 
     Parameters
     ----------
     design
-        A saved design, or one over a cell.
+        Design of a repeatable inverse, or of a cell's function.
     arguments
         Arguments of ROS, such as ``["--ros-args", "-p", "acceleration:=5.0"]``.
     stop
-        Event that ends it; no signal handlers are installed.
+        Event that stops the node; no signal handlers are installed.
     """
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)

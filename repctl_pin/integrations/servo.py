@@ -1,4 +1,4 @@
-"""Joints commanded tick by tick from what messages say: waiting, running, holding. No ROS here."""
+"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS."""
 
 from __future__ import annotations
 
@@ -21,14 +21,18 @@ from ..motion.timing import limits_of
 from .messages import SAME, JointReadings, target_of
 
 _LEAF = 1e-9
-"""Distance from a leaf that counts as none."""
+"""Tolerance within which h(q) is at the level c, in the units of h."""
 
 _REST = 4
-"""Equal commands after which the arm is at rest."""
+"""Number of equal commands after which the arm counts as at rest."""
 
 
 class State(Enum):
-    """State of a :class:`Servo`: no fresh joints; following targets; at rest until resumed."""
+    """State of a :class:`Servo`.
+
+    WAITING: no command is sent until joints at rest have been measured. RUNNING: the targets are
+    followed. HOLDING: the arm stops and stays at rest until it is resumed.
+    """
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -36,23 +40,25 @@ class State(Enum):
 
 
 class Servo:
-    """Commands of an arm from poses or twists and measured joints, limits kept, on one leaf.
+    """Joint commands of an arm, per tick, from target poses or twists and measured joints.
 
-    All times are of one clock, in s, passed as ``now``. Messages that cannot be used stop the arm
-    and are described by :attr:`reason`; nothing raises but the constructor.
+    The commands stay on one leaf and within the limits. All times are of one clock, in s, passed as
+    ``now``. A target or twist that cannot be used raises no error: it stops the arm, and
+    :attr:`reason` describes it.
 
     Parameters
     ----------
     design
-        A saved design, or one over a cell.
+        Design of a repeatable inverse, or of a cell's function.
     rate
         Ticks per second, 1/s.
     acceleration, jerk
-        Limits, as in :class:`Governor`, which serves in C.
+        Acceleration and jerk limits, as for :class:`Governor`, which runs in C.
     timeout
-        Age of joints or of a target from which it counts as late, s.
+        Maximum age of measured joints, of a target and of a twist, s.
     tolerance
-        Distance of a measured joint from its command from which the arm does not follow, rad or m.
+        Maximum distance of a measured joint from its command, rad or m; beyond it, the arm stops,
+        because it does not follow.
     """
 
     def __init__(
@@ -88,7 +94,7 @@ class Servo:
     # ---- messages ------------------------------------------------------------------------------
 
     def joints(self, positions: Mapping[str, float], now: float) -> None:
-        """Take measured joint positions by name, of some joints or all; others are ignored."""
+        """Store measured positions of some or all joints, by name; other names are ignored."""
         self._readings.take(positions, now)
 
     def pose(
@@ -99,7 +105,10 @@ class Servo:
         frame: str = "",
         age: float = 0.0,
     ) -> None:
-        """Take a target (x, y, z) and (x, y, z, w) in the base frame; a bad one stops the arm."""
+        """Set the target: position (x, y, z), m, and quaternion (x, y, z, w), in the base frame.
+
+        ``age`` is the message's age, s. A target that cannot be used stops the arm.
+        """
         if self._usable("target", frame, age):
             try:
                 self._target = target_of(position, quaternion, self.task, self.cell)
@@ -110,7 +119,10 @@ class Servo:
     def twist(
         self, twist: Sequence[float], now: float, *, frame: str = "", age: float = 0.0
     ) -> None:
-        """Take a velocity (v, ω), base axes; it holds for ``timeout``, and a bad one stops."""
+        """Set the velocity (v, ω) to follow, base axes, m/s and rad/s; it is valid for ``timeout``.
+
+        ``age`` is the message's age, s. A twist that cannot be used stops the arm.
+        """
         if self._usable("twist", frame, age):
             if not np.isfinite(twist).all():
                 self._refuse("twist refused: it must be finite numbers")
@@ -118,7 +130,10 @@ class Servo:
             self._target, self._twist, self._heard = None, np.array(twist, float), now
 
     def leaf(self, leaf: ArrayLike) -> str:
-        """Take the level c to which the arm moves before the next target; return what is wrong."""
+        """Set the level c (r,) to which the arm moves before it follows the next target.
+
+        Returns why the level is refused, or an empty text.
+        """
         c = np.atleast_1d(np.asarray(leaf, float))
         if c.shape != (self.task.r,) or not np.isfinite(c).all():
             return f"leaf must be {self.task.r} finite numbers"
@@ -126,11 +141,14 @@ class Servo:
         return ""
 
     def hold(self) -> None:
-        """Stop, keep the limits meanwhile, and stay at rest."""
+        """Stop within the limits, and stay at rest until :meth:`resume`."""
         self._stop(self._held or "held on request")
 
     def resume(self) -> None:
-        """Go on with the next target, not with an old one; after a fault, from measured joints."""
+        """End a hold, and follow the targets and twists that arrive from now on.
+
+        After a fault, the arm starts again from the measured joints.
+        """
         self._held = ""
         self._forget()
         if self.state is State.HOLDING:
@@ -140,7 +158,7 @@ class Servo:
     # ---- ticks ---------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Array | None:
-        """Compute the next command (n,); None if nothing may be sent."""
+        """Compute the next command (n,); None if no command may be sent."""
         q, age = self._readings.measured(now)
         late = q is None or age > self.timeout
         if self.state is State.WAITING:
@@ -166,33 +184,33 @@ class Servo:
         return self._command()
 
     def brake(self) -> Array | None:
-        """Compute the next command of a stop; None as soon as the arm is at rest."""
+        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits."""
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
 
     @property
     def at_rest(self) -> bool:
-        """True if the last commands were the same."""
+        """True if the last four commands are equal, and no part of a self-motion is left."""
         last = self._commands
         return len(last) == _REST and all((q == last[0]).all() for q in last) and not self._piece
 
     @property
     def stopped_early(self) -> bool:
-        """True if the governor stops before the target: at a limit, an edge or a singularity."""
+        """True if the governor stops before the target: at a limit, singularity or edge of Ω."""
         return self.status in (Status.SINGULAR, Status.OUTSIDE, Status.LIMIT, Status.BAD_NUMBER)
 
     @property
     def command(self) -> Array | None:
-        """The last command (n,), if any."""
+        """Last command (n,); None before the first."""
         return self._commands[-1] if self._commands else None
 
     @property
     def current_leaf(self) -> Array | None:
-        """Level c (r,) of the last command, if any."""
+        """Level c (r,) of the last command; None before the first."""
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Go on by one tick: on the piece of a self-motion, or with the governor."""
+        """Compute the next command: of a self-motion to another leaf, or of the governor."""
         if not self._piece and self._leaf is not None and self._moving_asked():
             self._to_leaf(self._leaf)
         if self._piece:
@@ -207,11 +225,14 @@ class Servo:
         return q
 
     def _moving_asked(self) -> bool:
-        """Tell whether there is a target or a twist to follow."""
+        """Test whether the arm is running and has a target or a twist to follow."""
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _to_leaf(self, leaf: Array) -> None:
-        """Plan the next piece of the motion to a leaf, once the arm is at rest."""
+        """Plan the next part of the self-motion to the level c, once the arm is at rest.
+
+        If there is no such motion, the arm holds.
+        """
         if not self.at_rest:
             return
         q = self._governor.q
@@ -225,7 +246,7 @@ class Servo:
             self._stop(f"leaf refused: {error}")
 
     def _start(self, q: Array) -> bool:
-        """Begin at rest at the measured joints; tell whether it could."""
+        """Start at rest at the measured joints q (n,); False if that is not possible."""
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:
             try:
@@ -240,7 +261,11 @@ class Servo:
         return True
 
     def _compare(self, q: Array, age: float) -> bool:
-        """Hold if the arm does not follow its commands; tell whether it is to get none."""
+        """Compare measured joints q (n,), ``age`` s old, with the last command; hold if too far.
+
+        Returns True if no command may be sent: the arm did not follow, and the commands are at
+        rest.
+        """
         off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
         if off.max() > self.tolerance and not self._fault:
             j = int(np.argmax(off))
@@ -255,7 +280,10 @@ class Servo:
     # ---- what messages say ---------------------------------------------------------------------
 
     def _usable(self, what: str, frame: str, age: float) -> bool:
-        """Refuse a message in another frame, late, or while the arm does not run."""
+        """Test whether a message can be used: in the base frame, not late, and while the arm runs.
+
+        A message in another frame or late also stops the arm.
+        """
         if frame not in ("", self.base):
             self._refuse(f"{what} refused: it is in frame {frame!r}, not in {self.base!r}")
         elif not abs(age) <= self.timeout:
@@ -266,13 +294,13 @@ class Servo:
         return False
 
     def _refuse(self, reason: str) -> None:
-        """Stop, and go on with the next good target."""
+        """Drop the target, so that the arm stops until the next usable one, and give the reason."""
         self._forget()
         if self.state is State.RUNNING:
             self.reason = reason
 
     def _stop(self, reason: str) -> None:
-        """Hold until resumed."""
+        """Hold, for the given reason, until :meth:`resume`."""
         self._forget()
         self._held = reason
         if self.state is not State.WAITING:

@@ -1,4 +1,4 @@
-"""Potentials h(q), which a repeatable control keeps constant, and their gradients."""
+"""Potentials h(q), which a repeatable controller keeps constant, and their gradients."""
 
 from .basis import Joined, PotentialBasis
 from .custom import CustomPotentials

@@ -25,9 +25,10 @@ class ArmAngle(PotentialBasis):
     .. math:: \psi = \operatorname{atan2}\left(\hat w \cdot (y \times e),\; y \cdot e\right), \qquad
               y = r - \hat w (\hat w \cdot r) \quad\text{(conventional)},
 
-    singular if the wrist points along r *or against it*: on a line. The stereographic one (Elias
-    and Wen, 2024) has ``y = r × (ŵ − t)`` with t ⊥ r, and is singular only at ŵ = t: on half a
-    line, which can be turned away from the arm's workspace.
+    where y is the direction of ψ = 0. This conventional angle is singular if the wrist points along
+    r *or against it*, that is on a line through the shoulder. The stereographic angle (Elias and
+    Wen, 2024) has ``y = ((ŵ − t) × r) × ŵ`` with t ⊥ r. It is singular only at ŵ = t, that is on a
+    half-line, which can be turned away from the arm's workspace.
 
     Parameters
     ----------
@@ -36,17 +37,17 @@ class ArmAngle(PotentialBasis):
     shoulder, elbow, wrist : str
         Frames of the task's chain.
     reference : (3,) array
-        r, in the base's axes.
+        Reference direction r, in the base's axes.
     singular : (3,) array, optional
-        t, in the base's axes, of the stereographic angle: the singular direction, whose component
-        across r is used. Without it, the angle is the conventional one.
+        Singular direction t of the stereographic angle, in the base's axes; its component
+        perpendicular to r is used. Without t, the angle is the conventional one.
 
     Raises
     ------
     InputError
         If a frame is not on the task's chain, or a direction is zero.
     SingularityError
-        If it is evaluated at its singular direction.
+        If the angle is evaluated where it is singular, or where the arm is straight.
 
     Examples
     --------
@@ -95,7 +96,7 @@ class ArmAngle(PotentialBasis):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of the potential."""
+        """Name of the potential, in a tuple of length 1."""
         kind = "arm angle" if self.singular is None else "stereographic arm angle"
         return (f"{kind} {' '.join(self.frames)}",)
 
@@ -106,12 +107,12 @@ class ArmAngle(PotentialBasis):
         ).reshape(-1, 1)
 
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate ∂ψ/∂q: (K, n, 1)."""
+        """Evaluate ∂ψ/∂q at every row of Q (K, n): (K, n, 1)."""
         Q = as_configurations(Q, self.task.n, "an arm angle")
         return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
 
     def distance(self, q: ArrayLike) -> float:
-        """Angle, rad, between the direction of the wrist and the nearest singular direction."""
+        """Compute the angle, rad, from the wrist's direction to the nearest singular direction."""
         w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)
         along = abs(w @ self.reference) if self.singular is None else w @ self.singular
@@ -151,7 +152,7 @@ class ArmAngle(PotentialBasis):
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
     def _zero(self, w_hat: Array) -> tuple[Array, Array]:
-        """Evaluate the direction y of ψ = 0, across ŵ and of any length, and ∂y/∂ŵ (3, 3)."""
+        """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3)."""
         r, t = self.reference, self.singular
         if t is None:
             return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)

@@ -1,5 +1,4 @@
-"""Bases h_1 … h_N of potentials of q (35): the base class of all of them, and bases joined by
-``a + b``."""
+"""Bases h_1 … h_N of potentials h(q) (35): the base class, and joined bases ``a + b``."""
 
 from __future__ import annotations
 
@@ -22,11 +21,11 @@ A_BASIS = (
     "a basis of potentials, such as rp.Polynomial(q0, 2); a user-defined class inherits from "
     "repctl_pin.potentials.PotentialBasis"
 )
-"""Remedy where a basis is required."""
+"""Description of a basis of potentials, for messages on a wrong argument."""
 
 
 class PotentialBasis(ABC):
-    """A basis h_1 … h_N of potentials of q (35): the base class of all bases.
+    """Base class of bases h_1 … h_N of potentials h(q) (35).
 
     A subclass has a ``size`` and defines ``values`` and ``gradients``.
 
@@ -56,10 +55,13 @@ class PotentialBasis(ABC):
 
     @abstractmethod
     def gradients(self, Q: ArrayLike) -> Array:
-        """Evaluate the gradients: (K, n, N), ``[k, i, j] = ∂h_j/∂q_i``, per rad or m."""
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m.
+
+        Entry ``[k, i, j]`` is ∂h_j/∂q_i at row k.
+        """
 
     def weighted(self, A: ArrayLike) -> Potentials:
-        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         return CustomMap(self, coefficients(A, self.size))
 
     def __add__(self, other: PotentialBasis) -> Joined:
@@ -70,16 +72,16 @@ class PotentialBasis(ABC):
 
 
 class Joined(PotentialBasis):
-    """The potentials of several bases, one after the other: h_1 … h_N, N the sum of their sizes.
+    """Concatenation of several bases of potentials, written ``a + b``; N is the sum of their sizes.
 
-    Written ``a + b``. With PPR's ``{d_1, d_2, polynomials of θ_3}`` as an example::
+    As an example, d_1, d_2 and polynomials of θ_3 of the planar arm PPR::
 
         Polynomial(center, 1, scale, variables=[0, 1]) + Polynomial(center, 5, scale, variables=[2])
 
     Parameters
     ----------
     *parts : PotentialBasis
-        Bases of potentials of the same q.
+        Bases of potentials of the same joints.
 
     Raises
     ------
@@ -130,7 +132,7 @@ class Joined(PotentialBasis):
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
-        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
         curved = [part for part in maps if isinstance(part, CurvedPotentials)]
         return CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
@@ -145,12 +147,14 @@ class Joined(PotentialBasis):
 
 
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
-    """Convert the joints on which potentials depend, counted from 0; None means all n.
+    """Convert the indices of the joints on which potentials depend; None stands for all n joints.
+
+    Returns them sorted and without duplicates, counted from 0.
 
     Raises
     ------
     InputError
-        If a number is no joint's.
+        If there is no index, or one is not from 0 to n − 1.
     """
     if variables is None:
         return tuple(range(n))

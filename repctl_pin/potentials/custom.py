@@ -15,7 +15,7 @@ Function = Callable[[Array], float]
 Gradient = Callable[[Array], ArrayLike]
 
 STEP = 1e-5
-"""Step of the central differences that replace a missing gradient; their error is about 1e-10 h."""
+"""Step, rad or m, of the differences for a missing gradient; their error is about 1e-10 h."""
 
 
 class CustomPotentials(PotentialBasis):
@@ -24,16 +24,16 @@ class CustomPotentials(PotentialBasis):
     Parameters
     ----------
     functions : sequence
-        Each a function q (n,) → h, or a pair of it and its gradient q → ∇h (n,). A missing gradient
-        is computed by central differences; :attr:`numerical` and the name tell which.
+        Functions q (n,) → h, or pairs of such a function and its gradient q → ∇h (n,). A missing
+        gradient is computed by central differences; :attr:`numerical` and :attr:`names` show where.
     names : sequence of str, optional
         Names of the potentials; by default the functions' own names.
 
     Raises
     ------
     InputError
-        If there is no function, or an entry is not one. A value that is not finite is refused when
-        it is evaluated.
+        If there is no function, or an entry is neither a function nor such a pair. Also at an
+        evaluation, if a value or a gradient is not finite.
 
     Examples
     --------

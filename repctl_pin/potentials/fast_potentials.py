@@ -13,7 +13,7 @@ from ..arguments import Array
 from .basis import Potentials
 
 MOST_ENTRIES = 50_000
-"""Entries of a dense tensor above which Horner's rule, degree by degree, is faster and smaller."""
+"""Maximum number of entries of a dense tensor; for more, Horner's rule is faster and smaller."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class InPlace:
     Attributes
     ----------
     slope : function q → None
-        Write Vᵀ = ∂h/∂q (r, n).
+        Writes Vᵀ = ∂h/∂q (r, n) at q.
     gap : function c → None
-        Write c − h (r,), with h at the q of the last ``slope``.
+        Writes c − h (r,), with h at the q of the last call of ``slope``.
     """
 
     slope: Callable[[Array], None]
@@ -34,7 +34,7 @@ class InPlace:
 
 @runtime_checkable
 class FastPotentials(Potentials, Protocol):
-    """Potentials with an allocation-free evaluation of their own."""
+    """Potentials that have an allocation-free evaluation, by a method ``in_place``."""
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
@@ -70,9 +70,9 @@ def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
 
 
 def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
-    """Add a monomial's coefficient (r,) to symmetric tensors S (r, …), in equal parts.
+    """Add a monomial's coefficients (r,) to r symmetric tensors S (r, …).
 
-    Each distinct order of the indices ``places`` gets one part.
+    The monomial's index tuple is ``places``. Each distinct order of it gets an equal part.
     """
     arrangements = _orders(tuple(places))
     for place in arrangements:
@@ -81,7 +81,7 @@ def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
 
 
 def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """List all distinct orders of a tuple whose entries may repeat."""
+    """Return all distinct orders of the entries of a tuple, which may repeat."""
     if len(places) <= 1:
         return [places]
     return [
@@ -102,11 +102,11 @@ class Homogeneous:
     Parameters
     ----------
     center, scale : (n,) arrays
-        ``u = (q − center) / scale``.
+        Centre and scale of the coordinates ``u = (q − center) / scale`` of ``terms``.
     degree : int
-        d, small: a tensor has (n + 1)ᵈ entries.
+        Degree d, which must be small: a tensor has (n + 1)ᵈ entries.
     terms
-        Exponents of the monomials of u, and their coefficients (r,).
+        Coefficients (r,) of the monomials of u, by the exponents of the monomials.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Homogeneous:
         return self._contraction(q)[0][:, 1:].T.copy()
 
     def _contraction(self, q: Array) -> tuple[Array, Array]:
-        """Evaluate w (r, n + 1) and z (n + 1,)."""
+        """Evaluate w (r, n + 1) and z (n + 1,) at q."""
         z = np.ones(self.n + 1)
         np.subtract(q, self.center, z[1:])
         w = self.tensor

@@ -17,20 +17,21 @@ _MAX_SIZE = 20_000
 
 
 class Fourier(PotentialBasis):
-    r"""Sines and cosines of integer multiples of selected joints,
+    r"""Trigonometric basis: sines and cosines of integer combinations of selected joints.
 
     .. math:: \sin(k \cdot u), \quad \cos(k \cdot u), \qquad u_i = 2\pi q_i / \text{period}_i,
               \qquad 1 \le \sum_i |k_i| \le \text{order},
 
-    one of k and −k. They are periodic in a continuous joint, and bounded where polynomials are
-    not. Over a small box they are close to polynomials, and nearly dependent on them.
+    Only one of k and −k is used. The potentials are periodic, as a continuous joint is, and bounded
+    where polynomials are not. Over a small box they are close to polynomials, so a basis of both is
+    nearly linearly dependent.
 
     Parameters
     ----------
     n : int
         Number of joints of the arm.
     order : int
-        Highest sum of multiples, 1 or more.
+        Maximum of Σ |k_i|, 1 or more.
     variables : sequence of int, optional
         Joints on which the potentials depend (counted from 0); by default all.
     period : float or (n,) array
@@ -108,7 +109,7 @@ class Fourier(PotentialBasis):
         return slopes[:, None, :] * np.concatenate([self.waves, self.waves]).T
 
     def weighted(self, A: ArrayLike) -> FourierMap:
-        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         return FourierMap(self.waves, coefficients(A, self.size))
 
     def __str__(self) -> str:
@@ -122,7 +123,7 @@ class Fourier(PotentialBasis):
 
 
 class FourierMap:
-    """r potentials ``h = aᵀ sin(k · q) + bᵀ cos(k · q)``."""
+    """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,)."""
 
     def __init__(self, waves: Array, A: Array) -> None:
         self.waves, self.n = waves, waves.shape[1]
@@ -155,7 +156,7 @@ class FourierMap:
 
 
 def _sum(k: NDArray[np.int_]) -> str:
-    """Write k · u as a sum, such as ``2 u_0 − u_3``."""
+    """Write the sum k · u as text, such as ``2 u_0 − u_3``."""
     text = ""
     for i in np.flatnonzero(k):
         size = "" if abs(k[i]) == 1 else f"{abs(k[i])} "

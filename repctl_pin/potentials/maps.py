@@ -1,5 +1,7 @@
-"""r potentials h(q) whose level sets h(q) = c are leaves: their protocol, and maps made of a basis
-or of one another."""
+"""r potentials h(q) whose level sets h(q) = c are leaves: their protocol, and classes for them.
+
+The classes are weighted sums of a basis, sums of potentials, and potentials of selected joints.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ class Potentials(Protocol):
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q: (K, n, r)."""
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
 
 
 @runtime_checkable
@@ -36,27 +38,27 @@ class CurvedPotentials(Potentials, Protocol):
 
 
 class _Basis(Protocol):
-    """Potentials that are evaluated at many configurations at once."""
+    """Basis h_1 … h_N of potentials, evaluated at many configurations at once."""
 
     def values(self, Q: Array) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate the gradients: (K, n, N)."""
+        """Evaluate the gradients at every row of Q (K, n): (K, n, N)."""
 
 
 def joints_of(potentials: object) -> int | None:
-    """Number of joints n on which potentials depend; None if they take any number."""
+    """Return the number of joints of potentials or of a basis; None if it takes any number."""
     return getattr(potentials, "n", None)
 
 
 def check_joints(potentials: object, n: int) -> None:
-    """Refuse potentials of another number of joints than a task's n.
+    """Check that potentials are of n joints, as many as a task has.
 
     Raises
     ------
     InputError
-        If they are; it names both numbers.
+        If they are of another number of joints; the message names both numbers.
     """
     of = joints_of(potentials)
     if of not in (None, n):
@@ -64,12 +66,12 @@ def check_joints(potentials: object, n: int) -> None:
 
 
 def common_joints(parts: Sequence[object]) -> int | None:
-    """Number of joints on which all parts depend; None if they take any number.
+    """Return the common number of joints of several potentials; None if they take any number.
 
     Raises
     ------
     InputError
-        If the parts are of different numbers of joints.
+        If their numbers of joints differ.
     """
     numbers = sorted({n for part in parts if (n := joints_of(part)) is not None})
     if len(numbers) > 1:
@@ -81,13 +83,12 @@ def common_joints(parts: Sequence[object]) -> int | None:
 
 
 def coefficients(A: ArrayLike, size: int) -> Array:
-    """Convert the coefficients of ``h = Aᵀ (h_1 … h_N)``: (N, r) finite numbers, one row per
-    potential.
+    """Convert the coefficients A of ``h = Aᵀ (h_1 … h_N)`` to an array (N, r), where N = ``size``.
 
     Raises
     ------
     InputError
-        If they are anything else.
+        If A has another shape, or is not of finite numbers.
     """
     (A,) = as_matrices(("the coefficients", A, f"{size} r"), exact=True)
     return A
@@ -116,7 +117,7 @@ class CustomMap:
 
 
 class SumMap:
-    """Sum of the r potentials of each part: h = h_a + h_b + …"""
+    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``"""
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
         self.maps, self.n = tuple(maps), common_joints(maps)
@@ -135,7 +136,7 @@ class SumMap:
 
 
 class CurvedSumMap(SumMap):
-    """Sum of potentials that all have second derivatives."""
+    """Sum of several maps of r potentials each, all with second derivatives."""
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
         super().__init__(maps)
@@ -147,7 +148,7 @@ class CurvedSumMap(SumMap):
 
 
 class PartialMap:
-    """``h(q) = h_part(q[variables])``: constant along every other joint.
+    """Potentials of selected joints, ``h(q) = h_part(q[variables])``; other joints have no effect.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ _MAX_SIZE = 5_000
 class Polynomial(PotentialBasis):
     r"""All polynomials of total degree 1 to d in scaled joint coordinates.
 
-    The basis is made of products of Legendre polynomials,
+    The basis is made of products of Legendre polynomials P,
 
     .. math:: h_\alpha(q) = \prod_i \sqrt{2\alpha_i + 1}\; P_{\alpha_i}(u_i), \qquad
               u = (q - \text{center}) / \text{scale}, \qquad 1 \le |\alpha| \le d,
@@ -33,11 +33,11 @@ class Polynomial(PotentialBasis):
     Parameters
     ----------
     center : (n,) array
-        Where u = 0, rad or m.
+        Centre of the box on which the basis is orthonormal, rad or m; u = 0 there.
     degree : int
         Highest total degree, 1 or more.
     scale : float or (n,) array
-        Half-widths of the box on which the basis is orthonormal, rad (m for prismatic joints).
+        Half-widths of that box, rad (m for prismatic joints).
     variables : sequence of int, optional
         Joints on which the potentials depend (counted from 0); by default all.
     cross
@@ -139,7 +139,7 @@ class Polynomial(PotentialBasis):
         return gradients.reshape(K, n, self.size)
 
     def weighted(self, A: ArrayLike) -> PolynomialMap | PartialMap:
-        """Choose ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35), as dense tensors."""
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         A = coefficients(A, self.size)
         n, d = self.n, self.degree
         if len(self.variables) < n:
@@ -166,7 +166,7 @@ class Polynomial(PotentialBasis):
         return PolynomialMap(self.center, self.scale, d, terms)
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Tabulate P_k(u_i) and P'_k(u_i): two arrays (K, n, d + 1)."""
+        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1)."""
         u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
         P[..., 1], dP[..., 0] = u, 0.0
@@ -186,17 +186,19 @@ class Polynomial(PotentialBasis):
 class PolynomialMap:
     """r polynomials h(q) as dense symmetric tensors, evaluated by Horner's rule.
 
-    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u``, one matrix–vector product per degree.
+    ``V(q) = T_0 + (T_1 + (T_2 + …) u) u`` with a tensor T_k for the terms of degree k: one
+    matrix–vector product per degree.
 
     Attributes
     ----------
     center, scale : (n,) arrays
-        ``u = (q − center) / scale``.
+        Centre and scale of the coordinates ``u = (q − center) / scale``.
     degree : int
+        Highest total degree.
     terms
-        Exponents of the monomials of u, and their coefficients (r,).
+        Coefficients (r,) of the monomials of u, by the exponents of the monomials.
     homogeneous : Homogeneous or None
-        The same polynomials as one tensor each; None if that would be large.
+        These polynomials as one tensor each, which is faster; None if the tensors would be large.
     """
 
     def __init__(
@@ -243,7 +245,7 @@ class PolynomialMap:
         return V.reshape(self._shape)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make the functions that write Vᵀ into an array (r, n), and c − h into one (r,)."""
+        """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
         return (
             plain(self, V_T, e) if self.homogeneous is None else self.homogeneous.in_place(V_T, e)
         )

@@ -35,7 +35,7 @@ NO_BETTER = "none of the default starts keeps the joint limits and the bodies ap
 
 
 class _Solved(NamedTuple):
-    """A problem, its design, and the violations and extra speed of the design's first cycle."""
+    """A problem, its design, and the violation count and extra joint speed of its first cycle."""
 
     problem: Problem
     design: Design
@@ -52,11 +52,12 @@ def design_for(
     seed: int = 0,
     say: Say = lambda text: None,
 ) -> tuple[Problem, Design]:
-    """Design in the region that was given, else around the motion from the best start.
+    """Design a repeatable inverse in the given region, or around the motion from the best start.
 
     A start is good enough if the repeatable motion keeps the joint limits, no bodies collide, and
-    its extra joint speed is small. Default starts are tried until one is. If none is, the one with
-    the fewest kinds of violation is taken, of those the one with the lowest speed, with a note.
+    its extra joint speed is small. Default starts are tried until one is good enough. If none is,
+    the start with the fewest kinds of violation is used, and among equals that with the lowest
+    extra joint speed; a default start with violations adds a note to the problem.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def design_for(
     Raises
     ------
     SingularityError
-        If every start is refused: the reason for the first.
+        If the design fails for every start; the message is that of the first start.
     """
     if problem.path is None or "region" in problem.given:
         return problem, _in_region(problem, make)
@@ -114,7 +115,10 @@ def design_for(
 def timed_cycle(
     design: Design, problem: Problem, *, period: float | None = None
 ) -> tuple[Cycle, list[str]]:
-    """Choose the period of the cycle of a design, within the speed limits; with notes."""
+    """Choose the period of a design's cycle, so that the joints keep their speed limits.
+
+    Returns the cycle, and notes on the period. A given period, s, is not changed.
+    """
     path = problem.cycle
     time = period or path.period or PERIOD
     notes: list[str] = []
@@ -125,7 +129,7 @@ def timed_cycle(
 
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
-    """Write a note on how far Ω was shrunk; none if it was not."""
+    """Write a note on how far Ω was shrunk, in a tuple; an empty tuple if it was not."""
     share = f"Ω was shrunk to {design.shrunk:.0%} of its half-width"
     return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
 
@@ -141,7 +145,10 @@ def half_width_within(region: Region) -> str:
 
 
 def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | None:
-    """Make the error of a design that fails on its own cycle; None if J⁺ fails there as well."""
+    """Create the error of a design that cannot follow the cycle it was made for.
+
+    Returns None if J⁺ cannot follow it either.
+    """
     if plain_cycle(task, path, q0) is None:
         return None
     return SingularityError(
@@ -151,7 +158,11 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
 
 
 def _in_region(problem: Problem, make: Make) -> Design:
-    """Design in the region of a problem; if it is singular, name one that is not."""
+    """Design in the region of a problem.
+
+    If Ω is singular, the remedy of the error suggests a smaller region that is not, or another
+    start.
+    """
     region = problem.region
     try:
         return make(region)
@@ -168,7 +179,7 @@ def _in_region(problem: Problem, make: Make) -> Design:
 def _solved(
     problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
 ) -> _Solved:
-    """Design around the motion from a start, and evaluate the first cycle."""
+    """Design around the motion from the problem's start, and evaluate the design's first cycle."""
     design = _around_motion(problem, desired, make, width, seed, say)
     path, q0 = problem.cycle, problem.start
     motion = _own_cycle(design, path, q0, steps=96)
@@ -178,13 +189,16 @@ def _solved(
 
 
 def _merit(solved: _Solved) -> tuple[int, float]:
-    """Sort key: fewest violation kinds, then lowest extra speed above the tolerated one."""
+    """Sort key of designs, the best smallest: number of violation kinds, then extra joint speed.
+
+    Extra speed up to HIGH_SPEED counts as 0.
+    """
     extra = solved.extra_speed
     return solved.violated, extra if extra > HIGH_SPEED else 0.0
 
 
 def _noted(solved: _Solved) -> Problem:
-    """Add a note if no default start is free of violations."""
+    """Return the problem, with a note if its start is a default start with violations."""
     problem = solved.problem
     if solved.violated and "start" not in problem.given:
         return problem._with(moved=(*problem.moved, NO_BETTER))
@@ -194,7 +208,11 @@ def _noted(solved: _Solved) -> Problem:
 def _around_motion(
     problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
 ) -> Design:
-    """Design in a tube around the motion that results, so that the motion lies inside Ω."""
+    """Design in a tube around the motion, at first that of a design of degree 1.
+
+    If the motion of the new design leaves the tube, the design is repeated in a tube around that
+    motion, at most twice.
+    """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")
     tube = _tube_of_linear(desired, path, q0, width, seed)
@@ -212,7 +230,9 @@ def _around_motion(
 def _tube_of_linear(
     desired: Inverse, path: TaskPath, q0: Array, width: float | None, seed: int
 ) -> Tube:
-    """Make the tube around the motion of a linear design, which does not drift as G_d does.
+    """Create the tube around the motion of a design of degree 1, which does not drift as G_d does.
+
+    If that design cannot follow the path, the tube is around the motion of G_d.
 
     Raises
     ------
@@ -234,7 +254,7 @@ def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Mot
     Raises
     ------
     SingularityError
-        If it fails; the message says whether J⁺ fails as well.
+        If the design cannot follow it; the message says so if J⁺ can (see :func:`own_failure`).
     """
     try:
         return follow(design.inverse, path, q0, cycles=1, **options)

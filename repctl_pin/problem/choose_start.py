@@ -22,16 +22,16 @@ PathOf = Callable[[Task, Array], ClosedPath]
 GIVEN = "as given"
 
 SAME = 1e-6
-"""Task error, m and rad, up to which two placements are the same."""
+"""Task error, m and rad, up to which two placements count as equal."""
 
 _SINGULAR = 1e-3
 _FAR = 1.0  # rad
 _LOOKS = 12
-"""Points of a cycle at which bodies are checked before a start is taken."""
+"""Number of points per cycle at which collisions are checked when a start is chosen."""
 
 
 class Start(NamedTuple):
-    """A start, and the path from there.
+    """Start configuration, and the path that begins there.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Start(NamedTuple):
     moved : bool
         Whether q0 was moved to the first point of the path.
     violates : bool
-        Whether J⁺ violates a limit, or bodies collide, in the first cycle from there.
+        Whether J⁺ violates a limit, or bodies collide, in the first cycle from q0.
     """
 
     q0: Array
@@ -64,12 +64,12 @@ def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> It
     start : (n,) array or str, optional
         The only start to try, or a named pose of the robot; by default the default starts.
     draw
-        Makes the path from a task and a start; None for no path.
+        Function (task, q0) → path; None for no path.
 
     Raises
     ------
     InputError, SingularityError
-        If no start is usable: the reason for the first.
+        If no start is usable; the message is the reason for the first start.
     """
     if start is not None:
         q0, name = _named(task, start)
@@ -87,7 +87,7 @@ def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> It
 
 
 def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
-    """Follow one cycle with J⁺; None if it fails."""
+    """Follow one cycle of a path with J⁺ from q0; None if J⁺ fails."""
     try:
         return follow(Pseudoinverse(task), path, q0, cycles=1, steps=96)
     except SingularityError:
@@ -95,12 +95,12 @@ def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
 
 
 def violations(motion: Motion) -> int:
-    """Count the kinds of violation of a motion, with bodies checked at a few points per cycle."""
+    """Count the kinds of violation of a motion; collisions are checked at 12 points per cycle."""
     return len(violations_of(motion, motion.thinned(_LOOKS)))
 
 
 def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
-    """Check a start, or find the pose of the robot that it names."""
+    """Return the given start, checked, or the robot's pose of that name; with a description."""
     if not isinstance(start, str):
         return task.check(start, "start"), GIVEN
     poses = task.robot.poses
@@ -111,7 +111,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 
 
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Start:
-    """Choose the first start at which some circle fits, else the first."""
+    """Choose the first start at which a circle fits, or the first start if none fits."""
     best: Start | None = None
     for q0, name in offers:
         best = best or Start(q0, name)
@@ -132,7 +132,7 @@ def _reachable(
     Raises
     ------
     InputError, SingularityError
-        If there is none: the reason for the first.
+        If there is no such start; the message is the reason for the first start.
     """
     failure: RepctlError | None = None
     found = elsewhere = False
@@ -157,7 +157,7 @@ def _reachable(
 
 
 def _check_regular(task: Task, q0: Array, remedy: str) -> None:
-    """Refuse a singular start."""
+    """Raise SingularityError if J is nearly singular at a start."""
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
             f"the start is at a singularity of {task.frame!r}, {task.kind}", remedy=remedy, at=q0
@@ -165,7 +165,11 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
 
 
 def _best_first(task: Task, found: Iterable[Start]) -> Iterator[Start]:
-    """Order starts: those at which J⁺ violates a limit in its first cycle, drifts or fails last."""
+    """Sort starts by the first cycle of J⁺ from there.
+
+    First come those without violations, then those with violations, then those from which J⁺ drifts
+    far or fails.
+    """
     violating: list[Start] = []
     wild: list[Start] = []
     for start in found:

@@ -10,7 +10,10 @@ from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
 
 def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
-    """Make the desired inverse and its name: J⁺, or weighted by inertia, limits or numbers."""
+    """Create the desired inverse G_d, and its description.
+
+    G_d is J⁺ for None, or J⁺ weighted by ``inertia``, by ``limits``, or by numbers.
+    """
     if weight is None:
         return Pseudoinverse(task), "J⁺"
     if isinstance(weight, str) and weight == "limits":

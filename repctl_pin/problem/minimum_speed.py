@@ -1,4 +1,4 @@
-"""Start of a problem by joint speed: where a closed motion needs minimum joint speed."""
+"""Choice of the start of a problem for which a closed motion needs minimum joint speed."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from .problem import Problem
 
 
 def at_minimum_speed(problem: Problem) -> Problem:
-    """Move the start of a problem along its self-motion, to the one that needs least joint speed.
+    """Copy a problem, with the start moved along its self-motion to minimum joint speed.
 
-    The path stays. The start has at least half of the largest joint-limit margin found, and no
-    bodies collide; see :func:`repctl_pin.motion.least_start.least_start`.
+    The path does not change. The new start has at least half of the largest joint-limit margin
+    found, and no bodies collide; see :func:`repctl_pin.motion.least_start.least_start`.
 
     Raises
     ------

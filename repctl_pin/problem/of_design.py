@@ -1,4 +1,4 @@
-"""The problem that a design solves, or the same with another start or path."""
+"""Problem that a design solves, optionally with another start or path."""
 
 from __future__ import annotations
 
@@ -26,17 +26,18 @@ def problem_of(
     path: str | ClosedPath | PathOf | Literal[False] | None = None,
     plane: str | None = None,
 ) -> Problem:
-    """Make the problem that a design solves: its task, region and cycle; or another start or path.
+    """Create the problem that a design solves, from its task, region and cycle.
 
-    A design without a cycle gets the largest circle inside its region. Without a path, the start is
-    the centre of the region.
+    Another start or path can be given. A design without a cycle gets the largest circle inside its
+    region. With ``path=False``, the default start is the centre of the region.
 
     Parameters
     ----------
     design
-        The design; the region of one over a cell is the cell.
+        Design of a repeatable inverse; or of a cell's function, in which case the region is the
+        cell.
     start, path, plane
-        As :class:`Problem` takes them.
+        As for :class:`Problem`.
 
     Raises
     ------
@@ -60,7 +61,11 @@ def problem_of(
 
 
 def _of_cycle(design: Design, cycle: Cycle, start: ArrayLike | None) -> Problem:
-    """Take the cycle that a design was made for; another start may be on another leaf of it."""
+    """Create the problem of the cycle that a design was made for, from its start or another one.
+
+    Another start keeps the path if it is at the path's first pose, on any leaf. Otherwise the path
+    is a circle inside the region.
+    """
     task, region = design.task, design.region
     if start is None:
         problem = Problem(task, start=cycle.start, path=False, region=region)
@@ -79,7 +84,10 @@ def _of_cell(
     path: str | ClosedPath | PathOf | Literal[False] | None,
     plane: str | None,
 ) -> Problem:
-    """Make a problem inside a cell, which begins at the configuration that the function gives."""
+    """Create a problem inside a cell.
+
+    By default it begins at the configuration that the function gives for the path's first pose.
+    """
     from ..inverse_function import Sector  # slow to import, and not needed by a study
     from ..inverse_function.sample_path import tour
 

@@ -13,21 +13,21 @@ PERIOD = 5.0
 """Period, s, if none is given and the joints are fast enough."""
 
 SHARE = 0.9
-"""Maximum share of a speed limit that a cycle uses, if its period is chosen."""
+"""Maximum fraction of a speed limit that a cycle uses, if its period is increased."""
 
 
 def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
-    """Choose a period in which the first cycles keep the speed limits, with a note if lengthened.
+    """Choose a period in which the first cycle of every motion keeps the speed limits.
 
-    The joint path is the same at any speed. A motion that leaves its path in the first cycle is
-    ignored.
+    The joint path does not depend on the speed. A motion that leaves its path in the first cycle is
+    ignored. Returns the period, s, and a note if it was increased.
 
     Parameters
     ----------
     usual
-        Period to lengthen if necessary, s.
+        Period to use, or to increase if necessary, s.
     motions
-        Motions at that period, by the name of their controller.
+        Motions at that period, by the name of their controller; None for a controller that failed.
     """
     first = {
         name: replace(motion, qdot=motion.qdot[: motion.steps + 1])

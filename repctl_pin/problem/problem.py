@@ -84,7 +84,7 @@ class Problem:
     given : frozenset of str
         Names of the parts that were given.
     moved : tuple of str
-        Differences from what was given.
+        Notes on differences from the given parts, such as a start that was moved.
     warnings : tuple of str
         Warnings of the loaded robot.
 
@@ -146,7 +146,7 @@ class Problem:
     def region(self) -> Region:
         """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
 
-        That of a design over a cell is the cell.
+        For a problem made from the design of a cell's function, it is the cell.
         """
         asked = self._asked
         if isinstance(asked, float):
@@ -160,7 +160,7 @@ class Problem:
 
     @property
     def cycle(self) -> TaskPath:
-        """Closed path, for uses that require one.
+        """Closed path, never None: an error if the problem has no path.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class Problem:
         return [f"the start is {self.start_is}", *self.moved]
 
     def alternatives(self) -> Iterator[Problem]:
-        """Generate this problem, then the same with other default starts, the best first."""
+        """Generate this problem, then copies with the other default starts, the best first."""
         yield self
         if "start" in self.given:
             return
@@ -201,7 +201,7 @@ class Problem:
         )
 
     def _begin(self, start: Start) -> None:
-        """Set the start, and the path from there."""
+        """Set the start, the path from there, and the note on a moved start."""
         moved = ("the start was moved to the first point of the path",) if start.moved else ()
         freeze(self, start=start.q0, start_is=start.name, path=start.path, moved=moved)
         freeze(self, _violates=start.violates)
@@ -214,13 +214,13 @@ class Problem:
 
 
 def tube_around(motion: Motion, width: float | None = None) -> Tube:
-    """Make the tube around one cycle of a motion; by default of radius 0.1 rad or 0.05 m."""
+    """Create the tube around a motion's first cycle; default radius 0.1 rad or 0.05 m per joint."""
     radius = np.where(motion.task.revolute, 0.1, 0.05) if width is None else width
     return Tube(motion.cycle(0), radius)
 
 
 def _task_of(robot: Robot | Task, frame: str | None, kind: str | None) -> Task:
-    """Choose the task of a robot; a task has its own frame and kind."""
+    """Choose the task of a robot; a given task has its own frame and kind, and is returned."""
     if isinstance(robot, Robot):
         return choose_task(robot, frame, kind)
     for name, value in (("frame", frame), ("kind", kind)):
@@ -230,7 +230,7 @@ def _task_of(robot: Robot | Task, frame: str | None, kind: str | None) -> Task:
 
 
 def _checked_path(path: Any, plane: str | None) -> PathOf | None:
-    """Make the function that draws the path; None for no path."""
+    """Create the function (task, q0) → path from the argument ``path``; None for no path."""
     if plane is not None:
         require_choice(plane, PLANES, "plane")
         if not (path is None or isinstance(path, str)):
@@ -250,7 +250,7 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
 
 
 def _checked_region(region: Any) -> float | Region | RegionOf | None:
-    """Check a region, or what it is made of."""
+    """Check the argument ``region``: a half-width, a region, a function that makes one, or None."""
     if region is None or isinstance(region, Region):
         return region
     if callable(region):
@@ -261,7 +261,7 @@ def _checked_region(region: Any) -> float | Region | RegionOf | None:
 
 
 def _check_size(region: Region, task: Task) -> None:
-    """Refuse a region with another number of joints than the task's."""
+    """Raise InputError for a region with another number of joints than the task's."""
     n = len(region.center)
     if n != task.n:
         raise InputError(

@@ -20,7 +20,7 @@ POSES = {
 """Named poses of a robot, in the order in which they are tried."""
 
 SEARCHED = ("a dexterous pose near mid-range", "another dexterous pose")
-"""Starts that are searched for only if the named poses fail."""
+"""Descriptions of the starts that are searched for, after the named poses."""
 
 _LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
 _LEAST_DEXTERITY_OF_POSITION = 0.2
@@ -52,7 +52,10 @@ def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
 
 
 def _dexterous(task: Task) -> Iterator[Array]:
-    """Search for dexterous configurations, the nearest to mid-range first, well apart."""
+    """Generate dexterous configurations, the nearest to mid-range first.
+
+    Any two of them differ by more than 0.5 rad or m in some joint.
+    """
     middle = task.from_robot(task.robot.poses["middle"])
     low, high = inner_limits(task)
     low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)

@@ -17,13 +17,13 @@ PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
 """Kinds tried in this order if none is given (``axis`` on request only)."""
 
 _SAMPLES = 32
-"""Configurations at which the rank of J is evaluated."""
+"""Number of configurations at which the rank of J is evaluated."""
 
 _RANK = 1e-4
 
 
 def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
-    """Make the task of a given kind, or the first preferred kind with r ≥ 1.
+    """Create the task of a given kind, or of the first preferred kind with r ≥ 1, at a frame.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
 
 def kind_note(task: Task) -> list[str]:
-    """Say why a task of another kind than the first preferred one was chosen."""
+    """Write a note on why the task is not of kind pose, the first choice; empty if it is."""
     first = PREFERRED_KINDS[0]
     if task.kind == first:
         return []
@@ -70,14 +70,17 @@ def kind_note(task: Task) -> list[str]:
 
 
 def inner_limits(task: Task) -> tuple[Array, Array]:
-    """Compute the middle 80 % of the joint limits; ±3 where there are none."""
+    """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each.
+
+    A missing limit is replaced by one at least 3 rad or m from 0 and from the reference pose.
+    """
     low = np.where(np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0))
     high = np.where(np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0))
     return low + 0.1 * (high - low), high - 0.1 * (high - low)
 
 
 def _redundant(robot: Robot, task: Task) -> Task:
-    """Check that a task is redundant and J reaches full row rank."""
+    """Return a task after a check that it is redundant, and that J reaches full row rank."""
     if task.r >= 1 and _reaches_full_rank(task):
         return task
     others = redundant_kinds(robot, task.frame)
@@ -91,7 +94,7 @@ def _redundant(robot: Robot, task: Task) -> Task:
 
 
 def _redundant_frame(robot: Robot) -> str | None:
-    """Find the frame with the most joints at which some kind of task is redundant."""
+    """Find the redundant frame with the most joints; None if no kind of task is redundant."""
     chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
     for chain in sorted(chains, key=len, reverse=True):
         kinds = redundant_kinds(robot, chains[chain])
@@ -101,7 +104,7 @@ def _redundant_frame(robot: Robot) -> str | None:
 
 
 def _reaches_full_rank(task: Task) -> bool:
-    """Tell whether J has full row rank at one of 32 configurations within the limits."""
+    """Test whether J has full row rank at one of 32 random configurations within the limits."""
     low, high = inner_limits(task)
     Q = np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))
     J = task.jacobians(Q)

@@ -15,18 +15,20 @@ _TOO_LONG = 600.0
 """Estimated processor time, s, above which a study is refused unless its degree was given."""
 
 _RATE = 3000.0
-"""Blocks of the Gauss–Newton matrix summed per second of a whole design, in units of N² entries."""
+"""Speed of a design: entries of the Gauss–Newton matrix summed over 16,384 nodes, per second."""
 
 
 def design_seconds(task: Task, degree: int) -> float:
-    """Estimate the processor time of a design of r of N polynomials, s, within a factor of 3."""
+    """Estimate the processor time, s, of a design with polynomials, within a factor of 3."""
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
     return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
 
 
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
-    """Choose the degree: the given one, else 2, or 1 where degree 2 would take long; with notes.
+    """Choose the degree of a design: the given one, or 2, or 1 if degree 2 would take long.
+
+    Returns the degree, and notes on the time it takes.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def check_degree(task: Task, degree: int) -> None:
     Raises
     ------
     InputError
-        If it does.
+        If it makes too many; the remedy is a lower degree.
     """
     try:
         Polynomial(task.reference, degree)
@@ -71,7 +73,7 @@ def check_degree(task: Task, degree: int) -> None:
 
 
 def _about(seconds: float) -> str:
-    """Write an estimated time in seconds, minutes or hours."""
+    """Write an estimated time in seconds, minutes or hours, such as ``about 5 min``."""
     if seconds < 100:
         return f"about {max(seconds, 1):.0f} s"
     if seconds < 6000:

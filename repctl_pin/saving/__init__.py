@@ -1,4 +1,4 @@
-"""Designs as files, and back: over a region of joint space, or over a cell of the workspace."""
+"""Saving and loading of designs, over a region of joint space or over a cell of the workspace."""
 
 from .files import load, load_cell, load_design, save
 

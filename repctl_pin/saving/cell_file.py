@@ -1,4 +1,4 @@
-"""Conversion of a cell's function to plain data, and back."""
+"""File content of a cell's design: conversion to plain data, and back."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _BOUNDLESS = (
     "body_distance",
 )
 _UNSAID = {"joint_range": np.inf, "nearly": np.nan, "unasked": np.nan}
-"""Figures of a turn that are null in a file, and what null means."""
+"""Figures of :class:`Turn` that are null in a file if they have these values."""
 
 _HOW = (
     "samples",
@@ -55,8 +55,10 @@ _HOW = (
 
 
 class FailureFile(Plain):
-    """Reason why a function fails, see
-    :class:`repctl_pin.inverse_function.failures.FailureReason`."""
+    """Reason why a function fails at some poses of its cell.
+
+    See :class:`repctl_pin.inverse_function.failures.FailureReason`.
+    """
 
     cause: str
     share: float
@@ -65,8 +67,11 @@ class FailureFile(Plain):
 
 
 class TurnFile(Plain):
-    """How far a function goes along a symmetric coordinate, see
-    :class:`repctl_pin.inverse_function.turning.Turn`; null: a joint without limits."""
+    """Range of a function along a symmetric coordinate of its sector, rad.
+
+    See :class:`repctl_pin.inverse_function.turning.Turn`. ``joint_range`` is null for a joint
+    without limits, ``nearly`` and ``unasked`` are null if they were not computed.
+    """
 
     coordinate: str
     joint: str
@@ -80,9 +85,13 @@ class TurnFile(Plain):
 
 
 class SectorFile(Plain):
-    """Cylindrical coordinates: the axis, as a point, m, and a direction; the coordinates, counted
-    from 0, that go as far as the joints do, and those left out of the polynomials, whose joints
-    turn the arm or the tool. The widths are those of radius, angle, height, tilts and spin."""
+    """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
+
+    ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
+    ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
+    coordinates that the polynomials leave out, because a single joint turns the whole arm or the
+    tool along them.
+    """
 
     axis: Rows
     free: list[int]
@@ -90,8 +99,12 @@ class SectorFile(Plain):
 
 
 class CellFigures(Plain):
-    """Evaluation of a function, see
-    :class:`repctl_pin.inverse_function.cell_evaluation.Evaluation`; null: no limits, no bodies."""
+    """Evaluation of a function over a cell.
+
+    See :class:`repctl_pin.inverse_function.cell_evaluation.Evaluation`. A margin is null without
+    joint limits, ``body_distance`` is null without collision bodies. Figures with a default are not
+    in older files.
+    """
 
     cost: float
     cost_error: float
@@ -114,8 +127,10 @@ class CellFigures(Plain):
 
 
 class CellFile(Sealed):
-    """A function over a cell: its poses, and q_ref and n_ref as polynomials of their
-    coordinates."""
+    """Inverse kinematic function over a cell of poses.
+
+    ``coefficients`` are those of q_ref and n_ref, polynomials of the cell's coordinates.
+    """
 
     desired: Desired
     placement: Rows
@@ -137,12 +152,12 @@ class CellFile(Sealed):
 
 
 def cell_file(design: CellDesign) -> CellFile:
-    """Convert the function of a cell to plain data.
+    """Convert the design of a cell's function to the content of a file.
 
     Raises
     ------
     InputError
-        If it holds user-defined functions.
+        If the design contains user-defined functions.
     """
     chart, cell, found = design.function.chart, design.cell, vars(design.evaluation)
     unsaid = (*_BOUNDLESS, "extra_speed_direction")
@@ -181,7 +196,7 @@ def _turn(turn: TurnFile) -> Turn:
 
 
 def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
-    """Describe the coordinates of a sector; unset for a box."""
+    """Convert the coordinates of a sector to plain data; UNSET for a box."""
     if not isinstance(cell, Sector):
         return msgspec.UNSET
     symmetric = [one.coordinate for one in cell.removed]
@@ -189,7 +204,7 @@ def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
 
 
 def _cell(content: CellFile, task: Task) -> Cell:
-    """Make the cell of a chart: a box, or a sector without its symmetric coordinates."""
+    """Create the cell of a chart: a box, or a sector without its symmetric coordinates."""
     widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(
@@ -211,12 +226,12 @@ def _cell(content: CellFile, task: Task) -> Cell:
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:
-    """Make the function of a cell from plain data.
+    """Create the design of a cell's function from the content of a file.
 
     Raises
     ------
     InputError
-        If the numbers do not make one.
+        If the content does not describe a valid design for this task.
     """
     if not content.degrees:
         raise InputError("a cell's file must name at least one degree that was tried")

@@ -1,4 +1,4 @@
-"""Conversion of a design to plain data, and back; reading and writing of JSON with a checksum."""
+"""File content of a design: conversion to plain data, and back; JSON files with a checksum."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LARGEST = 64_000_000
 
 
 def write(content: Sealed, path: str | Path) -> Path:
-    """Write data with its checksum to a file, atomically."""
+    """Write the content of a design, with its checksum, to a JSON file atomically."""
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
         plain | {"checksum": checksum_of(plain)}, indent=1, ensure_ascii=False, allow_nan=False
@@ -37,12 +37,15 @@ def write(content: Sealed, path: str | Path) -> Path:
 
 
 def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
-    """Read a file, and check its format, its schema version and its checksum.
+    """Read the content of a design file, and check format, schema version and checksum.
+
+    ``kinds`` are the classes of the content, by the file's ``format``.
 
     Raises
     ------
     InputError
-        If one of them is wrong.
+        If the file is not a design file, has another schema version, or was changed after it was
+        written.
     """
     where, text = str(path), read_whole(path, _LARGEST)
     try:
@@ -82,7 +85,7 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
 
 
 def head(kind: str, task: Task) -> dict[str, Any]:
-    """Make the head of a file, with an empty checksum."""
+    """Create the fields that every file has (:class:`Sealed`), with an empty checksum."""
     return {
         "format": kind,
         "schema": SCHEMA,
@@ -93,12 +96,12 @@ def head(kind: str, task: Task) -> dict[str, Any]:
 
 
 def design_file(design: Design) -> DesignFile:
-    """Convert a design to plain data.
+    """Convert a design to the content of a file.
 
     Raises
     ------
     InputError
-        If it holds user-defined functions, or a figure is not finite.
+        If the design contains user-defined functions, or a figure is not finite.
     """
     figures = described(Figures, design)
     for name, value in msgspec.structs.asdict(figures).items():
@@ -121,12 +124,12 @@ def design_file(design: Design) -> DesignFile:
 
 
 def design_of(content: DesignFile, task: Task) -> Design:
-    """Make a design from plain data, for the task it was made for.
+    """Create a design from the content of a file, for the task it was made for.
 
     Raises
     ------
     InputError
-        If the numbers do not make a design.
+        If the content does not describe a valid design for this task.
     """
     potentials, A = schema.basis_of(content.potentials), np.array(content.coefficients, dtype=float)
     if A.shape != (potentials.size, task.r):
@@ -150,7 +153,7 @@ def design_of(content: DesignFile, task: Task) -> Design:
 
 
 class _Head(msgspec.Struct):
-    """Head of a file of any schema version."""
+    """Fields that a file has in every schema version."""
 
     format: str
     schema: int
@@ -158,7 +161,7 @@ class _Head(msgspec.Struct):
 
 
 def _printable(value: Any) -> Any:
-    """Escape characters that do not print in all texts of plain data."""
+    """Escape unprintable characters in all texts of plain data."""
     if isinstance(value, dict):
         return {key: _printable(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -167,7 +170,7 @@ def _printable(value: Any) -> Any:
 
 
 def checksum_of(content: dict[str, Any]) -> str:
-    """Hash the content without the checksum, independent of the layout."""
+    """Hash the content without its checksum; the layout of the file has no effect."""
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return "sha256:" + hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

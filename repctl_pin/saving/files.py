@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 def save(design: Design | CellDesign, path: str | Path) -> Path:
     """Write a design to a file atomically.
 
-    JSON: a schema version, the robot, frame, task kind and joints with a fingerprint of the
-    kinematics, the design with its evaluation, and a checksum. The output is deterministic.
+    The file is JSON. It contains a schema version; the robot, frame, task kind and joints with a
+    fingerprint of the kinematics; the design with its evaluation; and a checksum. The output is
+    deterministic.
 
     Parameters
     ----------
@@ -40,8 +41,8 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        If the design holds user-defined functions, or the file cannot be written. An old file is
-        then unchanged.
+        If the design contains user-defined functions, or the file cannot be written. An existing
+        file is then unchanged.
 
     Examples
     --------
@@ -58,25 +59,27 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
 
 
 def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
-    """Read a design from a file and make sure that it is for this task.
+    """Read a design from a file, and check that it was made for this task.
 
     Parameters
     ----------
     path
         A file that :func:`save` wrote.
     task
-        The task to control; by default made from the catalogue. A URDF of your own needs it.
+        Task to control; by default created from the robot catalogue. Required if the robot is not
+        in the catalogue.
 
     Returns
     -------
     Design or CellDesign
-        As it was saved: its inverse steps bit for bit like the saved one.
+        The design as it was saved; its inverse gives bitwise the same results.
 
     Raises
     ------
     InputError
-        If it is not such a file, was changed after it was written, has a newer schema, or is
-        for another robot, frame, task kind or joints; the difference is named.
+        If the file is not a design file, was changed after it was written, has another schema
+        version, or is for another robot, frame, task kind or joints; the message names the
+        difference.
 
     Examples
     --------
@@ -158,7 +161,7 @@ def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
 
 
 def read_design(path: str | Path) -> DesignFile | CellFile:
-    """Read a file of a design of either kind, and check that it is unchanged."""
+    """Read the content of a design file of either kind, and check that it was not changed."""
     from . import cell_file
 
     content: DesignFile | CellFile = read(
@@ -168,12 +171,13 @@ def read_design(path: str | Path) -> DesignFile | CellFile:
 
 
 def made_of(content: DesignFile | CellFile, task: Task, where: str) -> Design | CellDesign:
-    """Make a design from a file's content, for the task it was made for.
+    """Create a design from the content of a file, for the task it was made for.
 
     Raises
     ------
     InputError
-        If the task is another one, or the numbers make no design.
+        If the task is another one, or the content does not describe a valid design; the message
+        begins with ``where``, the name of the file.
     """
     try:
         compare(content.task, task, where)

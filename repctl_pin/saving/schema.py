@@ -1,4 +1,7 @@
-"""Schema of design files: one class per part, the decoder and the source of the JSON schema."""
+"""Schema of design files: a msgspec class for each part of a file.
+
+The decoder uses these classes, and ``docs/design.schema.json`` is made from them.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,11 @@ Rows = list[list[float]]
 
 
 class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """Part of a file that comes in several kinds; its key ``kind`` names the kind."""
+    """Base class of parts of a file that come in several kinds, named by the key ``kind``."""
 
 
 class PolynomialFile(_Part, tag="polynomial"):
-    """Products of Legendre polynomials of ``(q − center) / scale``, by degree, then lexically."""
+    """Products of Legendre polynomials in ``(q − center) / scale``, by degree, then lexically."""
 
     center: Row
     degree: int
@@ -35,7 +38,7 @@ class PolynomialFile(_Part, tag="polynomial"):
 
 
 class FourierFile(_Part, tag="fourier"):
-    """Sines and cosines of integer multiples of the variables, up to ``order``."""
+    """Basis of sines and cosines of integer combinations of ``variables``, up to ``order``."""
 
     n: int
     order: int
@@ -51,21 +54,21 @@ class JoinedFile(_Part, tag="joined"):
 
 
 class BoxFile(_Part, tag="box"):
-    """``|q_i − center_i| ≤ half_width_i``."""
+    """Box of joint space: ``|q_i − center_i| ≤ half_width_i``."""
 
     center: Row
     half_width: Row
 
 
 class TubeFile(_Part, tag="tube"):
-    """All q within ``radius`` of one of the samples."""
+    """Tube in joint space: all q within ``radius`` of one of the samples."""
 
     samples: Rows
     radius: Row
 
 
 class WorkspaceFile(_Part, tag="workspace"):
-    """All q of the box ``within`` that bring the frame into a box of the workspace, m."""
+    """All q in the box ``within`` whose frame position is in ``position ± half_width``, m."""
 
     position: Row
     half_width: Row
@@ -73,17 +76,17 @@ class WorkspaceFile(_Part, tag="workspace"):
 
 
 class PseudoinverseFile(_Part, tag="pseudoinverse"):
-    """J⁺."""
+    """Desired inverse J⁺, the pseudoinverse."""
 
 
 class WeightedFile(_Part, tag="weighted"):
-    """J⁺_M with M: ``inertia``, a diagonal, or a matrix."""
+    """Desired inverse J⁺_M, weighted by M: ``inertia``, a diagonal, or a matrix."""
 
     weight: str | list[float | Row]
 
 
 class LimitsFile(_Part, tag="limits"):
-    """J⁺ weighted by the distance from the joint limits."""
+    """Desired inverse: J⁺ weighted by the distance from the joint limits."""
 
     gain: float
     onset: float
@@ -95,18 +98,18 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Plain(msgspec.Struct, forbid_unknown_fields=True):
-    """Part of a file that comes in one kind only, so it has no key ``kind``."""
+    """Base class of parts of a file that come in one kind only, without a key ``kind``."""
 
 
 class Check(Plain):
-    """Placement (3, 4) of the frame at one configuration: a fingerprint of the kinematics."""
+    """Placement ``[R p]`` (3, 4) of the frame at ``q``, by which a changed robot is detected."""
 
     q: Row
     placement: Rows
 
 
 class TaskFile(Plain):
-    """The task. ``coordinates`` is T of q = T ψ, if it is described by other coordinates ψ."""
+    """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ."""
 
     robot: str
     catalogue: bool
@@ -121,7 +124,7 @@ class TaskFile(Plain):
 
 
 class PieceFile(Plain):
-    """A path from ``begin`` to ``end``, see :class:`repctl_pin.paths.pieces.Piece`."""
+    """Polynomial path from s = ``begin`` to ``end``, see :class:`repctl_pin.paths.pieces.Piece`."""
 
     begin: float
     end: float
@@ -129,7 +132,7 @@ class PieceFile(Plain):
 
 
 class CycleFile(Plain):
-    """Start configuration, path, and period, s, of a motion."""
+    """Cycle that a design was made for: start configuration, closed path, and period, s."""
 
     start: Row
     period: float
@@ -162,7 +165,7 @@ class Figures(Plain):
 
 
 class ProofFile(Plain):
-    """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no minimum given."""
+    """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required."""
 
     what: str
     proved: bool
@@ -180,7 +183,7 @@ class ProofFile(Plain):
 
 
 class Sealed(Plain):
-    """Head of every file: format, version, checksum, task."""
+    """Fields of every file: format, schema version, checksum and task."""
 
     format: str
     schema: int
@@ -190,8 +193,7 @@ class Sealed(Plain):
 
 
 class DesignFile(Sealed):
-    """A repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i in the order of
-    ``potentials``."""
+    """Repeatable inverse: h_j(q) = Σ_i φ_i(q) coefficients[i][j], the φ_i from ``potentials``."""
 
     cycle: CycleFile | None
     desired: Desired
@@ -206,7 +208,10 @@ P = TypeVar("P", bound=msgspec.Struct)
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
-    """Fill a part of a file from an object's attributes, arrays as lists; ``others`` override."""
+    """Create a part of a file, of class ``kind``, from the attributes of an object.
+
+    Arrays become lists. ``others`` are values that replace attributes.
+    """
     own = {name: getattr(thing, name) for name in kind.__struct_fields__ if name not in others}
     plain = {
         k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in own.items()
@@ -215,7 +220,7 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
-    """Convert a certificate to its part of a file; unset if there is none."""
+    """Convert a proof to its part of a file; UNSET for None."""
     if proof is None:
         return msgspec.UNSET
     return described(
@@ -226,7 +231,7 @@ def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
-    """Make a certificate from its part of a file; None if there is none."""
+    """Create a proof from its part of a file; None if there is none."""
     if isinstance(data, msgspec.UnsetType):
         return None
     values = msgspec.structs.asdict(data)
@@ -241,7 +246,7 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
     Raises
     ------
     InputError
-        If it holds user-defined functions, which cannot be saved.
+        If the basis contains user-defined functions, which cannot be saved.
     """
     if isinstance(potentials, Polynomial):
         return described(PolynomialFile, potentials)
@@ -256,7 +261,7 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
 
 
 def basis_of(data: BasisFile) -> PotentialBasis:
-    """Make a basis of potentials from its part of a file."""
+    """Create a basis of potentials from its part of a file."""
     if isinstance(data, JoinedFile):
         return Joined(*(basis_of(part) for part in data.parts))
     given = msgspec.structs.asdict(data)
@@ -269,7 +274,7 @@ def region_file(region: Region) -> RegionFile:
     Raises
     ------
     InputError
-        If it has a density, or is user-defined.
+        If the region has a density, or is user-defined.
     """
     if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
         raise InputError(
@@ -289,7 +294,7 @@ def region_file(region: Region) -> RegionFile:
 
 
 def region_of(data: RegionFile, task: Task) -> Region:
-    """Make a region from its part of a file."""
+    """Create a region from its part of a file."""
     if isinstance(data, WorkspaceFile):
         return WorkspaceBox(
             task, data.position, data.half_width, within=Box(**msgspec.structs.asdict(data.within))
@@ -304,7 +309,7 @@ def desired_file(desired: Inverse) -> Desired:
     Raises
     ------
     InputError
-        If it holds user-defined functions.
+        If the inverse contains user-defined functions.
     """
     if isinstance(desired, Pseudoinverse):
         return PseudoinverseFile()
@@ -322,7 +327,7 @@ def desired_file(desired: Inverse) -> Desired:
 
 
 def desired_of(data: Desired, task: Task) -> Inverse:
-    """Make a desired inverse from its part of a file."""
+    """Create a desired inverse from its part of a file."""
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
@@ -348,12 +353,12 @@ def cycle_file(cycle: Cycle) -> CycleFile:
 
 
 def cycle_of(data: CycleFile, task: Task) -> Cycle:
-    """Make a cycle from its part of a file.
+    """Create a cycle from its part of a file.
 
     Raises
     ------
     InputError
-        If its numbers do not make a closed path of this task.
+        If the pieces do not lead from s = 0 to 1, or the period or the start cannot be used.
     """
     ends = [0.0, *(piece.end for piece in data.pieces)]
     sizes = {np.shape(piece.coefficients)[1:] for piece in data.pieces}

@@ -19,7 +19,7 @@ def identity(task: Task) -> TaskFile:
     """Convert a task to its part of a file: names, and placements at several configurations.
 
     The placements are the fingerprint: they depend on each link and joint axis of the chain and on
-    the locked joints. Compared to 1e-9, they do not depend on rounding.
+    the locked joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
     joints = np.arange(1, task.n + 1)
@@ -46,7 +46,10 @@ def identity(task: Task) -> TaskFile:
 
 
 def task_of(made_for: TaskFile, robot: Robot) -> Task:
-    """Make the task that a design was made for, from its robot."""
+    """Create the task that a design was made for, on a robot.
+
+    The robot is loaded again if its base or its locked joints are other ones.
+    """
     if set(robot.locked) != set(made_for.lock) or robot.base != made_for.base:
         name = robot.entry.name if robot.entry is not None else robot.description.path
         around = None if robot.surroundings is None else robot.surroundings.path
@@ -62,12 +65,12 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
 
 
 def compare(made_for: TaskFile, task: Task, where: str) -> None:
-    """Refuse a task other than the one that a design was made for.
+    """Check that a task is the one that a design in the file ``where`` was made for.
 
     Raises
     ------
     InputError
-        If they differ; the first difference is named.
+        If the tasks differ; the message names the first difference.
     """
     mine = identity(task)
     for key, name in {

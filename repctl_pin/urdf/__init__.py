@@ -1,4 +1,4 @@
-"""URDF files: which there are, and what is read from them."""
+"""Catalogue of known robots, and reading and validation of URDF files."""
 
 from .catalogue import data_folder as data_folder
 from .catalogue import default_package_dirs as default_package_dirs

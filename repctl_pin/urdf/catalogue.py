@@ -20,7 +20,7 @@ else:
     import tomli as tomllib
 
 READY = "ready.srdf"
-"""SRDF file in urdf/ with working poses."""
+"""Name of the SRDF file in ``urdf/`` that contains the ready poses."""
 
 _DATA = "share/example-robot-data/robots"
 
@@ -47,7 +47,8 @@ class Entry:
     note : str
         Note for the user.
     ready : str or None
-        Working pose in ``ready.srdf``, if the reference pose is singular or at a limit.
+        Name of the ready pose in ``ready.srdf``; given if the reference pose is singular or at a
+        limit.
     acceleration : str or None
         Name of its published acceleration limits in ``motion.timing``.
     """
@@ -64,7 +65,7 @@ class Entry:
 
 
 def entries() -> tuple[Entry, ...]:
-    """List all robots of the catalogue.
+    """Return the entries of all robots in the catalogue.
 
     Raises
     ------
@@ -96,7 +97,7 @@ def find(name: str) -> Entry:
 
 @functools.cache
 def table() -> dict[str, dict[str, Any]]:
-    """Read ``arms.toml``, the table of known robots by name."""
+    """Read ``arms.toml``, the table of known robots: a row per name."""
     return tomllib.loads((Path(__file__).parent / "arms.toml").read_text("utf-8"))
 
 
@@ -198,10 +199,11 @@ def _read_srdf(srdf: Path) -> Any:
 
 
 def default_package_dirs(urdf_path: str | Path) -> list[str]:
-    """List the folders in which ``package://`` names of a URDF file are looked up.
+    """Find the folders in which the ``package://`` names of a URDF file are looked up.
 
-    The parent folders of the file, nearest first, then those in ``ROS_PACKAGE_PATH`` and
-    ``AMENT_PREFIX_PATH``."""
+    They are the parent folders of the file, nearest first, then those in ``ROS_PACKAGE_PATH`` and
+    ``AMENT_PREFIX_PATH``.
+    """
     folders = list(Path(os.path.expanduser(urdf_path)).absolute().parents)
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         folders += [

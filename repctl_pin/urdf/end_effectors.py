@@ -9,13 +9,15 @@ from dataclasses import dataclass
 from .validate import Description, Joint
 
 _TURN, _SLIDE = math.pi, 0.1
-"""Maximum range of a finger joint: half a turn, or 0.1 m."""
+"""Maximum range of a finger joint: half a turn, rad, or 0.1 m."""
 
 _FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw", re.IGNORECASE)
 _TOOLS = ({"tcp", "grasp", "grasping"}, {"tool"}, {"ee", "eef", "effector"}, {"flange"})
 _HANDS = ({"gripper"}, {"palm"}, {"hand"})
-"""Words in the names of end effectors, the best first; words for hands count only as the last
-word."""
+"""Words in the names of end effectors, the best first.
+
+The words of ``_HANDS`` count only as the last word of a name.
+"""
 _SENSOR = {
     "accelerometer",
     "camera",
@@ -38,12 +40,12 @@ class Body:
     Attributes
     ----------
     links : dict of int
-        Links of the body, from the one that a joint moves outward, each with its number of fixed
-        joints from there.
+        Links of the body, each with the number of fixed joints between it and the body's first
+        link, which a joint moves.
     before : int
         Number of moving joints from the root to the body.
     branches : list of (Joint, Body)
-        Moving joints to the next bodies, mimic joints included.
+        Moving joints on the body, mimic joints included, each with the body that it moves.
     after : int
         Number of moving joints from the body to the farthest tip.
     narrow : bool
@@ -58,7 +60,7 @@ class Body:
 
     @property
     def is_hand(self) -> bool:
-        """Test whether most of the longest branches are fingers, so that the arm ends here."""
+        """True if most of the longest branches are fingers, so that the arm ends at this body."""
         fingers = [
             self._is_finger(joint, tip)
             for joint, tip in self.branches
@@ -67,7 +69,7 @@ class Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: Body) -> bool:
-        """Test whether a branch is a finger: small range, few joints, and another sign."""
+        """Test whether a branch is a finger: small range, few joints, and one of several signs."""
         if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
             return False
         last = tip.after == 0
@@ -121,7 +123,7 @@ def arm_ends(description: Description) -> list[Body]:
 
 
 def task_links(body: Body) -> list[str]:
-    """List a body's links, the best end effector first: by name, then by distance."""
+    """Sort a body's links, the best end effector first: by name, then the farthest first."""
     return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
 
 
@@ -131,7 +133,7 @@ def is_sensor(link: str) -> bool:
 
 
 def words(name: str) -> list[str]:
-    """Split a name into words.
+    """Split a name into lower-case words.
 
     ``panda_hand_tcp``, ``tool0`` and ``LeftPalm`` end with tcp, tool and palm."""
     return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]

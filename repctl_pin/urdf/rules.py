@@ -17,8 +17,10 @@ MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
 LARGEST = 1e9  # maximum length, mass, … in SI units; a larger limit counts as none
 
 NO_LIMIT = 1e3
-"""Limits beyond it count as none, rad or m, rad/s or m/s; ``Description.xml`` contains it for a
-joint without a limit."""
+"""Magnitude above which a limit counts as none, rad or m, rad/s or m/s.
+
+``Description.xml`` contains it as the limit of a joint without one.
+"""
 
 NO_EFFORT = 1e9
 """Effort limit in ``Description.xml`` for a joint without one, N m or N."""
@@ -70,12 +72,12 @@ _ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
 
 
 def check(robot: etree._Element) -> str:
-    """Check a plain tree; return the name of its root link.
+    """Check a URDF, given as a plain XML tree; return the name of its root link.
 
     Raises
     ------
     UrdfError
-        At the first error.
+        If the URDF is not valid; the message names the first error.
     """
     links, joints = robot.findall("link"), robot.findall("joint")
     if not links:
@@ -118,7 +120,7 @@ def check(robot: etree._Element) -> str:
 
 
 def numbers(element: etree._Element, attribute: str) -> list[float] | None:
-    """Read an attribute's finite numbers, checking their count; None if it is missing."""
+    """Read the finite numbers of an attribute, and check their count; None if it is missing."""
     text = element.get(attribute)
     if text is None:
         return None
@@ -155,7 +157,7 @@ def finite(word: str) -> float | None:
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
-    """Return the unit axis of a joint: x if none is given, as URDF defines; 0 for a zero axis."""
+    """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis."""
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
     norm = math.hypot(x, y, z)
@@ -199,7 +201,7 @@ def _check_numbers(element: etree._Element) -> None:
 
 
 def _check_body(link: etree._Element) -> None:
-    """Check that inertia and shapes are complete; Pinocchio silently ignores incomplete ones."""
+    """Check that a link's inertia and shapes are complete; Pinocchio ignores incomplete ones."""
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
@@ -296,10 +298,12 @@ def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> No
 
 
 def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
-    """Find the joint that a mimic joint follows, as named or with the follower's prefix; else None.
+    """Find the joint that a mimic joint follows; None if there is none.
 
-    Macros often omit the prefix: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1``
-    if there is no joint ``index_1``."""
+    It has the name that is written, or that name with the follower's prefix, which macros often
+    omit: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1`` if there is no joint
+    ``index_1``.
+    """
     if mimicked in joints:
         return mimicked
     prefixed = [

@@ -21,16 +21,18 @@ class Solid:
     Attributes
     ----------
     name
-        Name of the link and number of the shape.
+        Name of the link, ``_``, and number of the shape on it.
+    link
+        Name of the link.
     kind
         ``mesh``, ``box``, ``cylinder``, ``sphere`` or ``capsule``.
     size
-        box: three edges; cylinder and capsule: radius, length along z; sphere: radius, m; mesh:
-        empty.
+        Box: three edges; cylinder and capsule: radius, and length along z; sphere: radius. All are
+        in m. Empty for a mesh.
     color
         Red, green, blue and opacity, 0 to 1; None if the file gives none.
     xyz, rpy
-        Origin, m and rad.
+        Origin of the shape on its link: position, m, and roll, pitch and yaw, rad.
     filename
         Mesh file name as written in the URDF; ``""`` for primitives.
     scale
@@ -49,7 +51,7 @@ class Solid:
 
 
 def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
-    """Read all ``visual`` or all ``collision`` elements of a checked tree."""
+    """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF."""
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
         _color(material, colors)
@@ -82,7 +84,10 @@ def _three(element: etree._Element | None, attribute: str, default: float) -> tu
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
-    """Read a material's colour; the first material of a name counts, as in Pinocchio."""
+    """Read the colour of a material; None if it has none.
+
+    Among materials with the same name, the first counts, as in Pinocchio.
+    """
     if material is None:
         return None
     name, color = material.get("name", ""), material.find("color")

@@ -26,8 +26,10 @@ _FLOATING: tuple[Step, ...] = (
 def split_joints(robot: etree._Element, notes: list[str]) -> None:
     """Replace planar joints by 3 joints, floating joints by 6, with one coordinate each.
 
-    A planar joint moves in the plane that is normal to its axis, and turns about it. The turns of a
-    floating one are yaw, pitch and roll, singular where the pitch is ±π/2."""
+    The joints of a planar joint translate in the plane normal to its axis, and rotate about the
+    axis. The rotations of a floating joint are yaw, pitch and roll, singular where the pitch is
+    ±π/2. ``notes`` receives a note for each joint that is replaced.
+    """
     names = {element.get("name") for element in robot}
     for joint in robot.findall("joint"):
         if joint.get("type") not in ("planar", "floating"):
@@ -47,7 +49,11 @@ def split_joints(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
-    """Return two directions in the plane, x and y if the axis is z, and the axis itself."""
+    """Return the three joints that replace a planar joint with a given unit axis.
+
+    Two are prismatic, along directions in the plane (x and y if the axis is z); the third is
+    continuous, about the axis.
+    """
     a = np.array(axis)
     u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]
     u = u - (u @ a) * a

@@ -28,16 +28,17 @@ MAX_SHAPES = 1000
 example-robot-data."""
 
 MANY_TURNS = 4 * math.pi
-"""A larger limit of a revolute joint may be in degrees, rad."""
+"""Limit of a revolute joint, rad, above which it may be in degrees, as a note says."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as plain data.
+    """Joint of a URDF as plain data.
 
-    ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite without a limit;
-    ``mimic`` names the joint that this one follows, as ``multiplier · q + offset``, and which is
-    not a mimic joint itself; ``line`` is its line in the file."""
+    ``lower``, ``upper`` (rad or m) and ``velocity`` (rad/s or m/s) are infinite without a limit.
+    ``mimic`` names the joint that this joint follows, as ``multiplier · q + offset``, and which is
+    not a mimic joint itself. ``line`` is the joint's line in the file.
+    """
 
     name: str
     kind: str
@@ -94,7 +95,8 @@ def read_urdf(path: str | Path) -> Description:
     Raises
     ------
     UrdfError
-        With the file, the line, the element, the fact and the remedy in one line.
+        If the file cannot be read or is not a valid URDF; the message names the file, the line, the
+        element, the fact and the remedy.
     """
     path = Path(path)
     notes: list[str] = []
@@ -128,7 +130,7 @@ def read_urdf(path: str | Path) -> Description:
 
 
 def check_surroundings(description: Description) -> Description:
-    """Check surroundings: fixed joints only, and at least one collision shape.
+    """Check that surroundings have fixed joints only, and a collision shape; return them.
 
     Raises
     ------
@@ -208,7 +210,7 @@ def _joint(
 
 
 def _no_speed(element: etree._Element) -> bool:
-    """Test whether a moving joint has speed limit 0, which exporters write for none."""
+    """Test whether a joint moves and has speed limit 0, which exporters write for no limit."""
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
     return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
@@ -217,7 +219,10 @@ def _no_speed(element: etree._Element) -> bool:
 def _mimicked(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> tuple[str | None, float, float]:
-    """Resolve a chain of mimic joints: the joint at its end, multiplier and offset."""
+    """Find the joint at the end of the chain of joints that a mimic joint follows.
+
+    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint.
+    """
     following, multiplier, offset, name = None, 1.0, 0.0, element.get("name")
     while (mimic := element.find("mimic")) is not None:
         written, follower = mimic.get("joint"), element.get("name")
@@ -240,7 +245,7 @@ def _mimicked(
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
-    """Note revolute joints with a limit beyond two turns."""
+    """Write a note on revolute joints with a limit beyond two turns; no note if there are none."""
     ends = {
         j.name: [abs(x) for x in (j.lower, j.upper) if math.isfinite(x)]
         for j in joints
@@ -258,7 +263,7 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:
-    """Write the URDF for Pinocchio; modifies the tree."""
+    """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree."""
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
         for tag in ("axis", "limit", "dynamics", "safety_controller", "calibration"):

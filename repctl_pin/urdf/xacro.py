@@ -30,7 +30,7 @@ def expand(path: Path, most: int) -> bytes:
     path
         The xacro file.
     most
-        Maximum size of the result, bytes.
+        Maximum size of the result, bytes; a longer result is cut after one byte more.
 
     Raises
     ------

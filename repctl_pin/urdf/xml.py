@@ -27,10 +27,10 @@ _HARMLESS = {
     "ERR_UNKNOWN_VERSION": "ignored: the version in <?xml version=…?>; read as 1.0",
     "ERR_RESERVED_XML_NAME": "ignored: <?xml …?> that is not at the start of the file",
 }
-"""Parser errors that change no element."""
+"""Parser errors that change no element, with the note to add for each."""
 
 _PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*<(?:(?=\?).*?\?>|!(?=--).*?-->))*\s*", re.DOTALL)
-"""Byte order mark, XML declaration, processing instructions and comments."""
+"""Start of an XML file: byte order mark, declaration, processing instructions, comments."""
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
@@ -99,7 +99,7 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Note ignored xacro elements and undeclared prefixes."""
+    """Add notes on ignored xacro elements and undeclared prefixes."""
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
     if xacro:
@@ -119,14 +119,14 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
 
 
 def _some(names: Iterable[str], most: int = 3) -> str:
-    """List the first few distinct names, and count the others."""
+    """Write the first few distinct names, and how many more there are."""
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
     more = f" and {len(different) - most} more" if len(different) > most else ""
     return ", ".join(different[:most]) + more
 
 
 def _prefix(element: etree._Element) -> str | None:
-    """Return an element's prefix, declared or not."""
+    """Return an element's namespace prefix, declared or not; None if it has none."""
     prefix, colon, _ = element.tag.partition(":")
     return prefix if colon and not element.tag.startswith("{") else element.prefix
 
@@ -136,7 +136,7 @@ def _local(element: etree._Element) -> str:
 
 
 def _refuse_other_files(data: bytes) -> None:
-    """Identify other kinds of files that are often given in place of a URDF, before XML parsing."""
+    """Refuse other kinds of files that are often given as a URDF, before XML parsing."""
     if not data.strip():
         raise UrdfError("the file is empty; give a .urdf file")
     if data.startswith(b"version https://git-lfs"):
@@ -157,7 +157,7 @@ def _refuse_other_files(data: bytes) -> None:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check root element, nesting and attribute count, and exclude xacro and SRDF."""
+    """Check the root element, nesting and attribute count; refuse xacro and SRDF files."""
     tag = _local(root)
     if tag.lower() in _OTHERS:
         raise UrdfError(_OTHERS[tag.lower()])
@@ -199,7 +199,7 @@ def bad(element: etree._Element, what: str) -> UrdfError:
 
 
 def line(element: etree._Element) -> str:
-    """Return the line of an element in the file, as far as the parser counts."""
+    """Write the line number of an element in the file, such as ``line 12``."""
     return (
         f"line {element.sourceline}"
         if element.sourceline < _LAST_LINE
@@ -208,7 +208,7 @@ def line(element: etree._Element) -> str:
 
 
 def label(element: etree._Element) -> str:
-    """Label an element for messages: ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
+    """Describe an element in a message: ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
     owner = element
     while owner.getparent() is not None and owner.getparent().getparent() is not None:
         owner = owner.getparent()
@@ -219,7 +219,7 @@ def label(element: etree._Element) -> str:
 
 
 def short(text: str, most: int = 60) -> str:
-    """Quote a value, cut to a readable length."""
+    """Quote a value for a message, cut to ``most`` characters."""
     return repr(text if len(text) <= most else text[: most - 1] + "…")
 
 
