@@ -300,8 +300,9 @@ def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: flo
 def evaluate_cell(
     desired: Batched, chart: Chart, count: int, seed: int, *, quick: bool = False
 ) -> Evaluation:
-    """Evaluate the function s = 0 of a chart on ``count`` held-out poses, corners, and poses found
-    by search.
+    """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
+
+    The poses are ``count`` Sobol points, the corners of the cell, and poses found by search.
 
     The held-out poses are Sobol points. A quick evaluation searches neither for the largest joint
     speeds nor for the smallest distances between bodies.

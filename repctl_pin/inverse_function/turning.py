@@ -149,7 +149,7 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 
 
 def expanded(chart: Chart) -> Chart:
-    """Convert a chart to all coordinates of its sector, those of removed symmetries included.
+    """Rewrite a sector's chart, designed without the coordinates of its symmetries, in all of them.
 
     q_ref is linear in these coordinates. Other charts are returned unchanged.
     """

@@ -248,7 +248,7 @@ def _integrated(
     integrator: str,
     feedback: float,
 ) -> Method:
-    """Create the integration method that is an explicit Runge–Kutta method."""
+    """Make the stepper of a motion by a fixed-step Runge–Kutta method of ``INTEGRATORS``."""
     task = strategy.task
     nodes, weights = INTEGRATORS[integrator]
 

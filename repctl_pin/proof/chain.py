@@ -97,7 +97,7 @@ class Chain:
         return reach
 
     def seen_from(self, middle: int, half: float) -> Chain:
-        """Return the chain with another middle link, the one after ``middle`` joints.
+        """Rewrite the chain in the frame of its link after ``middle`` joints, for tighter bounds.
 
         The origin is at the share ``half`` of the offset from the link's joint to the next one.
         """

@@ -197,7 +197,9 @@ def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Graphs:
-    """The null space and the span of V as graphs over the span of V_c, in K boxes.
+    """Enclosures of the null space of J and of the span of V in K boxes, for bounds of the leaf margin.
+
+    Both are graphs over the span of V_c, V at the centre of the box.
 
     With δ the k variables of a box from its centre, ``N = X + Σ δ_j N_j + ν`` is a basis of the
     null space. In the complement of V_c, ``T_c`` at the centre and ``P = Σ δ_j P_j + π`` define the
@@ -399,7 +401,9 @@ def _along_axes(at: Expansion) -> Expansion:
 
 @np.errstate(all="ignore")
 def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
-    """Expand J_V to first order around the centres of boxes Q ± half, (K, n) each."""
+    """Expand the augmented Jacobian J_V around the centres of boxes Q ± half, (K, n) each.
+
+    The result holds its inverse, its slopes along each joint, and bounds of the remainder."""
     chain, n, N = problem.chain, problem.chain.n, problem.chain.N
     S = chain.S[:, :n]
     theta, eta = Q @ S.T + chain.o, half @ np.abs(S).T

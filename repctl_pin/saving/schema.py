@@ -144,7 +144,7 @@ class CycleFile(Plain):
 
 
 class Figures(Plain):
-    """Evaluation of a design, see :class:`Design`."""
+    """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`."""
 
     cost: float
     cost_error: float

@@ -41,7 +41,10 @@ class StudyMaps:
 
 
 def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
-    """Evaluate the maps of a study's design on a grid of ``points`` × ``points`` configurations."""
+    """Evaluate what the report plots over two joints: the design, and the bracket defect of G_d.
+
+    The grid has ``points`` × ``points`` configurations. The costs by degree and of the baselines
+    are added."""
     design = study.design
     grid = design_map(design, points=points)
     Q = np.tile(design.region.center, (points * points, 1))

@@ -54,9 +54,9 @@ PURE = re.findall(
     r"\w+",
     "cost cost_error fit_cost gradient_norm scanned_costs degrees relative_distance leaf_margin "
     "inside_limits shrunk "
-    "tolerance damping leaf_damping gain parameter scanned bounds leaf margin path rate weight",
+    "tolerance damping leaf_damping gain parameter scanned bounds leaf margin path rate weight found",
 )
-"""Shares, costs and gains: numbers without a unit, or with that of a user's own function."""
+"""Shares, costs, gains and truth values: no unit, or that of a user's own function."""
 
 
 @pytest.mark.parametrize("name", NAMES)

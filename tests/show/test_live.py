@@ -430,6 +430,7 @@ def the_target_is_dragged(driver: Any, view: rp.Viewer) -> None:
     assert np.array_equal(view.offset, moved)
 
 
+@pytest.mark.slow
 def test_two_pandas_leave_time_for_sixty_pictures_a_second(
     panda_pose: rp.Task, q_panda: Any, driver: Any
 ) -> None:

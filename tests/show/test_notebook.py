@@ -143,6 +143,7 @@ def test_a_kernel_shows_the_scene_and_the_figures(notebook: Any, study: rp.Study
     assert not any(notebook.cells[k].outputs for k in (0, 1, 3))  # nothing is printed
 
 
+@pytest.mark.slow
 def test_the_exported_notebook_plays_in_a_browser(
     notebook: Any, tmp_path: Path, driver: Any
 ) -> None:
