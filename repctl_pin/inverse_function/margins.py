@@ -234,7 +234,7 @@ class Minimised(Protocol):
         """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Evaluate the gradient of the quantity by the cell's coordinates u, at K points: (K, k)."""
+        """Evaluate the quantity's gradient by the cell's coordinates u, at K points: (K, k)."""
 
 
 def searched(candidate: CandidateFunction, margin: Minimised, U: Array) -> Array:

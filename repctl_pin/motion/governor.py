@@ -341,7 +341,7 @@ class Governor:
         return False
 
     def _drive(self, now: Now, goal: Goal) -> Status:
-        """Plan the frame's fastest motion towards the goal within all limits; return the tick's status."""
+        """Plan the fastest motion towards the goal within all limits; return the tick's status."""
         if not goal.way.any():
             return self._reached(now, goal.way)
         most = fastest(self._bounds, now, goal.way)

@@ -197,7 +197,7 @@ def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Graphs:
-    """Enclosures of the null space of J and of the span of V in K boxes, for bounds of the leaf margin.
+    """Enclosures of the null space of J and of the span of V in K boxes, for leaf-margin bounds.
 
     Both are graphs over the span of V_c, V at the centre of the box.
 

@@ -53,8 +53,8 @@ def test_what_a_name_raises_is_said(name: str) -> None:
 PURE = re.findall(
     r"\w+",
     "cost cost_error fit_cost gradient_norm scanned_costs degrees relative_distance leaf_margin "
-    "inside_limits shrunk "
-    "tolerance damping leaf_damping gain parameter scanned bounds leaf margin path rate weight found",
+    "inside_limits shrunk found "
+    "tolerance damping leaf_damping gain parameter scanned bounds leaf margin path rate weight",
 )
 """Shares, costs, gains and truth values: no unit, or that of a user's own function."""
 
