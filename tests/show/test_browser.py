@@ -443,6 +443,7 @@ def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
         assert np.ptp(pane(driver, image, k)) > 150
 
 
+@pytest.mark.slow
 def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Path) -> None:
     """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
     robot = rp.Robot.load("planar4r")

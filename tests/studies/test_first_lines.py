@@ -211,10 +211,9 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
         "40",
         "--degree",
         "1",
-        "--report",
         "--json",
     ]
-    assert main(command) == 0
+    assert main([*command, "--report"]) == 0
     run = json.loads(capsys.readouterr().out)["run"]
     folder = tmp_path / "repctl-out" / "planar4r"
     checksum = json.loads((folder / "control.json").read_text())["checksum"]
