@@ -66,7 +66,6 @@ def off_the_leaf(F: rp.InverseFunction, Q: np.ndarray) -> float:
     return float(max(np.abs(F(F.task.placement(q)) - q).max() for q in Q))
 
 
-@pytest.mark.slow
 def test_a_pose_a_refused_one_and_a_clean_end(
     found: tuple[rp.CellDesign, Path], stage: Stage
 ) -> None:
