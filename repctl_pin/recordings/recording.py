@@ -283,7 +283,11 @@ def _sessions(given: Any, size: int) -> tuple[tuple[str, ...], Column]:
             argument="sessions",
         )
     values, inverse = np.unique(labels, return_inverse=True)
-    return tuple(str(value) for value in values.tolist()), inverse.astype(np.int64)
+    whole = labels.dtype.kind == "f" and bool(
+        np.all(np.abs(values) < 1e15) and np.all(values == np.round(values))
+    )
+    names = values.astype(np.int64) if whole else values  # session 0 of a CSV file, not 0.0
+    return tuple(str(name) for name in names.tolist()), inverse.astype(np.int64)
 
 
 def _times(given: ArrayLike, size: int) -> Array:
