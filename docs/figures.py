@@ -29,7 +29,10 @@ def drift() -> Figure:
     desired, path = rp.Pseudoinverse(task), rp.circle(task, q0, radius=0.1, normal="x")
     box = rp.Box(q0, 0.4)
     nearest = rp.nearest_repeatable(
-        desired, rp.Polynomial(q0, 2, 0.4), box, options=rp.FitOptions(samples=512, held_out=256)
+        desired,
+        rp.Polynomial(q0, 2, 0.4),
+        box,
+        options=rp.FitOptions(samples=512, held_out=256),
     )
     controls = [
         ("J⁺", desired, VERMILLION),
@@ -54,7 +57,10 @@ def cell() -> Figure:
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     box = rp.Cell(task, middle, (0.1, 0.2, 0.1))
     found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), box, degree=3, options=rp.FitOptions(samples=128, held_out=128)
+        rp.Pseudoinverse(task),
+        box,
+        degree=3,
+        options=rp.FitOptions(samples=128, held_out=128),
     )
     return cell_figure(found, slices(found, 15))
 
@@ -71,7 +77,10 @@ def proofs() -> Figure:
             {
                 f"Panda, pose, degree {degree}": (
                     widths,
-                    [proof_over(panda, panda.reference, width, degree) for width in widths],
+                    [
+                        proof_over(panda, panda.reference, width, degree)
+                        for width in widths
+                    ],
                 )
                 for degree in (2, 3)
             },
@@ -89,16 +98,22 @@ def proofs() -> Figure:
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
     for left, (what, lines) in zip(figure.subplots(1, 2), curves, strict=True):
         right = left.twinx()
-        for colour, (name, (x, found)) in zip((BLUE, VERMILLION), lines.items(), strict=False):
+        for colour, (name, (x, found)) in zip(
+            (BLUE, VERMILLION), lines.items(), strict=False
+        ):
             left.plot(x, [boxes for boxes, _ in found], "o-", color=colour, label=name)
             right.plot(x, [time for _, time in found], "s:", color=colour)
-        left.set(xlabel=what, ylabel="boxes (solid)", yscale="log", ylim=(0.5, 1e6), xticks=x)
+        left.set(
+            xlabel=what, ylabel="boxes (solid)", yscale="log", ylim=(0.5, 1e6), xticks=x
+        )
         right.set(ylabel="processor time, s (dotted)", yscale="log", ylim=(0.01, 100))
         left.legend(loc="upper left")
     return figure
 
 
-def proof_over(task: rp.Task, q0: np.ndarray, width: float, degree: int) -> tuple[int, float]:
+def proof_over(
+    task: rp.Task, q0: np.ndarray, width: float, degree: int
+) -> tuple[int, float]:
     """Design over a box, and prove 80 % of the smallest leaf margin found: boxes, and time in s."""
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task),
@@ -170,7 +185,9 @@ def states() -> Figure:
         )
         boxes[name] = axes.add_patch(box)
         lines = rest.count("\n")
-        axes.text(x, y + 0.12 + 0.06 * lines, title, ha="center", va="center", weight="bold")
+        axes.text(
+            x, y + 0.12 + 0.06 * lines, title, ha="center", va="center", weight="bold"
+        )
         axes.text(x, y - 0.1 - 0.02 * lines, rest, ha="center", va="center", fontsize=9)
     for start, end, cause, bend in CHANGES:
         (x0, y0, _), (x1, y1, _) = STATES[start], STATES[end]
@@ -199,7 +216,9 @@ def main(folder: Path, names: Sequence[str] = tuple(FIGURES)) -> None:
     for name in names:
         picture = io.BytesIO()
         FIGURES[name]().savefig(picture, dpi=110)
-        Image.open(picture).convert("RGB").quantize(256).save(folder / f"{name}.png", optimize=True)
+        Image.open(picture).convert("RGB").quantize(256).save(
+            folder / f"{name}.png", optimize=True
+        )
 
 
 if __name__ == "__main__":

@@ -48,16 +48,18 @@ LIMIT = 150_000
 """Maximum size of a picture, bytes."""
 
 
-def one_arm(name: str, **options) -> str:
+def one_arm(name: str, path: str | None = None) -> str:
     """Make the page of a study."""
-    return study_page(rp.study(name, **options))
+    return study_page(rp.study(rp.Problem(name, path=path)))
 
 
 def both_arms() -> str:
     """Make the page of both arms of baxter, each on a separate circle."""
     from two_arms import both_arms_page, study_both
 
-    return both_arms_page(study_both(rp.Robot.load("baxter"), ("left_gripper", "right_gripper")))
+    return both_arms_page(
+        study_both(rp.Robot.load("baxter"), ("left_gripper", "right_gripper"))
+    )
 
 
 def audit() -> str:
@@ -72,7 +74,7 @@ GALLERY: dict[str, Callable[[], str]] = {
     "my_arm": lambda: one_arm(str(Path(__file__).parent / "my_arm.urdf")),
     "talos": lambda: one_arm("talos"),
     "baxter": both_arms,
-    "ppr": lambda: one_arm("ppr", radius=0.4),
+    "ppr": lambda: one_arm("ppr", "circle:0.4"),
     "planar7r": lambda: one_arm("planar7r"),
     "audit": audit,
 }
@@ -91,14 +93,23 @@ def photograph(
         for flag in FLAGS:
             options.add_argument(flag)
         options.add_argument(f"--user-data-dir={folder}/profile")
-        driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+        driver = webdriver.Chrome(
+            options=options, service=Service(shutil.which("chromedriver"))
+        )
         driver.set_script_timeout(seconds)
         try:
-            size = {"width": SIZE[0], "height": SIZE[1], "deviceScaleFactor": 2, "mobile": False}
+            size = {
+                "width": SIZE[0],
+                "height": SIZE[1],
+                "deviceScaleFactor": 2,
+                "mobile": False,
+            }
             driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
             driver.get(source.as_uri() + "#paused")
             deadline = time.monotonic() + seconds
-            while not driver.execute_script("return Boolean(window.repctl && repctl.ready)"):
+            while not driver.execute_script(
+                "return Boolean(window.repctl && repctl.ready)"
+            ):
                 if time.monotonic() > deadline:
                     raise SystemExit(f"{file.name}: the page did not become ready")
                 time.sleep(0.1)
@@ -107,7 +118,10 @@ def photograph(
                 "{ textContent: 'footer, #cards, .tiles { display: none !important }' }))"
             )
             last = driver.execute_script("return repctl.cycles")
-            shots = [_shot(driver, cycle) for cycle in (range(last + 1) if moving else [last])]
+            shots = [
+                _shot(driver, cycle)
+                for cycle in (range(last + 1) if moving else [last])
+            ]
         finally:
             driver.quit()
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -135,7 +149,9 @@ def _shot(driver: webdriver.Chrome, cycle: int) -> Image.Image:
     """Photograph the window at the end of a cycle."""
     driver.execute_script("repctl.seek(arguments[0])", cycle)
     # wait until the frame is drawn
-    driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+    driver.execute_async_script(
+        "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
+    )
     return Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 
 
@@ -151,7 +167,9 @@ def few_colours(picture: Image.Image) -> Image.Image:
     The file is then a quarter of its size."""
     arms_and_white = [0xD5, 0x5E, 0x00, 0x00, 0x72, 0xB2, 255, 255, 255]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*picture.quantize(253).getpalette()[: 253 * 3], *arms_and_white])
+    palette.putpalette(
+        [*picture.quantize(253).getpalette()[: 253 * 3], *arms_and_white]
+    )
     return picture.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
 
 

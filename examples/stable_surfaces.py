@@ -76,7 +76,8 @@ def planar_arm(lengths: Sequence[float]) -> rp.Task:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "planar.urdf"
         path.write_text(
-            f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>', encoding="utf-8"
+            f'<?xml version="1.0"?><robot name="planar">{"".join(parts)}</robot>',
+            encoding="utf-8",
         )
         return rp.Robot.load(path).task("tool", "xy")
 
@@ -90,7 +91,10 @@ def find(name: str, coordinates: str, task: rp.Task, samples: int) -> Case:
     """Search for the surfaces of J⁺ in all of joint space: ±1 m, ±3.1 rad."""
     box = rp.Box(np.zeros(task.n), np.where(task.revolute, 3.1, 1.0))
     return Case(
-        name, coordinates, task, rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples)
+        name,
+        coordinates,
+        task,
+        rp.stable_surface(rp.Pseudoinverse(task), box, samples=samples),
     )
 
 
@@ -109,14 +113,25 @@ def summary(cases: Sequence[Case]) -> str:
         for case in cases
     ]
     return table(
-        ["arm", "angles", "r", "points on s = 0", "stable", "candidate only", "verdict"], rows
+        [
+            "arm",
+            "angles",
+            "r",
+            "points on s = 0",
+            "stable",
+            "candidate only",
+            "verdict",
+        ],
+        rows,
     )
 
 
 def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
     """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q, from the rows of J alone
     (Corollary 1)."""
-    return curl_form(np.swapaxes(task.jacobians(Q), 1, 2), np.swapaxes(task.hessians(Q), 1, 2))
+    return curl_form(
+        np.swapaxes(task.jacobians(Q), 1, 2), np.swapaxes(task.hessians(Q), 1, 2)
+    )
 
 
 def draw(
@@ -147,7 +162,14 @@ def draw(
     s = curl(case.task, at(plane.reshape(-1, 2))).reshape(101, 101)
     top = np.abs(s).max()
     image = ax.pcolormesh(
-        side, side, s, cmap="PuOr", vmin=-top, vmax=top, shading="gouraud", rasterized=True
+        side,
+        side,
+        s,
+        cmap="PuOr",
+        vmin=-top,
+        vmax=top,
+        shading="gouraud",
+        rasterized=True,
     )
     ax.contour(side, side, s, levels=[0], colors=INK, linewidths=0.6)
     for points, colour, label in (
@@ -175,8 +197,12 @@ def draw(
         aspect="equal",
     )
     ax.set_title(f"{case.name}\n{case.coordinates} angles", fontsize=10, loc="left")
-    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0)
-    ax.figure.colorbar(image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$")
+    ax.legend(
+        loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, frameon=False, borderpad=0
+    )
+    ax.figure.colorbar(
+        image, ax=ax, shrink=0.72, label=r"$s = n_J \cdot \nabla \times n_J$"
+    )
 
 
 def picture(prr: Case, relative: Case, turned: Case) -> Figure:
@@ -190,7 +216,13 @@ def picture(prr: Case, relative: Case, turned: Case) -> Figure:
 
     draw(axes[0], prr, lambda q: q[:, 1:], at, ("ψ₂ (rad)", "ψ₃ (rad)"))
     draw(axes[1], relative, lambda q: q[:, 1:], at, ("θ₂ (rad)", "θ₃ (rad)"))
-    draw(axes[2], turned, lambda q: q[:, 1:] - q[:, :1], at, ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"))
+    draw(
+        axes[2],
+        turned,
+        lambda q: q[:, 1:] - q[:, :1],
+        at,
+        ("ψ₂ − ψ₁ (rad)", "ψ₃ − ψ₁ (rad)"),
+    )
     return figure
 
 

@@ -60,7 +60,7 @@ def rms_of_first_cycle(motion: rp.Motion) -> float:
 
 def line(name: str, frame: str | None, kind: str, **options: int) -> str:
     """Study one arm and write its line of the table."""
-    study = rp.study(name, frame=frame, kind=kind, **options)
+    study = rp.study(rp.Problem(name, frame=frame, kind=kind), **options)
     drifting = study.row("pseudoinverse").motion
     closed = study.row("repeatable").motion
     assert closed is not None
@@ -85,7 +85,9 @@ def main(arguments: Sequence[str] = (), **options: int) -> list[str]:
         known = {name for name, _, _ in ARMS}
         chosen = tuple(row for row in ARMS if row[0] in arguments)
         chosen += tuple(
-            (name, None, ("pose", "position")) for name in arguments if name not in known
+            (name, None, ("pose", "position"))
+            for name in arguments
+            if name not in known
         )
     lines = [markdown(COLUMNS), markdown(["---"] * len(COLUMNS))]
     print("\n".join(lines))

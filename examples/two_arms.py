@@ -20,7 +20,12 @@ import numpy as np
 
 import repctl_pin as rp
 from repctl_pin.files import prepare_folder, write_whole
-from repctl_pin.show.page.playback import Playback, TracedChain, playback_of, playback_page
+from repctl_pin.show.page.playback import (
+    Playback,
+    TracedChain,
+    playback_of,
+    playback_page,
+)
 from repctl_pin.show.palette import COLOURS
 
 
@@ -34,7 +39,10 @@ def study_both(
         raise rp.InputError(
             f"both arms of {robot.name} move {' and '.join(shared)}; fix these joints with --lock"
         )
-    return [rp.study(robot, frame=frame, cycles=cycles, radius=radius) for frame in frames]
+    return [
+        rp.study(rp.Problem(robot, frame=frame, path=f"circle:{radius}"), cycles=cycles)
+        for frame in frames
+    ]
 
 
 def together(studies: list[rp.Study], key: str) -> Playback:
@@ -57,7 +65,10 @@ def both_arms_page(studies: list[rp.Study]) -> str:
     chains = [TracedChain(study.task, study.elbow) for study in studies]
     paths = [study.path.points() for study in studies]
     return playback_page(
-        chains, tracks, paths=paths, name=f"each arm on a separate {studies[0].path.name}"
+        chains,
+        tracks,
+        paths=paths,
+        name=f"each arm on a separate {studies[0].path.name}",
     )
 
 
@@ -71,10 +82,16 @@ def main() -> None:
         "frames", nargs="*", default=["left_gripper", "right_gripper"], metavar="FRAME"
     )
     parser.add_argument(
-        "--lock", action="append", default=[], metavar="JOINT", help="keep a joint fixed"
+        "--lock",
+        action="append",
+        default=[],
+        metavar="JOINT",
+        help="keep a joint fixed",
     )
     parser.add_argument("--cycles", type=int, default=3)
-    parser.add_argument("--out", type=Path, default=Path("repctl-out"), metavar="FOLDER")
+    parser.add_argument(
+        "--out", type=Path, default=Path("repctl-out"), metavar="FOLDER"
+    )
     options = parser.parse_args()
     if len(options.frames) != 2:
         parser.error(f"two frames are required, one per arm, not {len(options.frames)}")

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .motion import BestLeaf as BestLeaf
     from .motion import Governor as Governor
     from .motion import LeafLock as LeafLock
+    from .motion import Limits as Limits
     from .motion import Motion as Motion
     from .motion import Run as Run
     from .motion import Status as Status
@@ -115,9 +116,9 @@ _DOOR = {
     "proof": "Proof prove",
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
     "motion": (
-        "BestLeaf Governor LeafLock Motion Run Status TaskPath TimedMotion Waypoints approach "
-        "best_leaf circle figure_eight follow least_closed_motion polygon read_waypoints solve_ik "
-        "timed waypoints write_motion"
+        "BestLeaf Governor LeafLock Limits Motion Run Status TaskPath TimedMotion Waypoints "
+        "approach best_leaf circle figure_eight follow least_closed_motion polygon read_waypoints "
+        "solve_ik timed waypoints write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import wraps
 from inspect import signature
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +73,28 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
     return True
 
 
+def moved(places: Mapping[str, str]) -> Callable[[F], F]:
+    """Function decorator: refuse keywords that have moved, and name the new place of each.
+
+    ``places`` gives the expression that replaces ``name=…``, by name.
+    """
+
+    def decorated(takes: F) -> F:
+        @wraps(takes)
+        def refusing(*args: Any, **options: Any) -> Any:
+            for name in places.keys() & options.keys():
+                raise InputError(
+                    f": {takes.__qualname__.removesuffix('.__init__')}() has no such option",
+                    argument=name,
+                    remedy=f"give {places[name]}",
+                )
+            return takes(*args, **options)
+
+        return cast(F, refusing)
+
+    return decorated
+
+
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
     """Require a text that is one of ``names``; in the message, ``kind`` says what they name."""
     names = tuple(names)
@@ -96,7 +119,9 @@ def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> fl
     """Convert an argument to a finite number above 0; with ``zero``, 0 is allowed, too."""
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
-        least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
+        least = (
+            f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
+        )
         raise InputError(
             f"must be {least}{' and finite' if number > 0 else ''}, not {shown(value)}",
             argument=name,
@@ -113,20 +138,33 @@ def finite(value: Any, name: str, unit: str = "") -> float:
     return number
 
 
-def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
+def vector(
+    values: ArrayLike, n: int | None, name: str, each: str = "one per joint"
+) -> Array:
     """Copy n finite numbers to an array (n,); with n = None, one or more numbers."""
     array = as_numbers(values)
-    wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
+    wrong = (
+        array is None
+        or array.ndim != 1
+        or not array.size
+        or n not in (None, array.size)
+    )
     if array is None or wrong or not np.isfinite(array).all():
         count = f"{n} finite numbers" if n is not None else "a list of finite numbers"
         raise InputError(
-            f"must be {count}{each and ', '}{each}; got {_shape(values, array)}", argument=name
+            f"must be {count}{each and ', '}{each}; got {_shape(values, array)}",
+            argument=name,
         )
     return array
 
 
 def per_joint(
-    values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False
+    values: ArrayLike,
+    n: int,
+    name: str,
+    each: str = "one per joint",
+    *,
+    finite: bool = False,
 ) -> Array:
     """Convert one number above 0, or n of them, to an array (n,).
 
@@ -158,7 +196,9 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
     """Convert n limits to an array (n,); infinity stands for no limit."""
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
-        raise InputError(f"must be {n} numbers, {each}; got {shown(values)}", argument=name)
+        raise InputError(
+            f"must be {n} numbers, {each}; got {shown(values)}", argument=name
+        )
     return array
 
 
@@ -175,7 +215,9 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
         if n is None:
             width = "(K, n), one number per joint"
         single = (
-            ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
+            ": write [q] for a single q"
+            if array is not None and n in (None, array.size)
+            else ""
         )
         raise InputError(
             f"{whose} takes Q as an array {width}; got {_shape(values, array)}{single}"
@@ -200,34 +242,46 @@ def as_matrices(
         native = type(values) is np.ndarray and values.dtype is FLOAT  # not copied
         array: Array | None = values if native else as_numbers(values)  # type: ignore[assignment]
         last = () if array is None else array.shape[-len(letters) :]
-        fits = len(last) == len(letters) and (not exact or array is None or array.ndim == len(last))
+        fits = len(last) == len(letters) and (
+            not exact or array is None or array.ndim == len(last)
+        )
         fits = fits and all(
-            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size)) and (size or x in "rK")
+            size == (int(x) if x.isdecimal() else sizes.setdefault(x, size))
+            and (size or x in "rK")
             for x, size in zip(letters, last, strict=True)
         )
         if array is None or not fits or (finite and not np.isfinite(array).all()):
             known = ", ".join(
-                f"{x} = {sizes[x]}" for x in letters if x in sizes and name != given[0][0]
+                f"{x} = {sizes[x]}"
+                for x in letters
+                if x in sizes and name != given[0][0]
             )
             shape = f"({'' if exact else '..., '}{', '.join(letters)}){known and ' with '}{known}"
             what = "finite numbers" if finite else "numbers"
-            raise InputError(f"must be {what} {shape}; got {_shape(values, array)}", argument=name)
+            raise InputError(
+                f"must be {what} {shape}; got {_shape(values, array)}", argument=name
+            )
         arrays.append(array)
     leading = [
-        a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)
+        a.shape[: a.ndim - len(axes.split())]
+        for a, (_, _, axes) in zip(arrays, given, strict=True)
     ]
     if len(set(leading)) > 1:
         try:
             np.broadcast_shapes(*leading)
         except ValueError:
             names = ", ".join(name for name, _, _ in given)
-            raise InputError(f"{names} have different leading sizes: {leading}") from None
+            raise InputError(
+                f"{names} have different leading sizes: {leading}"
+            ) from None
     return arrays
 
 
 def flag(value: Any, name: str) -> bool:
     """Require True or False, or 1 or 0, and return it as a bool."""
-    if isinstance(value, (bool, np.bool_)) or (isinstance(value, int) and value in (0, 1)):
+    if isinstance(value, (bool, np.bool_)) or (
+        isinstance(value, int) and value in (0, 1)
+    ):
         return bool(value)
     raise InputError(f"must be True or False, not {shown(value)}", argument=name)
 
@@ -253,7 +307,9 @@ def list_of(values: Any, name: str, what: str) -> list[Any]:
 
 def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
     """Convert one name, or a list of names, to a tuple."""
-    listed = (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
+    listed = (
+        (values,) if isinstance(values, str) else tuple(list_of(values, name, what))
+    )
     if all(isinstance(v, str) for v in listed):
         return listed
     raise InputError(f"must be {what}, not {shown(values)}", argument=name)
@@ -322,7 +378,11 @@ def as_numbers(values: ArrayLike) -> Array | None:
     """Copy numbers to an array of native doubles; None if it is ragged or not of numbers."""
     try:
         array = np.asarray(values)
-        return np.array(array, dtype=float, order="C") if array.dtype.kind in "biuf" else None
+        return (
+            np.array(array, dtype=float, order="C")
+            if array.dtype.kind in "biuf"
+            else None
+        )
     except (TypeError, ValueError, OverflowError):
         return None
 
@@ -330,7 +390,11 @@ def as_numbers(values: ArrayLike) -> Array | None:
 def _shape(values: ArrayLike, array: Array | None) -> str:
     if array is None:
         return shown(values)
-    return f"shape {array.shape}" if np.isfinite(array).all() else "numbers that are not finite"
+    return (
+        f"shape {array.shape}"
+        if np.isfinite(array).all()
+        else "numbers that are not finite"
+    )
 
 
 def shown(value: Any) -> str:

@@ -23,7 +23,14 @@ from pathlib import Path
 from .errors import RepctlError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
-VECTOR_FLAGS = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fPIC", "-shared")
+VECTOR_FLAGS = (
+    "-std=c99",
+    "-O3",
+    "-march=native",
+    "-ffp-contract=fast",
+    "-fPIC",
+    "-shared",
+)
 """Flags of the compiler for code that uses the vector units of this machine."""
 
 _COMPILES, _LOADS = 50.0, 10.0
@@ -87,9 +94,7 @@ def shared_library(code: str, flags: Sequence[str] = FLAGS) -> Path:
     for folder in (_cache_folder, _own_folder):
         try:
             return _kept(keyed, command, folder(), key)
-        except (
-            OSError
-        ) as error:  # disk full, read-only or not executable, or a folder instead of a file
+        except OSError as error:  # disk full, read-only, not executable, or not a file
             refused = _clean(error)
     raise NoCompilerError(f"no folder can store and load a compiled library: {refused}")
 
@@ -110,7 +115,9 @@ def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
             f"a compiled library does not load: {_clean(error)}; delete {library}"
         ) from None
     if made != library.stem.encode():
-        raise NoCompilerError(f"a compiled library was replaced by another one; delete {library}")
+        raise NoCompilerError(
+            f"a compiled library was replaced by another one; delete {library}"
+        )
     return str(library)
 
 
@@ -144,7 +151,8 @@ def _intact(library: Path, checksum: Path) -> bool:
         if not (_ours(library) and _ours(checksum) and checksum.stat().st_size == 64):
             return False
         return (
-            checksum.read_text(encoding="ascii") == hashlib.sha256(library.read_bytes()).hexdigest()
+            checksum.read_text(encoding="ascii")
+            == hashlib.sha256(library.read_bytes()).hexdigest()
         )
     except (OSError, UnicodeDecodeError):
         return False
@@ -154,11 +162,15 @@ def _ours(file: Path) -> bool:
     """Test whether a path is a regular file of the user that is writable by the user only."""
     status = file.lstat()
     return (
-        stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022
+        stat.S_ISREG(status.st_mode)
+        and status.st_uid == os.getuid()
+        and not status.st_mode & 0o022
     )
 
 
-def _compile(code: str, command: list[str], library: Path, checksum: Path, key: str) -> None:
+def _compile(
+    code: str, command: list[str], library: Path, checksum: Path, key: str
+) -> None:
     """Compile C to a library, test loading it in another process, and move it to its path."""
     with tempfile.TemporaryDirectory(
         dir=library.parent, prefix=".building-", ignore_cleanup_errors=True
@@ -168,7 +180,9 @@ def _compile(code: str, command: list[str], library: Path, checksum: Path, key: 
         digest = Path(building) / "digest"
         source.write_text(code, encoding="ascii", newline="\n")
         failed, said = _run(
-            [*command, "-o", str(built), str(source), "-lm"], shlex.join(command), _COMPILES
+            [*command, "-o", str(built), str(source), "-lm"],
+            shlex.join(command),
+            _COMPILES,
         )
         if failed or not built.is_file() or built.is_symlink():
             raise NoCompilerError(
@@ -177,14 +191,18 @@ def _compile(code: str, command: list[str], library: Path, checksum: Path, key: 
         built.chmod(0o700)
         if sys.executable:
             line = [sys.executable, "-I", "-S", "-c", _PROBE, str(built), key]
-            failed, said = _run(line, f"loading the library of {shlex.join(command)}", _LOADS)
+            failed, said = _run(
+                line, f"loading the library of {shlex.join(command)}", _LOADS
+            )
             if failed and "failed to map segment" in said:
                 raise OSError(said)  # a folder mounted without execution
             if failed:
                 raise NoCompilerError(
                     f"the library of {_clean(command[0])} does not load: {said or 'Python crashed'}"
                 )
-        digest.write_text(hashlib.sha256(built.read_bytes()).hexdigest(), encoding="ascii")
+        digest.write_text(
+            hashlib.sha256(built.read_bytes()).hexdigest(), encoding="ascii"
+        )
         os.replace(built, library)
         os.replace(digest, checksum)
 
@@ -210,7 +228,9 @@ def _run(line: list[str], name: str, most: float) -> tuple[bool, str]:
             start_new_session=True,  # a separate process group, which can be killed as a whole
         )
     except (OSError, ValueError) as error:
-        raise NoCompilerError(f"{_clean(name)} cannot be run: {_clean(error)}") from None
+        raise NoCompilerError(
+            f"{_clean(name)} cannot be run: {_clean(error)}"
+        ) from None
     try:
         said = _first_words(process, time.monotonic() + most)
     except subprocess.TimeoutExpired:
@@ -240,7 +260,11 @@ def _first_words(process: subprocess.Popen[bytes], until: float) -> str:
                 break
         else:
             raise subprocess.TimeoutExpired(process.args, until)
-    lines = [line for line in map(_clean, kept.decode("utf-8", "replace").splitlines()) if line]
+    lines = [
+        line
+        for line in map(_clean, kept.decode("utf-8", "replace").splitlines())
+        if line
+    ]
     return next((line for line in lines if "rror" in line), lines[0] if lines else "")
 
 
@@ -260,7 +284,11 @@ def _cache_folder() -> Path:
     folder = cache / "repctl_pin" / "compiled"
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     status = folder.lstat()
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o022:
+    if (
+        not stat.S_ISDIR(status.st_mode)
+        or status.st_uid != os.getuid()
+        or status.st_mode & 0o022
+    ):
         raise OSError(f"{folder} can be written by others")
     return folder
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from .arguments import Array, read_only
 
-THEOREM = 3
+THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 
@@ -80,7 +80,9 @@ class Proof:
         """Describe in a few lines what is proved."""
         state = "proved" if self.proved else "NOT proved"
         place = ", ".join(f"{v:.4g}" for v in np.round(self.worst, 4) + 0.0)
-        wide = f"{self.half.min():.2g} to {self.half.max():.2g}" if len(self.half) else "0"
+        wide = (
+            f"{self.half.min():.2g} to {self.half.max():.2g}" if len(self.half) else "0"
+        )
         lines = [
             f"{state}: {self.what}",
             f"  leaf margin   > {below(self.leaf_margin)}{_asked(self.asked_leaf_margin)}",

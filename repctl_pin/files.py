@@ -25,7 +25,9 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
     try:
         if make:
             folder.mkdir(parents=True, exist_ok=True)
-        there = next((part for part in (folder, *folder.parents) if part.exists()), Path())
+        there = next(
+            (part for part in (folder, *folder.parents) if part.exists()), Path()
+        )
         with tempfile.TemporaryFile(dir=there):
             pass
     except OSError as error:
@@ -68,7 +70,9 @@ def written_together(folder: Path) -> Iterator[Path]:
     staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
     try:
         yield staged
-        moves = [(file, _target_in(folder, file.name)) for file in sorted(staged.iterdir())]
+        moves = [
+            (file, _target_in(folder, file.name)) for file in sorted(staged.iterdir())
+        ]
         with _one_at_a_time(folder):
             for file, target in moves:
                 _move(file, target)
@@ -194,7 +198,9 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
         what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
         raise InputError(f"cannot read {path}: it is {what}; give a file")
     if len(data) > largest:
-        raise InputError(f"cannot read {path}: the file is larger than {largest / 1e6:g} MB")
+        raise InputError(
+            f"cannot read {path}: the file is larger than {largest / 1e6:g} MB"
+        )
     return data
 
 

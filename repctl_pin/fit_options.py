@@ -75,7 +75,9 @@ class FitOptions:
         self._set("stream", flag(self.stream, "stream"))
         self._set("restarts", as_int(self.restarts, "restarts", 0, _MOST_RESTARTS))
         self._set("tolerance", positive(self.tolerance, "the tolerance"))
-        if self.executor is not None and not callable(getattr(self.executor, "submit", None)):
+        if self.executor is not None and not callable(
+            getattr(self.executor, "submit", None)
+        ):
             what = "a concurrent.futures.Executor or a Dask client"
             require_type(self.executor, Executor, "executor", what)
 
@@ -83,11 +85,16 @@ class FitOptions:
         object.__setattr__(self, name, value)
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
-        """Raise InputError for a changed option that is not one of ``names``, which ``by`` uses."""
+        """Raise InputError if an option other than ``names`` differs from its default.
+
+        ``by`` is the name of the function that has only these options, for the message.
+        """
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:
-                raise InputError(f"{by} has no option {name}; leave it out of FitOptions")
+                raise InputError(
+                    f"{by} has no option {name}; leave it out of FitOptions"
+                )
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:

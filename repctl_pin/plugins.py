@@ -21,7 +21,11 @@ from typing import Any
 
 from .errors import InputError, unknown
 
-_ONE_OF = {"strategies": "strategy", "potentials": "basis of potentials", "paths": "path"}
+_ONE_OF = {
+    "strategies": "strategy",
+    "potentials": "basis of potentials",
+    "paths": "path",
+}
 """Kinds of plugins, and the singular noun for each."""
 
 
@@ -61,5 +65,7 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
             f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}"
         ) from error
     if not callable(made):
-        raise InputError(f"{name!r} of {package} must be a function or a class, not {made!r}")
+        raise InputError(
+            f"{name!r} of {package} must be a function or a class, not {made!r}"
+        )
     return made

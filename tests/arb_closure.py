@@ -15,7 +15,10 @@ Matrix = list[Vector]
 def closure_in_balls(problem: object, u_c: np.ndarray, h: np.ndarray, t: np.ndarray):
     """Evaluate J (6, 7) at q_ref(u), u = u_c + h t, and ``(e + p × s, s)``: revolute joints."""
     chain, cell, chart = problem.chain, problem.cell, problem.chart
-    u = [arb(float(a)) + arb(float(b)) * arb(float(c)) for a, b, c in zip(u_c, h, t, strict=True)]
+    u = [
+        arb(float(a)) + arb(float(b)) * arb(float(c))
+        for a, b, c in zip(u_c, h, t, strict=True)
+    ]
     q = _chart(chart, u)
     frames, R, o = [], _eye(), [arb(0)] * 3
     for joint in range(len(chain.p)):

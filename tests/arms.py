@@ -42,7 +42,12 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         f'<origin xyz="{offset} 0 0"/></joint>'
     )
-    parts = ('<?xml version="1.0"?>', '<robot name="planar">', "".join(links), "".join(joints))
+    parts = (
+        '<?xml version="1.0"?>',
+        '<robot name="planar">',
+        "".join(links),
+        "".join(joints),
+    )
     return "\n".join((*parts, "</robot>", ""))
 
 
@@ -61,7 +66,8 @@ def spatial_urdf(n: int, seed: int) -> str:
     for i in range(1, n + 1):
         kind = "prismatic" if i % 3 == 0 else "revolute"
         xyz, rpy, axis = (
-            " ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s) for s in (0.4, 1.5, 1.0)
+            " ".join(f"{v:.6f}" for v in rng.uniform(-1, 1, 3) * s)
+            for s in (0.4, 1.5, 1.0)
         )
         links.append(f'<link name="link{i}"/>')
         joints.append(
@@ -75,15 +81,44 @@ def spatial_urdf(n: int, seed: int) -> str:
         f'<joint name="tip" type="fixed"><parent link="{parent}"/><child link="tool"/>'
         '<origin xyz="0.3 0.1 0.2"/></joint>'
     )
-    parts = ('<?xml version="1.0"?>', '<robot name="spatial">', "".join(links), "".join(joints))
+    parts = (
+        '<?xml version="1.0"?>',
+        '<robot name="spatial">',
+        "".join(links),
+        "".join(joints),
+    )
     return "\n".join((*parts, "</robot>", ""))
 
 
-def spatial_task(n: int, folder: Path, *, kind: str = "position", seed: int = 0) -> rp.Task:
+def spatial_task(
+    n: int, folder: Path, *, kind: str = "position", seed: int = 0
+) -> rp.Task:
     """Load such an arm; its position task has r = n − 3."""
     path = folder / f"spatial{n}_{seed}.urdf"
     path.write_text(spatial_urdf(n, seed), encoding="utf-8")
     return rp.Robot.load(path).task("tool", kind)
+
+
+def sliding_task(folder: Path) -> rp.Task:
+    """A planar arm: revolute, prismatic along the link, revolute."""
+    kinds = [
+        ("revolute", "0 0 1", "0 0 0"),
+        ("prismatic", "1 0 0", "0.1 0 0"),
+        ("revolute", "0 0 1", "0.1 0 0"),
+        ("prismatic", "0 1 0", "0.1 0 0"),
+        ("revolute", "0 0 1", "0.1 0 0"),
+    ]
+    text = '<robot name="sliding"><link name="l0"/>'
+    for i, (kind, axis, xyz) in enumerate(kinds):
+        text += (
+            f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
+            f'<origin xyz="{xyz}"/>'
+            f'<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+            f'<link name="l{i + 1}"/>'
+        )
+    file = folder / "sliding.urdf"
+    file.write_text(text + "</robot>", encoding="utf-8")
+    return rp.Robot.load(file).task("l5", "xy")
 
 
 def chain_with_bodies(folder: Path) -> Path:

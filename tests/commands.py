@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -26,9 +28,23 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     assert main([*arguments]) == 2
     captured = capsys.readouterr()
     assert (
-        captured.out == "" and captured.err.count("\n") == 1 and captured.err.startswith("repctl: ")
+        captured.out == ""
+        and captured.err.count("\n") == 1
+        and captured.err.startswith("repctl: ")
     )
     return captured.err
+
+
+def computed_once(compute: Callable[..., Any]) -> Callable[..., Any]:
+    """Compute the first time, and give the same result ever after."""
+    found: list[Any] = []
+
+    def computed(*given: Any, **options: Any) -> Any:
+        if not found:
+            found.append(compute(*given, **options))
+        return found[0]
+
+    return computed
 
 
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,7 +54,9 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     from repctl_pin.show.page import playback
 
     for module in (study_files, playback):
-        monkeypatch.setattr(module, "playback_page", lambda *_, **__: "<html><head></head></html>")
+        monkeypatch.setattr(
+            module, "playback_page", lambda *_, **__: "<html><head></head></html>"
+        )
     monkeypatch.setattr(study_files, "png", lambda *_, **__: b"")
     for figure in ("drift_figure", "joints_figure"):
         monkeypatch.setattr(study_files, figure, lambda *_, **__: None)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import base64
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
+os.environ.setdefault(
+    "OMP_NUM_THREADS", "1"
+)  # the tests run side by side; one core each
 
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -16,6 +19,7 @@ from arms import Q_PANDA
 from browser import browser, require_browser
 
 import repctl_pin as rp
+from repctl_pin import c_library
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -48,7 +52,9 @@ def q_panda() -> np.ndarray:
 def panda_design(panda_pose: rp.Task) -> rp.Design:
     """The quadratic design of the theory: J⁺, box ±0.4 rad."""
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4)
+        rp.Pseudoinverse(panda_pose),
+        rp.Polynomial(Q_PANDA, 2, 0.4),
+        rp.Box(Q_PANDA, 0.4),
     )
 
 
@@ -71,7 +77,55 @@ def driver(chromium: Any) -> Iterator[Any]:
 
 
 @pytest.fixture
-def blank_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
+    for name in ("_LEAST_NODES", "_DEFAULT_NODES", "_HELD_OUT_NODES"):
+        monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
+
+
+@pytest.fixture
+def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Choose starts, circles and tubes by shorter motions and fewer nodes, for tests of what is
+    done with them; tests of design, motion and problem judge the choices themselves."""
+
+    def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
+        return rp.follow(*given, steps=steps // 4, **options)
+
+    def few(samples: int, held_out: int, **options: Any) -> rp.FitOptions:
+        return rp.FitOptions(samples=samples // 8, held_out=held_out // 8, **options)
+
+    package = "repctl_pin."
+    for module, name, value in (
+        ("design.singularity_search", "_STARTS", 4),
+        ("design.singularity_search", "_CORNERS", 32),
+        ("motion.fitting_circle", "follow", briefly),
+        ("problem.choose_start", "follow", briefly),
+        ("problem.around_motion", "FitOptions", few),
+    ):
+        monkeypatch.setattr(import_module(package + module), name, value)
+    reach = import_module(package + "motion.solve_ik").check_reach
+    monkeypatch.setitem(reach.__kwdefaults__, "points", 12)
+
+
+@pytest.fixture
+def quick_compiler(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compile with -O0, in a fifth of the time, but for tests marked ``as_shipped``."""
+    if request.node.get_closest_marker("as_shipped") is not None:
+        return
+    vectors = (*(f for f in c_library.VECTOR_FLAGS if f != "-O3"), "-O0")
+    for module in ("codegen.compiled_loop", "proof.cell_kernel"):
+        monkeypatch.setattr(f"repctl_pin.{module}.VECTOR_FLAGS", vectors)
+    plain = (*(f for f in c_library.FLAGS if f != "-O2"), "-O0")
+    for compiling in (c_library.shared_library, c_library.loaded_library):
+        monkeypatch.setattr(compiling, "__defaults__", (plain,))
+
+
+@pytest.fixture
+def blank_pictures(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Write one pixel in place of each figure, except where a test is marked ``pictures``."""
     if request.node.get_closest_marker("pictures") is not None:
         return
@@ -79,4 +133,6 @@ def blank_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
         "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
     )
     for module in ("plots.motions", "study_files", "report"):
-        monkeypatch.setattr(f"repctl_pin.show.{module}.png", lambda *_args, **_options: pixel)
+        monkeypatch.setattr(
+            f"repctl_pin.show.{module}.png", lambda *_args, **_options: pixel
+        )

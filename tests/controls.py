@@ -3,6 +3,7 @@ bases, potentials."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -28,17 +29,25 @@ def no_compiler() -> str:
 def some(names: Iterable[str], *default: str) -> list[Any]:
     """Make the parameters of a test: the default names, and the others as slow ones."""
     slow = pytest.mark.slow
-    return [name if name in default else pytest.param(name, marks=slow) for name in names]
+    return [
+        name if name in default else pytest.param(name, marks=slow) for name in names
+    ]
 
 
-NEEDS_C = pytest.mark.skipif(bool(no_compiler()), reason=no_compiler() or "there is a C compiler")
+NEEDS_C = pytest.mark.skipif(
+    bool(no_compiler()), reason=no_compiler() or "there is a C compiler"
+)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Compiled libraries go into a folder of the tests' own."""
+    """Compiled libraries go into a folder of this run of the tests, which its workers share."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    (folder / "cache").mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         yield
 
 
@@ -86,7 +95,10 @@ def control(
     N = rp.redundancy.nullspace(task.jacobian(center))
     A = np.linalg.lstsq(potentials.gradients(center[None])[0], N, rcond=None)[0]
     return rp.RepeatableInverse(
-        task, potentials.weighted(A + 0.02 * rng.normal(size=A.shape) / np.sqrt(potentials.size))
+        task,
+        potentials.weighted(
+            A + 0.02 * rng.normal(size=A.shape) / np.sqrt(potentials.size)
+        ),
     )
 
 
@@ -99,7 +111,11 @@ def _start(task: rp.Task) -> np.ndarray:
 
 
 def _polynomial(task: rp.Task, degree: int) -> tuple[rp.RepeatableInverse, np.ndarray]:
-    q0 = Q_PANDA if task.robot.name == "panda" and task.coordinates is None else _start(task)
+    q0 = (
+        Q_PANDA
+        if task.robot.name == "panda" and task.coordinates is None
+        else _start(task)
+    )
     return control(task, q0, rp.Polynomial(q0, degree, 0.5)), q0
 
 
@@ -108,7 +124,9 @@ def _panda(kind: str = "pose") -> rp.Task:
 
 
 def _with_base() -> rp.Task:
-    return rp.Robot.load("talos", base="torso_2_link").task("wrist_left_ft_tool_link", "position")
+    return rp.Robot.load("talos", base="torso_2_link").task(
+        "wrist_left_ft_tool_link", "position"
+    )
 
 
 def _joined(task: rp.Task) -> tuple[rp.RepeatableInverse, np.ndarray]:
@@ -136,11 +154,16 @@ def _partial() -> tuple[rp.RepeatableInverse, np.ndarray]:
 
 def _in_coordinates() -> rp.Task:
     rng = np.random.default_rng(3)
-    return _panda().in_coordinates(np.eye(7) + 0.3 * np.tril(rng.normal(size=(7, 7)), -1))
+    return _panda().in_coordinates(
+        np.eye(7) + 0.3 * np.tril(rng.normal(size=(7, 7)), -1)
+    )
 
 
 CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] = {
-    **{f"panda, pose, degree {d}": lambda _, d=d: _polynomial(_panda(), d) for d in (1, 2, 3, 4)},
+    **{
+        f"panda, pose, degree {d}": lambda _, d=d: _polynomial(_panda(), d)
+        for d in (1, 2, 3, 4)
+    },
     "panda, pose, Fourier": lambda _: _fourier(1),
     "panda, pose, Fourier of some joints": lambda _: _fourier(2, cross=False),
     "panda, pose, joined": lambda _: _joined(_panda()),
@@ -148,8 +171,12 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     "panda, axis, degree 2": lambda _: _polynomial(_panda("axis"), 2),
     "panda, xz, degree 1": lambda _: _polynomial(_panda("xz"), 1),
     "panda in other coordinates": lambda _: _polynomial(_in_coordinates(), 2),
-    "xarm7, pose, degree 3": lambda _: _polynomial(rp.Robot.load("xarm7").task(None, "pose"), 3),
-    "iiwa, pose, degree 2": lambda folder: _polynomial(iiwa(folder).task("flange", "pose"), 2),
+    "xarm7, pose, degree 3": lambda _: _polynomial(
+        rp.Robot.load("xarm7").task(None, "pose"), 3
+    ),
+    "iiwa, pose, degree 2": lambda folder: _polynomial(
+        iiwa(folder).task("flange", "pose"), 2
+    ),
     "tiago, position, degree 2": lambda _: _polynomial(
         rp.Robot.load("tiago").task(None, "position"), 2
     ),
@@ -158,8 +185,12 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     ),
     "talos from its torso": lambda _: _polynomial(_with_base(), 2),
     "ppr, degree 5 of some joints": lambda _: _partial(),
-    "planar7r, xy, degree 3": lambda _: _polynomial(rp.Robot.load("planar7r").task(None, "xy"), 3),
-    "random axes and slides": lambda folder: _polynomial(spatial_task(6, folder, seed=2), 2),
+    "planar7r, xy, degree 3": lambda _: _polynomial(
+        rp.Robot.load("planar7r").task(None, "xy"), 3
+    ),
+    "random axes and slides": lambda folder: _polynomial(
+        spatial_task(6, folder, seed=2), 2
+    ),
     "random axes, axis task": lambda folder: _polynomial(
         spatial_task(7, folder, kind="axis", seed=5), 3
     ),

@@ -32,11 +32,15 @@ def main(names: list[str], start: list[float], log: str, period: float = 0.005) 
         def said() -> None:
             # another order than the design's, and a joint that is not its own
             both = [*zip(names, q, strict=True), ("finger", 0.04)][::-1]
-            message = JointState(name=[b[0] for b in both], position=[b[1] for b in both])
+            message = JointState(
+                name=[b[0] for b in both], position=[b[1] for b in both]
+            )
             message.header.stamp = node.get_clock().now().to_msg()
             states.publish(message)
 
-        node.create_subscription(JointTrajectory, "joint_trajectory", moved, QoSProfile(depth=100))
+        node.create_subscription(
+            JointTrajectory, "joint_trajectory", moved, QoSProfile(depth=100)
+        )
         node.create_timer(period, said)
         executor = SingleThreadedExecutor()
         executor.add_node(node)

@@ -36,7 +36,9 @@ class Stage:
         Messages of its status, as they change.
     """
 
-    def __init__(self, folder: Path, design: Path, q: np.ndarray, names: tuple[str, ...]) -> None:
+    def __init__(
+        self, folder: Path, design: Path, q: np.ndarray, names: tuple[str, ...]
+    ) -> None:
         self.folder, self.design = folder, design
         self.commands: list[tuple[float, np.ndarray]] = []
         self.said: list[str] = []
@@ -47,7 +49,9 @@ class Stage:
         self._poses = node.create_publisher(PoseStamped, "target_pose", newest)
         self._twists = node.create_publisher(TwistStamped, "target_twist", newest)
         every = QoSProfile(depth=1000)
-        node.create_subscription(JointTrajectory, "joint_trajectory", self._command, every)
+        node.create_subscription(
+            JointTrajectory, "joint_trajectory", self._command, every
+        )
         node.create_subscription(DiagnosticArray, "/diagnostics", self._status, every)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
@@ -55,7 +59,9 @@ class Stage:
         self._ends = False
         self._thread.start()
         log = str(folder / "arm.log")
-        self.arm = self._run(str(ARM), json.dumps([list(names), list(map(float, q)), log]))
+        self.arm = self._run(
+            str(ARM), json.dumps([list(names), list(map(float, q)), log])
+        )
 
     def _run(self, *words: str) -> subprocess.Popen:
         process = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
@@ -66,7 +72,9 @@ class Stage:
         """Start the node under test, and wait until it runs."""
         words = [word for p in parameters for word in ("-p", p)]
         self.said.clear()
-        process = self._run("-m", "repctl_pin", "ros2", str(self.design), "--ros-args", *words)
+        process = self._run(
+            "-m", "repctl_pin", "ros2", str(self.design), "--ros-args", *words
+        )
         self.wait_for("running")
         return process
 

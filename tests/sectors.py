@@ -17,12 +17,20 @@ from repctl_pin.inverse_function.turning import centred, reduced
 
 WIDTHS: dict[str, dict[str, Any]] = {
     "pose": {"height": 0.08, "half_angle": (0.2, 0.3), "spin": 0.3},
-    "a turn without its symmetry": {"height": 0.08, "half_angle": (0.2, 0.2, 0.3), "angle": 1.0},
+    "a turn without its symmetry": {
+        "height": 0.08,
+        "half_angle": (0.2, 0.2, 0.3),
+        "angle": 1.0,
+    },
     "one orientation": {"height": 0.08},
     "axis": {"height": 0.08, "half_angle": 0.2, "angle": 1.0},
     "position": {"height": 0.08, "angle": 1.0},
     "xy": {},
-    "another axis": {"height": 0.05, "angle": 0.5, "axis": [[0, 0.05, 0], [0.1, 0.2, 2.0]]},
+    "another axis": {
+        "height": 0.05,
+        "angle": 0.5,
+        "axis": [[0, 0.05, 0], [0.1, 0.2, 2.0]],
+    },
 }
 
 
@@ -47,4 +55,6 @@ def found(name: str = "one orientation") -> rp.CellDesign:
     evaluation = replace(evaluate_cell(desired, chart, 64, 5, quick=True), turns=turns)
     how = {"samples": 64, "held_out": 64, "seed": 0, "steps": 0, "degrees": ((1, 1.0),)}
     asked = ("requested_limit_margin", "requested_body_distance", "requested_sigma_min")
-    return rp.CellDesign.of(desired, chart, evaluation, **how, **dict.fromkeys(asked, 0.0))
+    return rp.CellDesign.of(
+        desired, chart, evaluation, **how, **dict.fromkeys(asked, 0.0)
+    )

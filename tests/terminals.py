@@ -22,7 +22,10 @@ SIZES = (80, 24), (200, 60)
 @contextlib.contextmanager
 def terminal_of(columns: int, rows: int) -> Iterator[io.StringIO]:
     """Make stdout a terminal of this size."""
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(io.StringIO()) as out,
+    ):
         patch.setenv("COLUMNS", str(columns))
         patch.setenv("LINES", str(rows))
         patch.setattr(lines, "on_terminal", lambda stream: stream is sys.stdout)

@@ -35,7 +35,9 @@ def test_a_device_is_written_through_and_stays_one(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(node)
     for name in ("motion.csv", "link"):
         assert write_whole(tmp_path / name, "text") == node
-    assert stat.S_ISCHR(node.stat().st_mode) and sorted(p.name for p in tmp_path.iterdir()) == [
+    assert stat.S_ISCHR(node.stat().st_mode) and sorted(
+        p.name for p in tmp_path.iterdir()
+    ) == [
         "link",
         "motion.csv",
     ]
@@ -64,7 +66,9 @@ def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:
         link = tmp_path / f"link{there}"
         link.symlink_to(target.name)
         assert (
-            write_whole(link, "new") == target and link.is_symlink() and target.read_text() == "new"
+            write_whole(link, "new") == target
+            and link.is_symlink()
+            and target.read_text() == "new"
         )
     assert stat.S_IMODE((tmp_path / "targetTrue").stat().st_mode) == 0o640  # as it was
 
@@ -129,10 +133,16 @@ def test_where_it_does_not_fit_the_old_file_stays(tmp_path: Path) -> None:
     pytest.importorskip("resource")
     (tmp_path / "file").write_text("old")
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", LIMITED],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.stdout == "cannot write file: File too large\n", done.stderr
-    assert (tmp_path / "file").read_text() == "old" and len(list(tmp_path.iterdir())) == 1
+    assert (tmp_path / "file").read_text() == "old" and len(
+        list(tmp_path.iterdir())
+    ) == 1
 
 
 def test_only_files_are_read_and_only_of_a_size_that_is_meant(tmp_path: Path) -> None:
@@ -162,7 +172,10 @@ def test_files_are_replaced_together_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), written_together(tmp_path) as staged:
         write_whole(staged / "a", "new")
         raise KeyboardInterrupt
-    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a": "old", "b": "old"}
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {
+        "a": "old",
+        "b": "old",
+    }
     with written_together(tmp_path) as staged:
         for name in ("a", "b", "c"):
             write_whole(staged / name, "new")

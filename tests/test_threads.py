@@ -7,7 +7,7 @@ import copy
 import pickle
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import get_context
 
 import numpy as np
@@ -55,12 +55,13 @@ def test_one_inverse_a_thread_on_one_shared_task(
         control, rng = CONTROLS[name](task, h), np.random.default_rng(seed)
         found = [
             control.velocity(q_panda + 0.2 * rng.normal(size=7), np.ones(task.m))
-            for _ in range(150)
+            for _ in range(30)
         ]
         if isinstance(control, rp.RepeatableInverse):
-            starts = q_panda + 0.1 * rng.normal(size=(50, 7))
+            starts = q_panda + 0.1 * rng.normal(size=(10, 7))
             found += [
-                control.step(q, target, 0.01, leaf=control.leaf(q_panda), gain=10.0) for q in starts
+                control.step(q, target, 0.01, leaf=control.leaf(q_panda), gain=10.0)
+                for q in starts
             ]
         return np.array(found)
 
@@ -79,11 +80,15 @@ def test_a_copy_of_an_inverse_is_one_for_another_thread(
     def work(task: tuple[rp.RepeatableInverse, int]) -> list[np.ndarray]:
         own, seed = task
         rng = np.random.default_rng(seed)
-        return [own.velocity(q_panda + 0.1 * rng.normal(size=7), xdot) for _ in range(300)]
+        return [
+            own.velocity(q_panda + 0.1 * rng.normal(size=7), xdot) for _ in range(100)
+        ]
 
     alone = [work((inverse, seed)) for seed in range(4)]
     with ThreadPoolExecutor(4) as threads:
-        together = list(threads.map(work, [(copy.copy(inverse), seed) for seed in range(4)]))
+        together = list(
+            threads.map(work, [(copy.copy(inverse), seed) for seed in range(4)])
+        )
     assert np.array_equal(together, alone)
 
 
@@ -108,7 +113,9 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
         F = function_of("poses")
         if what == "a cell's step":
             middle, c = F(F.cell.placement), np.zeros(1)
-            return lambda x: F.inverse.step(middle + 0.01 * x, F.cell.placement, 0.01, leaf=c)
+            return lambda x: F.inverse.step(
+                middle + 0.01 * x, F.cell.placement, 0.01, leaf=c
+            )
         F = rp.compiled(F) if what == "F in C" else F
         return lambda x: F(F.cell.at(0.5 * x[:6]))
     if what == "J⁺":
@@ -127,7 +134,12 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
         if what != "a bounded step":
             return fast.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
         step = fast.damped_step(
-            q0 + 0.05 * x, target, 0.01, leaf=leaf, velocity_limit=0.3 + abs(x[0]), damping=0.3
+            q0 + 0.05 * x,
+            target,
+            0.01,
+            leaf=leaf,
+            velocity_limit=0.3 + abs(x[0]),
+            damping=0.3,
         )
         return np.append(step.q, [step.damping, step.slowed])
 
@@ -136,9 +148,11 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
 
 @NEEDS_C
 @pytest.mark.parametrize("what", SHARED)
-def test_one_object_serves_many_threads(what: str, panda_design: rp.Design, many_switches) -> None:
+def test_one_object_serves_many_threads(
+    what: str, panda_design: rp.Design, many_switches, quick_compiler: None
+) -> None:
     ask = shared(what, panda_design)
-    X = np.random.default_rng(2).uniform(-1, 1, (4, 200, 7))
+    X = np.random.default_rng(2).uniform(-1, 1, (4, 100, 7))
     alone = [[ask(x) for x in rows] for rows in X]
     with ThreadPoolExecutor(4) as threads:
         together = list(threads.map(lambda rows: [ask(x) for x in rows], X))
@@ -157,15 +171,12 @@ def refuse(center: list[float]) -> None:
 
 
 def test_a_singular_region_is_told_across_processes() -> None:
-    """Such an error used to break a process pool, and to make multiprocessing's wait for ever."""
+    """Such an error used to make multiprocessing's pool wait for ever."""
     center = [0.3, 0.0, 0.0]
     with pytest.raises(rp.SingularRegionError) as here:
         refuse(center)
     back = pickle.loads(pickle.dumps(here.value))
     assert type(back) is rp.SingularRegionError and back.remedy == here.value.remedy
     assert str(back) == str(here.value) and np.array_equal(back.at, here.value.at)
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        error = pool.submit(refuse, center).exception(timeout=60)
-    assert isinstance(error, rp.SingularRegionError) and str(error) == str(here.value)
     with get_context("spawn").Pool(1) as workers, pytest.raises(rp.SingularRegionError):
         workers.apply_async(refuse, (center,)).get(timeout=60)

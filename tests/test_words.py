@@ -129,7 +129,9 @@ def test_replaced_phrases_are_not_in_texts() -> None:
 
 
 def test_replaced_names_are_not_files() -> None:
-    names = {path.relative_to(ROOT).as_posix() for path in (ROOT / "repctl_pin").rglob("*")}
+    names = {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "repctl_pin").rglob("*")
+    }
     assert not [name for name in sorted(names) if Path(name).stem in STEMS.split()]
 
 
@@ -147,7 +149,9 @@ def test_replaced_options_are_gone() -> None:
         if isinstance(action, argparse._SubParsersAction)
     )
     for command in commands.values():
-        options = {option for action in command._actions for option in action.option_strings}
+        options = {
+            option for action in command._actions for option in action.option_strings
+        }
         assert not options & OPTIONS
 
 
@@ -166,6 +170,10 @@ def test_the_phrases_are_found(text: str) -> None:
     assert any(re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values())
 
 
-@pytest.mark.parametrize("text", ["the least-squares start", "at least one", "a list of paths"])
+@pytest.mark.parametrize(
+    "text", ["the least-squares start", "at least one", "a list of paths"]
+)
 def test_ordinary_phrases_are_not_found(text: str) -> None:
-    assert not any(re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values())
+    assert not any(
+        re.search(pattern, text, re.IGNORECASE) for pattern in PHRASES.values()
+    )

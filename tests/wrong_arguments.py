@@ -73,7 +73,9 @@ ARM_URDF = (
         f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="{below}"/>'
         f'<origin xyz="0 0 0.3"/>'
         f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-        for k, ((above, below), axis) in enumerate(zip(pairwise(_LINKS), _AXES, strict=True))
+        for k, ((above, below), axis) in enumerate(
+            zip(pairwise(_LINKS), _AXES, strict=True)
+        )
     )
     + "</robot>"
 )
@@ -101,7 +103,9 @@ def right_calls(folder: Path) -> list[Call]:
         + path.placement(0.0).translation
     )
     waypoint_file = folder / "square.csv"
-    waypoint_file.write_text("\n".join(",".join(map(str, row)) for row in square), encoding="utf-8")
+    waypoint_file.write_text(
+        "\n".join(",".join(map(str, row)) for row in square), encoding="utf-8"
+    )
     design = rp.nearest_repeatable(
         control, potentials, box, options=rp.FitOptions(samples=64, held_out=256)
     )
@@ -109,10 +113,16 @@ def right_calls(folder: Path) -> list[Call]:
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, integrator=rp.LeafLock())
-    study = rp.study(robot, kind="xy", start=q0, path=path, cycles=1, steps=24, region=0.2)
-    timed = rp.timed(motion, acceleration=10.0, rate=100.0)
-    started = rp.Governor(inverse, 0.01, velocity=1.0, acceleration=5.0)
+    study = rp.study(
+        rp.Problem(robot, kind="xy", start=q0, path=path, region=0.2),
+        cycles=1,
+        steps=24,
+        degree=1,
+    )
+    timed = rp.timed(motion, rp.Limits(acceleration=10.0), rate=100.0)
+    started = rp.Governor(inverse, 0.01, rp.Limits(velocity=1.0, acceleration=5.0))
     started.start(q0)
+    limits = rp.Limits(acceleration=10.0, velocity=1.0, jerk=1000.0)
     saved = rp.save(design, folder / "design.json")
     cell = rp.Cell(task, target, (0.05, 0.05))
     found = rp.nearest_inverse_function(
@@ -196,11 +206,9 @@ def right_calls(folder: Path) -> list[Call]:
             "plane": "xy", "region": 0.1,
         },
         "study": {
-            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
-            "radius": 0.05,
-            "plane": "xy", "cycles": 1, "steps": 24, "region": 0.1, "degree": 1,
-            "controls": {"mine": control},
-            "period": 5.0, "seed": 0, "progress": None,
+            "robot": "planar3r", "cycles": 1, "steps": 24, "period": 5.0, "degree": 1,
+            "weight": None, "controls": {"mine": control},
+            "options": rp.FitOptions(samples=64, held_out=64), "progress": None,
         },
         "audit": {
             "log": (motion.t, motion.q), "robot": task, "degrees": False, "tolerance": 0.01,
@@ -208,21 +216,21 @@ def right_calls(folder: Path) -> list[Call]:
         "waypoints": {
             "points": square, "rotation": np.eye(3), "times": None, "blend": 0.0, "name": "square",
         },
+        "Limits": {
+            "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0, "torque": False,
+            "tool_speed": [0.5, 3.0],
+        },
         "timed": {
-            "motion": motion, "acceleration": 10.0, "velocity": 1.0, "jerk": 1000.0,
-            "torque": False,
-            "tool_speed": [0.5, 3.0], "keep_times": False, "rate": 100.0,
+            "motion": motion, "limits": limits, "keep_times": False, "rate": 100.0,
         },
         "Run": {"timed": timed, "q": timed.q[0]},
         "Governor": {
-            "inverse": inverse, "dt": 0.01, "velocity": 1.0, "acceleration": 5.0, "jerk": 500.0,
-            "margin": 0.1,
+            "inverse": inverse, "dt": 0.01, "limits": limits, "margin": 0.1,
         },
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
-            "q_now": q0 + 0.05, "motion": motion, "to": "nearest", "acceleration": 10.0,
-            "velocity": 1.0,
-            "jerk": 1000.0, "torque": False, "rate": 100.0, "bodies": False,
+            "q_now": q0 + 0.05, "motion": motion, "limits": limits, "to": "nearest",
+            "rate": 100.0, "bodies": False,
         },
         "compiled": {"control": inverse},
         "export_c": {
@@ -347,9 +355,16 @@ def right_calls(folder: Path) -> list[Call]:
         "weights": {"Q": Q},
     }  # fmt: skip
     U, R, p = cell.sample(4), np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
-    Q_arm = arm.reference + np.array([[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]])
+    Q_arm = arm.reference + np.array(
+        [[0.1, 0.2, 0.3, 0.1, 0.2], [0.2, 0.1, 0.4, 0.3, 0.1]]
+    )
     own: dict[tuple[type, str], dict[str, Any]] = {
-        (rp.Cell, "around"): {"task": task, "poses": [target], "margin": 0.02, "half_angle": 0.0},
+        (rp.Cell, "around"): {
+            "task": task,
+            "poses": [target],
+            "margin": 0.02,
+            "half_angle": 0.0,
+        },
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Governor, "start"): {"q": q0},
@@ -369,11 +384,19 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Cell, "vectors"): {"turns": p[:, :2]},
         (rp.Cell, "where"): {"u": U[0]},
         (rp.InverseFunction, "__call__"): {"target": target, "leaf": [0.0]},
-        (rp.InverseFunction, "batch"): {"targets": [target], "leaf": [0.0], "missing": "nan"},
+        (rp.InverseFunction, "batch"): {
+            "targets": [target],
+            "leaf": [0.0],
+            "missing": "nan",
+        },
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
         (rp.InverseFunction, "leaves"): {"target": target},
-        (rp.Viewer, "show"): {"configurations": q0, "before": [q0], "out_of_reach": False},
+        (rp.Viewer, "show"): {
+            "configurations": q0,
+            "before": [q0],
+            "out_of_reach": False,
+        },
         (rp.Bodies, "nearest"): {"q": Q_arm[0]},
         (rp.Bodies, "distances"): {"Q": Q_arm},
         (rp.Bodies, "hull_distances"): {"Q": Q_arm},
@@ -405,8 +428,12 @@ def right_calls(folder: Path) -> list[Call]:
         rp.audit((motion.t, motion.q), task),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
     ]  # fmt: skip
-    public = {n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")}
-    assert public - RESULTS - MADE == set(functions), "give each public name a right call here"
+    public = {
+        n for n in dir(rp) if callable(getattr(rp, n)) and not n.endswith("Error")
+    }
+    assert public - RESULTS - MADE == set(functions), (
+        "give each public name a right call here"
+    )
     calls = [Call(name, getattr(rp, name), good) for name, good in functions.items()]
     calls += [
         Call(f"redundancy.{name}", getattr(rp.redundancy, name), good)
@@ -415,26 +442,42 @@ def right_calls(folder: Path) -> list[Call]:
     for thing in things:
         for name in public_methods(type(thing)):
             good = next(
-                (own[kind, name] for kind in type(thing).__mro__ if (kind, name) in own),
+                (
+                    own[kind, name]
+                    for kind in type(thing).__mro__
+                    if (kind, name) in own
+                ),
                 methods.get(name),
             )
             if name in ("weighted", "split"):
                 good = {"A": np.ones((thing.size, 1))}
             elif name in ("figures", "corners", "size", "close"):
                 good = {}
-            elif good is None and name in ("show", "open", "of", "dynamics", "bodies_model"):
+            elif good is None and name in (
+                "show",
+                "open",
+                "of",
+                "dynamics",
+                "bodies_model",
+            ):
                 continue  # the first serves until it is stopped, the others take nothing
-            assert good is not None, f"give {type(thing).__name__}.{name} a right call here"
+            assert good is not None, (
+                f"give {type(thing).__name__}.{name} a right call here"
+            )
             if thing is found.inverse and "leaf" in good:
                 good = good | {"leaf": thing.leaf(q0)}
             if good:
-                calls.append(Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good))
+                calls.append(
+                    Call(f"{type(thing).__name__}.{name}", getattr(thing, name), good)
+                )
     return calls
 
 
 def public_methods(kind: type) -> list[str]:
     """Name a class's public methods."""
-    names = [name for name in dir(kind) if name == "__call__" or not name.startswith("_")]
+    names = [
+        name for name in dir(kind) if name == "__call__" or not name.startswith("_")
+    ]
     return [name for name in names if callable(getattr(kind, name))]
 
 
@@ -512,7 +555,11 @@ def spoilt(good: Any) -> list[tuple[str, Any]]:
     ):
         return []
     if isinstance(good, (int, float)):
-        return [("negative", -good if good else -3), ("half", good + 0.5), ("huge", good + 10**12)]
+        return [
+            ("negative", -good if good else -3),
+            ("half", good + 0.5),
+            ("huge", good + 10**12),
+        ]
     try:
         array = np.asarray(good)
     except ValueError:  # a list of things that are no numbers
@@ -595,7 +642,9 @@ def wrong_function(values: Any, error: Exception) -> bool:
     """A person's own function may fail in its own way: its own traceback is the best that can be
     had."""
     return (
-        isinstance(error, RuntimeError) and "own function fails" in str(error) and broken in values
+        isinstance(error, RuntimeError)
+        and "own function fails" in str(error)
+        and broken in values
     )
 
 
@@ -617,10 +666,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--only", default="", help="calls whose name holds this")
-    parser.add_argument("--taken", action="store_true", help="print nonsense that was taken, too")
+    parser.add_argument(
+        "--taken", action="store_true", help="print nonsense that was taken, too"
+    )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        calls = [call for call in right_calls(Path(folder)) if options.only in call.name]
+        calls = [
+            call for call in right_calls(Path(folder)) if options.only in call.name
+        ]
         tries = all_wrong(calls)
         rng = np.random.default_rng(options.seed)
         order = rng.permutation(len(tries))[: options.count]
@@ -631,7 +684,9 @@ def main() -> None:
             counts[came.split(":")[0].split(" ")[0]] += 1
             shout = came not in ("refused", "taken")
             if shout or (
-                options.taken and came == "taken" and any(value is v for _, v in NONSENSE)
+                options.taken
+                and came == "taken"
+                and any(value is v for _, v in NONSENSE)
             ):
                 print(f"{call.name}({name} = {what}): {came}", flush=True)
         print(dict(counts), "of", len(order), "(all:", len(tries), ")", file=sys.stderr)

@@ -21,13 +21,13 @@ from repctl_pin.show.cell_page import cell_page
 from repctl_pin.show.study_files import study_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-ARM = str(EXAMPLES / "my_arm.urdf")
+ARM, LOOP = str(EXAMPLES / "my_arm.urdf"), str(EXAMPLES / "loop.csv")
 _MARK = re.compile(r"<!-- live: (\w+) -->")
 
 
-def studied(robot: str, **options: Any) -> str:
+def studied(problem: str | rp.Problem, **options: Any) -> str:
     """Make the page of a study."""
-    return study_page(rp.study(robot, **options))
+    return study_page(rp.study(problem, **options))
 
 
 def damped() -> str:
@@ -60,8 +60,8 @@ def cell() -> str:
 PAGES: dict[str, Callable[[], str]] = {
     "panda": partial(studied, "panda"),
     "my_arm": partial(studied, ARM),
-    "collision": partial(studied, "panda", path="circle:0.1:0", plane="xy"),
-    "seam": partial(studied, ARM, path=str(EXAMPLES / "loop.csv"), cycles=5),
+    "collision": lambda: studied(rp.Problem("panda", path="circle:0.1:0", plane="xy")),
+    "seam": lambda: studied(rp.Problem(ARM, path=LOOP), cycles=5),
     "damped": damped,
     "cell": cell,
     "planar3r": partial(studied, "planar3r"),
@@ -95,7 +95,9 @@ def on_page_markdown(text: str, /, *, page: Any, **_: object) -> str:
         url = posixpath.relpath(
             f"live/{mark[1]}.html", posixpath.dirname(page.file.dest_uri) or "."
         )
-        begin = "" if page.is_homepage else "#t=3"  # only that of the home page plays by itself
+        begin = (
+            "" if page.is_homepage else "#t=3"
+        )  # only that of the home page plays by itself
         title = f"Animation: {mark[1].replace('_', ' ')}"
         return (
             f'<iframe class="live" src="{url}{begin}" title="{title}" loading="lazy"></iframe>\n'

@@ -24,9 +24,10 @@ def on_page_content(text: str, /, **_: object) -> str:
             if number
             else ""
         )
-        return (
-            f'<div class="equation">{convert(_TAG.sub("", formula), display="block")}{right}</div>'
-        )
+        shown = convert(_TAG.sub("", formula), display="block")
+        return f'<div class="equation">{shown}{right}</div>'
 
     text = _ROLE.sub("", text)  # roles of Sphinx in docstrings
-    return _DISPLAY.sub(display, _INLINE.sub(lambda found: convert(html.unescape(found[1])), text))
+    return _DISPLAY.sub(
+        display, _INLINE.sub(lambda found: convert(html.unescape(found[1])), text)
+    )

@@ -38,7 +38,11 @@ def add_options(parser: Parser) -> None:
     parser.what()
     parser.surroundings()
     add = parser.add_argument
-    add("--motion", metavar="FILE", help="CSV of joint positions, as study and follow write it")
+    add(
+        "--motion",
+        metavar="FILE",
+        help="CSV of joint positions, as study and follow write it",
+    )
     add(
         "--only",
         metavar="NAMES",
@@ -46,11 +50,25 @@ def add_options(parser: Parser) -> None:
     )
     parser.task()
     parser.path()
-    add("--cycles", type=integer, help="number of cycles (default 10, or that of the CSV)")
+    add(
+        "--cycles",
+        type=integer,
+        help="number of cycles (default 10, or that of the CSV)",
+    )
     add("--steps", type=integer, default=200, help="steps per cycle (default 200)")
-    add("--degree", type=integer, default=2, help="degree of the potentials (default 2)")
-    add("--seconds", type=positive, help="time of one cycle, s (default: real time; with --live 4)")
-    add("--out", metavar="FOLDER", help="folder of animation.html (default repctl-out/ROBOT)")
+    add(
+        "--degree", type=integer, default=2, help="degree of the potentials (default 2)"
+    )
+    add(
+        "--seconds",
+        type=positive,
+        help="time of one cycle, s (default: real time; with --live 4)",
+    )
+    add(
+        "--out",
+        metavar="FOLDER",
+        help="folder of animation.html (default repctl-out/ROBOT)",
+    )
     live = (
         "run both controllers in real time, in the browser of this machine, where keys move the "
         "target"
@@ -70,10 +88,14 @@ def run(options: Options) -> int:
         return _run_live(options, design, say)
     if design is None:
         folder = options.output_folder(Path(options.what).stem)
-        task, tracks, more = (_from_study if options.motion is None else _from_csv)(options, say)
+        task, tracks, more = (_from_study if options.motion is None else _from_csv)(
+            options, say
+        )
     else:
         folder = options.output_folder(
-            design.task.robot.name if options.robot is None else Path(options.robot).stem
+            design.task.robot.name
+            if options.robot is None
+            else Path(options.robot).stem
         )
         task, tracks, more = _from_design(design, options, say)
 
@@ -107,7 +129,9 @@ def _check(options: Options) -> None:
             raise InputError(f"--live and --{name} are mutually exclusive")
 
 
-def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], None]) -> int:
+def _run_live(
+    options: Options, design: rp.Design | None, say: Callable[[str], None]
+) -> int:
     """Run both controllers of a design in real time, in the browser, until Ctrl-C or SIGTERM."""
     from ..motion.governed_loop import GovernedLoop
     from ..motion.loop import Loop
@@ -120,14 +144,25 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
         problem = options.problem_of(design)
         q0, path = problem.start, problem.cycle
     kind = Loop if design.task.coordinates is not None else GovernedLoop
-    loop = kind([design.desired, design.inverse], path, q0, period=options.seconds or 4.0)
+    loop = kind(
+        [design.desired, design.inverse], path, q0, period=options.seconds or 4.0
+    )
     with (
         until_stopped() as stop,
-        rp.Viewer(design.task, _names(design), path=path, start=q0, port=options.port or 0) as view,
+        rp.Viewer(
+            design.task, _names(design), path=path, start=q0, port=options.port or 0
+        ) as view,
     ):
         clear_line()
-        shown = {"robot": design.task.robot.name, "frame": design.task.frame, "url": view.url}
-        print(as_json(shown) if options.json else f"showing at {view.url} until Ctrl-C", flush=True)
+        shown = {
+            "robot": design.task.robot.name,
+            "frame": design.task.frame,
+            "url": view.url,
+        }
+        print(
+            as_json(shown) if options.json else f"showing at {view.url} until Ctrl-C",
+            flush=True,
+        )
         if not options.no_browser:
             view.open()
         before = due = time.monotonic()
@@ -137,7 +172,9 @@ def _run_live(options: Options, design: rp.Design | None, say: Callable[[str], N
             due = max(due + 1 / RATE, now)
             loop.run(min(now - before, 0.25), view.offset)
             before = now
-            cycles = max(0, cycles + round(phase - loop.phase))  # a whole one at the path's start
+            cycles = max(
+                0, cycles + round(phase - loop.phase)
+            )  # a whole one at the path's start
             phase = loop.phase
             view.show(
                 *loop.q,
@@ -172,7 +209,9 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     there = {KEYS.get(track.label, track.label): track for track in tracks}
     labelled = {track.label: track for track in tracks} | there
     chosen = []
-    for name in [names] if names in labelled else names.split(","):  # a label may hold a comma
+    for name in (
+        [names] if names in labelled else names.split(",")
+    ):  # a label may hold a comma
         if name.strip() not in labelled:
             raise InputError(
                 f"--only: {file} has no strategy {name.strip()!r}; it has {', '.join(there)}"
@@ -189,7 +228,9 @@ def _names(design: rp.Design) -> tuple[str, str]:
     return LABELS["pseudoinverse"] if plain else "desired", LABELS["repeatable"]
 
 
-def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]) -> _Shown:
+def _from_design(
+    design: rp.Design, options: Options, say: Callable[[str], None]
+) -> _Shown:
     """Follow the path with a saved design and with its desired inverse.
 
     Return the task, the two motions, and further arguments of :func:`playback_page`.
@@ -210,7 +251,9 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
     )
     tracks = [
         playback_of(
-            label, rp.follow(strategy, path, q0, cycles=cycles, steps=options.steps), COLOURS[key]
+            label,
+            rp.follow(strategy, path, q0, cycles=cycles, steps=options.steps),
+            COLOURS[key],
         )
         for label, key, strategy in controls
     ]

@@ -28,10 +28,19 @@ def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     add = parser.add_argument
     add("log", metavar="LOG", help="recorded joints: a .csv, .npz or .parquet file")
-    add("--robot", metavar="ROBOT", required=True, help="catalogue name or path to a URDF")
+    add(
+        "--robot",
+        metavar="ROBOT",
+        required=True,
+        help="catalogue name or path to a URDF",
+    )
     parser.loading()
     add("--frame", help="link that is the hand (default: the end of the arm)")
-    add("--task", metavar="KIND", help="pose, axis, position, xy, xz or yz (default: as in study)")
+    add(
+        "--task",
+        metavar="KIND",
+        help="pose, axis, position, xy, xz or yz (default: as in study)",
+    )
     add("--degrees", action="store_true", help="the log has revolute joints in degrees")
     add(
         "--tolerance",
@@ -73,7 +82,9 @@ def run(options: Options) -> int:
             files = [folder / file.name for file in write_audit(found, staged)]
 
     def words() -> list[str]:
-        return [f"open   {files[0]}", f"wrote  {files[1].name} beside it"] if files else []
+        return (
+            [f"open   {files[0]}", f"wrote  {files[1].name} beside it"] if files else []
+        )
 
     listed = files if options.json else []  # the answer names them itself
     return report(options, found.as_dict, lambda: audit_answer(found, words()), listed)

@@ -66,7 +66,12 @@ def add_options(parser: Parser) -> None:
         help="middle of the cell, m from the base (default: position of the frame at the start)",
     )
     parser.path("closed path that the box encloses, beginning at --start: ", "")
-    add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
+    add(
+        "--degree",
+        default="auto",
+        metavar="D",
+        help="degree of the polynomial, or auto (default)",
+    )
     add(
         "--limit-margin",
         type=positive,
@@ -81,13 +86,22 @@ def add_options(parser: Parser) -> None:
     )
     sigma = "σ_min(J) to keep where possible (default 0: none)"
     add("--sigma-min", type=float, default=0.0, help=sigma)
-    add("--shrink", action="store_true", help="shrink the cell until one function covers it")
+    add(
+        "--shrink",
+        action="store_true",
+        help="shrink the cell until one function covers it",
+    )
     add(
         "--keep",
         action="store_true",
         help="keep the function on the part of the cell that it covers",
     )
-    add("--held-out", type=integer, default=8192, help="number of held-out poses (default 8192)")
+    add(
+        "--held-out",
+        type=integer,
+        default=8192,
+        help="number of held-out poses (default 8192)",
+    )
     add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add(
@@ -107,7 +121,12 @@ def _add_sector(parser: Parser) -> None:
         help="cell in cylindrical coordinates around an axis, in place of a box",
     )
     add("--radius", metavar="W", help="half-width of the radius, m (with --sector)")
-    add("--height", default="0", metavar="W", help="half-width of the height, m (default 0)")
+    add(
+        "--height",
+        default="0",
+        metavar="W",
+        help="half-width of the height, m (default 0)",
+    )
     add(
         "--angle",
         default="all",
@@ -152,7 +171,11 @@ def run(options: Options) -> int:
             cell,
             posture=posture,
             degree=options.asked_degree(),
-            incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
+            incomplete="shrink"
+            if options.shrink
+            else "keep"
+            if options.keep
+            else "refuse",
             **options.of("limit_margin", "body_distance", "sigma_min"),
             options=rp.FitOptions(**options.of("held_out", "seed")),
             progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
@@ -187,7 +210,11 @@ def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
         remedy = f"{other}, so move it, or choose another --start"
     else:
         remedy = f"use --shrink to get a cell of {cell.scaled(error.fits).size()}"
-    return f"{remedy}, or --keep to keep the covered part of this one" if error.partly else remedy
+    return (
+        f"{remedy}, or --keep to keep the covered part of this one"
+        if error.partly
+        else remedy
+    )
 
 
 def _cell(options: Options) -> tuple[rp.Cell, Any]:
@@ -212,7 +239,11 @@ def _cell(options: Options) -> tuple[rp.Cell, Any]:
     else:
         if options.at is not None:
             middle = pin.SE3(middle.rotation, np.array(_numbers(options.at, "--at", 3)))
-        cell = _sector(options, task, middle) if options.sector else _box(options, task, middle)
+        cell = (
+            _sector(options, task, middle)
+            if options.sector
+            else _box(options, task, middle)
+        )
     if given is None:
         return cell, None
     moved = around or options.at is not None
@@ -233,7 +264,10 @@ def _require_one_shape(options: Options, around: bool) -> None:
     """Raise an error for options of a box with ``--sector``, or of a sector without it."""
     said = vars(options)
     if options.sector:
-        for name, there in (("--half-width", options.half_width), ("--path", around or None)):
+        for name, there in (
+            ("--half-width", options.half_width),
+            ("--path", around or None),
+        ):
             if there is not None:
                 raise InputError(f"--sector and {name} are mutually exclusive")
         if options.prove:
@@ -290,7 +324,9 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], str]:
+def _pictures(
+    design: rp.CellDesign, folder: Path, command: str
+) -> tuple[list[Path], str]:
     """Write the figure of slices, and the page with a motion along a sample path.
 
     Return the files and a note, which is empty unless the motion failed.
@@ -316,9 +352,14 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
         note = f"on the sample path through the cell: {error}"
     picture = png(cell_figure(design, cuts)) if cuts else None
     files = [
-        write_whole(folder / "cell.html", cell_page(design, picture, motions, command=command))
+        write_whole(
+            folder / "cell.html", cell_page(design, picture, motions, command=command)
+        )
     ]
-    return files if picture is None else [*files, write_whole(folder / "cell.png", picture)], note
+    return files if picture is None else [
+        *files,
+        write_whole(folder / "cell.png", picture),
+    ], note
 
 
 def _turns(design: rp.CellDesign) -> dict[str, Any]:
@@ -326,7 +367,10 @@ def _turns(design: rp.CellDesign) -> dict[str, Any]:
     from math import isfinite
 
     turns = [
-        {name: None if isinstance(x, float) and not isfinite(x) else x for name, x in found.items()}
+        {
+            name: None if isinstance(x, float) and not isfinite(x) else x
+            for name, x in found.items()
+        }
         for found in map(asdict, design.evaluation.turns)
     ]
     return {"turns": turns} if turns else {}
@@ -361,8 +405,12 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
         "posture": design.posture,
         **figures | dict.fromkeys(infinite),
         "everywhere": design.evaluation.everywhere,
-        "failures": [picked(stop, "cause", "share", "what") for stop in design.failures],
+        "failures": [
+            picked(stop, "cause", "share", "what") for stop in design.failures
+        ],
         **_turns(design),
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
-        **({} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}),
+        **(
+            {} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}
+        ),
     }

@@ -64,7 +64,12 @@ def add_options(parser: Parser) -> None:
         default=128,
         help="number of configurations to test (default 128)",
     )
-    add("--seed", type=natural, default=0, help="random seed of the configurations (default 0)")
+    add(
+        "--seed",
+        type=natural,
+        default=0,
+        help="random seed of the configurations (default 0)",
+    )
     prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
     add("--prove", action="store_true", help=prove)
     add("--json", action="store_true", help="print JSON instead of text")
@@ -81,12 +86,17 @@ def run(options: Options) -> int:
     task, q0 = case.strategy.task, case.problem.start
     region = case.problem.region
     say("evaluating the Lie brackets")
-    verdict = rp.is_repeatable(case.strategy, region, samples=options.samples, seed=options.seed)
+    verdict = rp.is_repeatable(
+        case.strategy, region, samples=options.samples, seed=options.seed
+    )
     drift = _in_planes(rp.drift_per_area(case.strategy, q0), task)
     surfaces = None
     if task.n <= SMALL and not verdict.repeatable:
         say("searching for stable surfaces")
-        low, high = np.maximum(task.lower, q0 - np.pi), np.minimum(task.upper, q0 + np.pi)
+        low, high = (
+            np.maximum(task.lower, q0 - np.pi),
+            np.minimum(task.upper, q0 + np.pi),
+        )
         box = rp.Box.between(low, high)
         surfaces = rp.stable_surface(case.strategy, box, seed=options.seed)
     absolute = ", in absolute angles" if options.absolute else ""
@@ -116,9 +126,13 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
     design = options.load_saved()
     margin = design.proof.leaf_margin if design.proof else None
     proof = rp.prove(
-        design, margin=margin, progress=lambda step, fraction: say(f"{step} {fraction:.0%}")
+        design,
+        margin=margin,
+        progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
     )
-    return report(options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary()))
+    return report(
+        options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary())
+    )
 
 
 class _Case(NamedTuple):
@@ -165,13 +179,18 @@ def _saved(options: Options) -> _Case:
         box = partial(box_within_limits, half_width=options.region)
         problem = rp.Problem(design.task, start=problem.start, path=False, region=box)
         notes = cut_note(design.task, problem.region, options.region)
-    return _Case(design.inverse, f"the design in {options.what}", problem, start_is, notes)
+    return _Case(
+        design.inverse, f"the design in {options.what}", problem, start_is, notes
+    )
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
     """Convert drift per area, a matrix over the task's axes, to a dict by plane: ``xy``, …."""
     axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
-    return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
+    return {
+        axes[a] + axes[b]: float(drift[a, b])
+        for a, b in combinations(range(len(drift)), 2)
+    }
 
 
 def _as_dict(
@@ -197,7 +216,11 @@ def _as_dict(
 
 
 def _lines(
-    case: _Case, absolute: str, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
+    case: _Case,
+    absolute: str,
+    verdict: Repeatability,
+    drift: _Drift,
+    surfaces: Surfaces | None,
 ) -> list[str]:
     """Write the report of a test, as lines of text."""
     task, problem = case.strategy.task, case.problem
@@ -224,7 +247,9 @@ def _drift_table(drift: _Drift, unit: str) -> str:
     rows = []
     for plane, value in drift.items():
         clean = value if value > 1e-9 else 0.0  # rounding errors
-        rows.append(["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))])
+        rows.append(
+            ["–".join(plane), *(number(clean * scale) for scale in (1, 1e-4, 1e-2))]
+        )
     header = ["plane", f"{unit} per m²", f"{unit} per cm²", "around a 10 cm square"]
     title = "joint drift of a small loop at the start, to first order in its area"
     return f"{title}:\n{table(header, rows)}"

@@ -32,7 +32,9 @@ WORDS = {
 
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
+    parser.add_argument(
+        "shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS)
+    )
 
 
 def run(options: Options) -> int:
@@ -52,13 +54,17 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
     from ..urdf.catalogue import entries
 
     robots = [entry.name for entry in entries()]
-    commands = next(a for a in whole._actions if isinstance(a, argparse._SubParsersAction)).choices
+    commands = next(
+        a for a in whole._actions if isinstance(a, argparse._SubParsersAction)
+    ).choices
     for part in commands.values():
         for action in part._actions:
             name = next((s for s in action.option_strings if s.startswith("--")), "")
             takes = str(action.metavar or "")
             if takes in ("ROBOT", "WHAT", "PATH"):
-                action.complete = _words_and_files("path" if takes == "PATH" else "robot", robots)
+                action.complete = _words_and_files(
+                    "path" if takes == "PATH" else "robot", robots
+                )
             elif name in WORDS:
                 action.choices = WORDS[name].split()
             elif takes in ("FILE", "LOG"):
@@ -70,7 +76,9 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
         for name, words in (("robot", robots), ("path", WORDS["--path"].split()))
     )
     text = shtab.complete(whole, shell, preamble=functions if shell == "bash" else "")
-    return f"# completes repctl in {shell}; made by `repctl completion {shell}`\n{text}\n"
+    return (
+        f"# completes repctl in {shell}; made by `repctl completion {shell}`\n{text}\n"
+    )
 
 
 def _words_and_files(name: str, robots: list[str]) -> dict[str, str]:

@@ -28,7 +28,9 @@ class Stopped(BaseException):
 @contextmanager
 def stopped_cleanly() -> Iterator[None]:
     """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [
+        getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+    ]
     if (
         threading.current_thread() is not threading.main_thread()
     ):  # only the main thread gets signals
@@ -87,7 +89,9 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
     except KeyboardInterrupt:
         return _say("interrupted; nothing half-written was left", INTERRUPTED)
     except Stopped as stop:
-        return _say(f"stopped by {stop}; nothing half-written was left", 128 + stop.number)
+        return _say(
+            f"stopped by {stop}; nothing half-written was left", 128 + stop.number
+        )
     except BrokenPipeError:  # the reader of our output went away, as `| head` does
         _drop_output()
         return 0
@@ -101,7 +105,11 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
             raise
         if isinstance(error, OSError) and error.strerror and error.filename is None:
             _drop_output()
-            where = "the working folder" if isinstance(error, FileNotFoundError) else "the output"
+            where = (
+                "the working folder"
+                if isinstance(error, FileNotFoundError)
+                else "the output"
+            )
             return _say(f"{error.strerror}: {where}", REFUSED)
         again = shlex.join(["repctl", "--debug", *arguments])
         what = " ".join(f"{type(error).__name__}: {error}".split())

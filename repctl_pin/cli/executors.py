@@ -32,7 +32,8 @@ def executor_of(options: Options) -> Iterator[Any]:
             client = Client(options.dask, timeout=10)
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError(
-                f"{options.dask}: no scheduler answers there ({error})", argument="--dask"
+                f"{options.dask}: no scheduler answers there ({error})",
+                argument="--dask",
             ) from None
         with client:
             yield client

@@ -34,7 +34,9 @@ def add_options(parser: Parser) -> None:
         default="arm_control",
         help="prefix of the files and of every name in C (default arm_control)",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON instead of text"
+    )
 
 
 def run(options: Options) -> int:
@@ -48,5 +50,9 @@ def run(options: Options) -> int:
     if isinstance(design, rp.CellDesign):
         files = rp.export_c(design.function, options.to, options.name)
     else:
-        files = rp.export_c(design.inverse, options.to, options.name, region=design.region)
-    return report(options, lambda: {**design.task.as_dict(), "name": options.name}, files=files)
+        files = rp.export_c(
+            design.inverse, options.to, options.name, region=design.region
+        )
+    return report(
+        options, lambda: {**design.task.as_dict(), "name": options.name}, files=files
+    )

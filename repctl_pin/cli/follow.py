@@ -65,7 +65,9 @@ def add_options(parser: Parser) -> None:
         help="time of one cycle, s (default: that of the design or path, else 5)",
     )
     best = "search for the start with the largest margins (limits, default) or least joint speed"
-    add("--best-leaf", nargs="?", const="limits", choices=["limits", "speed"], help=best)
+    add(
+        "--best-leaf", nargs="?", const="limits", choices=["limits", "speed"], help=best
+    )
     accelerations = "rad/s² (m/s²), one number, one per joint, or panda, fr3, ur"
     add(
         "--acceleration",
@@ -73,7 +75,11 @@ def add_options(parser: Parser) -> None:
         help=f"go from rest to rest within these limits: {accelerations}",
     )
     jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
-    add("--jerk", metavar="J", help=f"limit jerk too, in {jerks}; requires --acceleration")
+    add(
+        "--jerk",
+        metavar="J",
+        help=f"limit jerk too, in {jerks}; requires --acceleration",
+    )
     speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
     add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
     kept = "keep the path's own times (of a CSV, or --period), and only add ramps at both ends"
@@ -91,7 +97,9 @@ def add_options(parser: Parser) -> None:
         help="write time, positions, velocities, and accelerations if timed",
     )
     add("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
-    anyway = "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
+    anyway = (
+        "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
+    )
     add("--allow-violations", action="store_true", help=anyway)
     add("--json", action="store_true", help="print JSON instead of text")
 
@@ -114,10 +122,17 @@ def run(options: Options) -> int:
     found: rp.BestLeaf | None = None
     if options.best_leaf:
         if not isinstance(strategy, rp.RepeatableInverse):
-            raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
+            raise InputError(
+                "--best-leaf requires a repeatable controller, such as a saved design"
+            )
         say("searching for the best leaf")
         found = rp.best_leaf(
-            strategy, path, q0, region=case.region, desired=case.desired, by=options.best_leaf
+            strategy,
+            path,
+            q0,
+            region=case.region,
+            desired=case.desired,
+            by=options.best_leaf,
         )
         q0 = found.q0
     say("following the path")
@@ -137,7 +152,12 @@ def run(options: Options) -> int:
     rest: rp.TimedMotion | None = None
     if options.acceleration is not None:
         say("timing the motion")
-        rest = rp.timed(motion, **_timing(options))
+        rest = rp.timed(
+            motion,
+            _limits(options),
+            keep_times=options.keep_times,
+            rate=options.rate or 1000.0,
+        )
         result |= {
             "duration": rest.duration,
             "slowed_by": None,
@@ -150,7 +170,9 @@ def run(options: Options) -> int:
     later = all(violation.moment > 0 for violation in violated)
     remedy = _remedy(options, best_leaf=searched, smaller=later)
     if (options.csv or options.yaml) and not options.allow_violations:
-        refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")
+        refuse_violations(
+            slowed, f"{remedy}, or write it anyway with --allow-violations"
+        )
     written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
     if options.csv is not None:
         contents[options.csv] = csv_text(written)
@@ -196,13 +218,21 @@ def _check_control(options: Options) -> None:
             "not a saved design"
         )
     for option in ("rate", "profile", "jerk", "tool_speed", "keep_times"):
-        if getattr(options, option) not in (None, False) and options.acceleration is None:
+        if (
+            getattr(options, option) not in (None, False)
+            and options.acceleration is None
+        ):
             name = option.replace("_", "-")
             raise InputError(f"--{name} requires --acceleration")
-    files = [file for file in (options.csv, options.yaml, options.profile) if file is not None]
+    files = [
+        file
+        for file in (options.csv, options.yaml, options.profile)
+        if file is not None
+    ]
     if len(set(files)) < len(files):
         raise InputError(
-            "--csv, --yaml and --profile name the same file", remedy="give each another name"
+            "--csv, --yaml and --profile name the same file",
+            remedy="give each another name",
         )
     if options.profile is not None:
         needed("matplotlib", by="--profile")
@@ -226,7 +256,9 @@ def _saved(options: Options) -> _Case:
     """Load a saved design, with its default cycle or the path of ``--path``."""
     design = options.load_saved()
     problem = options.problem_of(design)
-    return _Case(design.inverse, problem, problem.region, problem.period, desired=design.desired)
+    return _Case(
+        design.inverse, problem, problem.region, problem.period, desired=design.desired
+    )
 
 
 def _made(options: Options, say: Callable[[str], None]) -> _Case:
@@ -245,7 +277,9 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
     return _Case(_plugin(options.strategy, task), problem)
 
 
-def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
+def _nearest(
+    options: Options, problem: rp.Problem, say: Callable[[str], None]
+) -> _Case:
     """Design the nearest repeatable inverse in a region around the motion on the path."""
     from ..problem import design_for, shrunk_note, timed_cycle
 
@@ -282,32 +316,33 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     strategy = plugin("strategies", name, known=OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
-            f"{name} makes an object without a task or a velocity(q, ẋ)", argument="--strategy"
+            f"{name} makes an object without a task or a velocity(q, ẋ)",
+            argument="--strategy",
         )
     return strategy
 
 
-def _timing(options: Options) -> dict[str, Any]:
-    """Convert the options of a timed motion to arguments of :func:`repctl_pin.timed`."""
+def _limits(options: Options) -> rp.Limits:
+    """Convert the options of a timed motion to its limits."""
     tool_speed = options.tool_speed
     if tool_speed is not None:
         tool_speed = numbers_of(
             tool_speed, "--tool-speed", "is not one or two numbers, m/s and rad/s"
         )
-    return {
-        "acceleration": _named(options.acceleration, "--acceleration"),
-        "jerk": None if options.jerk is None else _named(options.jerk, "--jerk"),
-        "tool_speed": tool_speed,
-        "keep_times": options.keep_times,
-        "rate": options.rate or 1000.0,
-    }
+    return rp.Limits(
+        acceleration=_named(options.acceleration, "--acceleration"),
+        jerk=None if options.jerk is None else _named(options.jerk, "--jerk"),
+        tool_speed=tool_speed,
+    )
 
 
 def _named(text: str, option: str) -> str | list[float]:
     """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint."""
     if text.strip().isidentifier():
         return text.strip()
-    return numbers_of(text, option, "is neither numbers, separated by commas, nor a name")
+    return numbers_of(
+        text, option, "is neither numbers, separated by commas, nor a name"
+    )
 
 
 def _drawn(rest: rp.TimedMotion) -> bytes:
@@ -322,7 +357,9 @@ def _drawn(rest: rp.TimedMotion) -> bytes:
     return png(figure)
 
 
-def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[str, Any]:
+def _result(
+    motion: rp.Motion, asked: float, q0: Any, notes: list[str]
+) -> dict[str, Any]:
     """Convert the motion and its figures to plain Python types, for JSON output.
 
     ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits.
@@ -349,13 +386,19 @@ def _result(motion: rp.Motion, asked: float, q0: Any, notes: list[str]) -> dict[
     }
 
 
-def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
+def _lines(
+    result: dict[str, Any], motion: rp.Motion, *, written: bool
+) -> Iterator[str]:
     """Yield the lines of text that report a motion."""
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
         yield f"path options    {motion.path.options}"
     yield f"start           {row(result['start'])}"
-    last = "" if motion.cycles == 1 else f", {number(motion.drift[-1])} after {motion.cycles}"
+    last = (
+        ""
+        if motion.cycles == 1
+        else f", {number(motion.drift[-1])} after {motion.cycles}"
+    )
     yield f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}"
     yield f"tracking error  maximum {number(result['tracking_error'])} m"
     margin = result["limit_margin"]

@@ -53,7 +53,9 @@ class Options(argparse.Namespace):
         """Load the robot that the argument ROBOT or WHAT names."""
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
-            raise InputError("--robot requires a saved design", remedy=f"the robot is {name}")
+            raise InputError(
+                "--robot requires a saved design", remedy=f"the robot is {name}"
+            )
         if is_saved(name):
             raise InputError(
                 f"this command requires a robot, but {name} is a saved design",
@@ -100,7 +102,9 @@ class Options(argparse.Namespace):
         from ..saving.task_identity import task_of
 
         content = read_design(self.what)
-        return made_of(content, task_of(content.task, self._robot_of(content.task)), self.what)
+        return made_of(
+            content, task_of(content.task, self._robot_of(content.task)), self.what
+        )
 
     def load_design(self) -> rp.Design:
         """Load a design over joint space; raise an error for a function over a cell."""
@@ -119,11 +123,14 @@ class Options(argparse.Namespace):
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
                 its = getattr(made_for, option) or "none"
-                raise InputError(f"{file} has its own {option}, {its}", remedy=f"omit --{option}")
+                raise InputError(
+                    f"{file} has its own {option}, {its}", remedy=f"omit --{option}"
+                )
         for joint in self.lock:
             if joint not in made_for.lock:
                 raise InputError(
-                    f"{file} was made with {joint!r} free to move", remedy=f"omit --lock {joint}"
+                    f"{file} was made with {joint!r} free to move",
+                    remedy=f"omit --lock {joint}",
                 )
         if self.robot is None and not made_for.catalogue:
             raise InputError(
@@ -210,7 +217,9 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 
 def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute."""
-    proof = rp.prove(design, progress=lambda step, fraction: say(f"{step} {fraction:.0%}"))
+    proof = rp.prove(
+        design, progress=lambda step, fraction: say(f"{step} {fraction:.0%}")
+    )
     return replace(design, proof=proof)
 
 
@@ -232,7 +241,9 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
 
 
-def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
+def with_options(
+    error: rp.SingularRegionError, *, shrink: bool = False
+) -> rp.SingularRegionError:
     """Rewrite the remedy of an error on a singular Ω in terms of options; return the error."""
     from ..problem import half_width_within
 
@@ -250,7 +261,9 @@ def integer(text: str, least: int = 1) -> int:
     """Parse a whole number from ``least`` up; type of an option."""
     value = int(text) if re.fullmatch(r"\s*\+?[0-9]{1,15}\s*", text) else least - 1
     if value < least:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} up")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from {least} up"
+        )
     return value
 
 

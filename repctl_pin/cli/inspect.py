@@ -17,9 +17,13 @@ def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.robot()
     parser.add_argument(
-        "--all", action="store_true", help="list every frame that moves, not only the ends of arms"
+        "--all",
+        action="store_true",
+        help="list every frame that moves, not only the ends of arms",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON instead of text"
+    )
 
 
 def run(options: Options) -> int:
@@ -29,5 +33,7 @@ def run(options: Options) -> int:
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames
-    found = inspection(robot, {frame: redundant_kinds(robot, frame) for frame in frames})
+    found = inspection(
+        robot, {frame: redundant_kinds(robot, frame) for frame in frames}
+    )
     return report(options, lambda: found, lambda: fitted(inspection_text(found)))

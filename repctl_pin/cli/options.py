@@ -27,7 +27,9 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with code 2."""
-        self.exit(2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n")
+        self.exit(
+            2, printable(f"{self.prog}: {message} (see {self.prog} --help)") + "\n"
+        )
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -36,14 +38,18 @@ class Parser(argparse.ArgumentParser):
                 if isinstance(action, argparse._SubParsersAction)
                 else action.dest.replace("_", " ")
             )
-            raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
+            raise argparse.ArgumentError(
+                None, str(unknown(kind, value, action.choices))
+            )
 
     def parse_all(self, arguments: list[str]) -> Options:
         """Parse the arguments; the subcommand that received unknown ones reports them."""
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
         if rest:
-            word = next((w for w in rest if w.startswith("-")), rest[0]).partition("=")[0]
+            word = next((w for w in rest if w.startswith("-")), rest[0]).partition("=")[
+                0
+            ]
             known = list(chosen._option_of().values())
             chosen.error(
                 str(unknown("option", word, known))
@@ -62,12 +68,16 @@ class Parser(argparse.ArgumentParser):
             if option.startswith("--")
         }
         others = {"package_dirs": "package_dir", "kind": "task", "posture": "start"}
-        return {name: names[dest] for name, dest in others.items() if dest in names} | names
+        return {
+            name: names[dest] for name, dest in others.items() if dest in names
+        } | names
 
     def robot(self) -> None:
         """Add the argument ROBOT and the options for loading it."""
         self.add_argument(
-            "robot", metavar="ROBOT", help="catalogue name (see `repctl robots`) or path to a URDF"
+            "robot",
+            metavar="ROBOT",
+            help="catalogue name (see `repctl robots`) or path to a URDF",
         )
         self.loading()
 
@@ -81,7 +91,9 @@ class Parser(argparse.ArgumentParser):
         """Add the argument WHAT, a robot or a saved design, and the options for loading it."""
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
-            "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
+            "--robot",
+            metavar="ROBOT",
+            help="the robot of a design that is not in the catalogue",
         )
         self.loading()
 
@@ -125,10 +137,14 @@ class Parser(argparse.ArgumentParser):
         self.add_argument("--frame", help="link to move (default: the end of the arm)")
         self.add_argument("--task", metavar="KIND", help=kinds)
         self.add_argument(
-            "--start", metavar="Q", help="joint positions, rad or m, separated by commas"
+            "--start",
+            metavar="Q",
+            help="joint positions, rad or m, separated by commas",
         )
 
-    def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
+    def path(
+        self, lead: str = "", default: str = " (default: a circle that fits)"
+    ) -> None:
         """Add --path and --plane; ``lead`` and ``default`` enclose the help of --path."""
         self.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
         self.add_argument(

@@ -17,7 +17,9 @@ EXAMPLE = "example: repctl robots"
 
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON instead of the table"
+    )
 
 
 def run(options: Options) -> int:
@@ -49,7 +51,9 @@ def run(options: Options) -> int:
     )
 
     def text() -> str:
-        return fitted(f"{table(header, [_cells(row) for row in rows], left=2)}\n{legend}")
+        return fitted(
+            f"{table(header, [_cells(row) for row in rows], left=2)}\n{legend}"
+        )
 
     return report(options, lambda: rows, text)
 

@@ -35,7 +35,8 @@ def add_options(parser: Parser) -> None:
     add("--cycles", type=integer, default=10, help="number of cycles (default 10)")
     add("--steps", type=integer, default=500, help="RK4 steps per cycle (default 500)")
     period = (
-        "time of one cycle, s (default: the path's own, else 5, or longer to keep speed limits)"
+        "time of one cycle, s "
+        "(default: the path's own, else 5, or longer to keep speed limits)"
     )
     add("--period", type=positive, help=period)
     region = "half-width of Ω around the start, rad (default: a tube around the cycle)"
@@ -50,11 +51,17 @@ def add_options(parser: Parser) -> None:
     add("--best-leaf", choices=["speed"], help=best)
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
-    add("--report", action="store_true", help="also write report.html: one page with all results")
+    add(
+        "--report",
+        action="store_true",
+        help="also write report.html: one page with all results",
+    )
     full = "print all strategies and quantities, the settings and a legend"
     add("--full", action="store_true", help=full)
     add("--json", action="store_true", help="print JSON instead of the table")
-    add("--quiet", action="store_true", help="print only errors, and the JSON of --json")
+    add(
+        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
+    )
 
 
 def run(options: Options) -> int:
@@ -74,7 +81,8 @@ def run(options: Options) -> int:
             problem = at_minimum_speed(problem)
         result = rp.study(
             problem,
-            **options.of("cycles", "steps", "period", "degree", "seed"),
+            **options.of("cycles", "steps", "period", "degree"),
+            options=rp.FitOptions(seed=options.seed),
             weight=options.asked_weight(),
             progress=say,
         )
@@ -87,7 +95,9 @@ def run(options: Options) -> int:
     say("drawing the figures and the animation")
     with written_together(folder) as staged:
         control = rp.save(result.design, staged / "control.json")
-        run = run_name(result, json.loads(control.read_text(encoding="utf-8"))["checksum"])
+        run = run_name(
+            result, json.loads(control.read_text(encoding="utf-8"))["checksum"]
+        )
         files = [*write_study(result, staged, run=run), control]
         if options.report:
             from ..studies.study_maps import study_maps
@@ -95,16 +105,26 @@ def run(options: Options) -> int:
             say("evaluating the maps of the report")
             maps = study_maps(result)
             say("writing the report")
-            files.append(_report(result, maps, files[0], staged / "report.html", options, run))
+            files.append(
+                _report(result, maps, files[0], staged / "report.html", options, run)
+            )
         elif (folder / "report.html").exists():
-            note = "report.html is from an earlier study; use --report to write a new one"
+            note = (
+                "report.html is from an earlier study; use --report to write a new one"
+            )
             result = replace(result, notes=(note, *result.notes))
     files = [folder / file.name for file in files]
 
     def text() -> str | list[Span]:
-        return f"{study_table(result)}\n" if options.full else study_answer(result, _files(files))
+        return (
+            f"{study_table(result)}\n"
+            if options.full
+            else study_answer(result, _files(files))
+        )
 
-    listed = files if options.full or options.json else []  # the answer names them itself
+    listed = (
+        files if options.full or options.json else []
+    )  # the answer names them itself
     return report(options, lambda: result.as_dict() | {"run": run}, text, listed)
 
 
@@ -116,7 +136,12 @@ def _files(files: Sequence[Path]) -> list[str]:
 
 
 def _report(
-    result: rp.Study, maps: StudyMaps, animation: Path, file: Path, options: Options, run: str
+    result: rp.Study,
+    maps: StudyMaps,
+    animation: Path,
+    file: Path,
+    options: Options,
+    run: str,
 ) -> Path:
     """Write the HTML report, with the value of every option; return its file."""
     from ..show.report import report_page

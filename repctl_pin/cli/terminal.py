@@ -71,13 +71,20 @@ def report(
     """
     clear_line()
     if options.json:
-        found = result() if files is None else result() | {"files": [str(file) for file in files]}
+        found = (
+            result()
+            if files is None
+            else result() | {"files": [str(file) for file in files]}
+        )
         print(as_json(found, indent=2))
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
         said = text()
         print(
-            *filter(None, [coloured([Span(said)] if isinstance(said, str) else said), *wrote]),
+            *filter(
+                None,
+                [coloured([Span(said)] if isinstance(said, str) else said), *wrote],
+            ),
             sep="\n",
         )
     return 0
@@ -88,7 +95,9 @@ def as_json(value: Any, indent: int | None = None) -> str:
     text = json.dumps(
         value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist()
     )
-    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
+    return "".join(
+        c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text
+    )
 
 
 @contextmanager
@@ -97,10 +106,13 @@ def until_stopped() -> Iterator[threading.Event]:
     stop = threading.Event()
     numbers = [signal.SIGINT, signal.SIGTERM]
     if (
-        hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+        hasattr(signal, "SIGHUP")
+        and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
     ):  # ignored under nohup
         numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
+    before = {
+        number: signal.signal(number, lambda *_: stop.set()) for number in numbers
+    }
     try:
         yield stop
     finally:

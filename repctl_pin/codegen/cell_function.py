@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..arguments import Array
 from ..inverse_function import InverseFunction, Sector
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
@@ -24,6 +25,9 @@ LANES = 8
 _WIDEST = 8
 """Maximum number of sums accumulated in one loop: as many as the registers hold."""
 
+_BLOCKS = range(5, 11)
+"""Numbers of monomials that one pass of a loop can add to the sums of one pose."""
+
 
 def function_code(function: InverseFunction, name: str) -> str:
     """Write the C code of an inverse kinematic function F.
@@ -37,7 +41,9 @@ def function_code(function: InverseFunction, name: str) -> str:
         else (np.full(task.n, s * np.inf) for s in (-1, 1))
     )
     removed = chart.cell.removed if isinstance(chart.cell, Sector) else ()
-    shifts = [f"    shift[{x.joint}] = {x.sign}.0 * y[{x.coordinate}];\n" for x in removed]
+    shifts = [
+        f"    shift[{x.joint}] = {x.sign}.0 * y[{x.coordinate}];\n" for x in removed
+    ]
     limits = {"lower": row(lower), "upper": row(upper)}
     parts = limits | {"lanes": LANES, "turned": "".join(shifts), **cell_tables(chart)}
     lanes = [_lanes(chart, name, count) for count in (1, LANES)]
@@ -68,11 +74,13 @@ def _lanes(chart: Chart, name: str, lanes: int) -> str:
         "placement": here,
         "whole": whole,
         "labels": _labels(task, row_of, column_of),
+        "keep": "2e-5" if lanes == 1 else "0.0",
+        "inner": "l" if lanes > 1 else "k, l",
         "counters": "i, j, k" if lanes > 1 else "i",
-        "factors": _factors(task.n, lanes),
+        "factors": _factors(task.n, lanes, _filled(chain, row_of, column_of)),
         "error": _errors(task, row_of),
         "solution": _solution(task.n),
-        "steps": _steps(column_of),
+        "steps": _steps(column_of, lanes),
     }
     return filled("lanes.c", name, parts)
 
@@ -143,39 +151,75 @@ def _weights(chart: Chart, name: str) -> str:
     """Write a C table of polynomial coefficients for each group of :func:`_columns`."""
     weights = chart.coefficients.reshape(chart.monomials.size, -1)
     return "".join(
-        f"\nstatic const double {name}_chart_weight_{part}[{count}][{len(group)}] = {{\n"
-        f"{table(weights[:count, group])}}};\n"
+        f"\nstatic const double {name}_chart_weight_{part}[{count}][{_even(len(group))}] = {{\n"
+        f"{table(np.pad(weights[:count, group], ((0, 0), (0, len(group) % 2))))}}};\n"
         for part, (count, group) in enumerate(_columns(chart))
     )
 
 
 def _sums(name: str, columns: Iterable[tuple[int, list[int]]], lanes: int) -> str:
     """Write C loops that evaluate the entries of q_ref and n_ref: weighted sums of monomials."""
-    lines, step = [], 2 if lanes == 1 else 1  # two sums of one pose do not wait for each other
+    lines = []
     for part, (count, group) in enumerate(columns):
-        weight, sums = f"{name}_chart_weight_{part}", [f"s{i}" for i in group]
-        other = [f"r{i}" for i in group] if step == 2 else []
-        lines += [
-            f"for (l = 0; l < {lanes}; l++) {{",
-            f"    double {', '.join(f'{s} = 0.0' for s in sums + other)};",
-            f"    for (a = 0; a < {count - count % step}; a += {step}) {{",
-            *_added(weight, "a", sums),
-            *(_added(weight, "a + 1", other) if other else []),
-            "    }",
-        ]
-        if count % step:
-            lines += ["    {", *_added(weight, f"{count - 1}", sums), "    }"]
-        ends = [" + ".join(pair) for pair in zip(sums, other, strict=True)] if other else sums
-        lines += [f"    both[{i}][l] = {end};" for i, end in zip(group, ends, strict=True)]
+        weight = f"{name}_chart_weight_{part}"
+        add = _added_blocks if lanes == 1 else _added
+        lines += add(weight, count, len(group))
+        at = "0" if lanes == 1 else "l"
+        lines += [f"    both[{i}][{at}] = s[{k}];" for k, i in enumerate(group)]
         lines.append("}")
     return _lines(lines)
 
 
-def _added(weight: str, at: str, sums: Sequence[str]) -> list[str]:
-    """Write the C lines that add one monomial, times its weights, to several sums."""
-    terms = [f"            {s} += t * w[{k}];" for k, s in enumerate(sums)]
-    begin = f"            const double t = T[{at}][l], *w = {weight}[{at}];"
-    return ["        {", begin, *terms, "        }"]
+def _added(weight: str, count: int, size: int) -> list[str]:
+    """Write the C lines that add all monomials, times their weights, to the sums of each pose."""
+    terms = [f"            s[{k}] += t * w[{k}];" for k in range(size)]
+    return [
+        f"for (l = 0; l < {LANES}; l++) {{",
+        f"    double s[{size}] = {{0.0}};",
+        f"    for (a = 0; a < {count}; a++) {{",
+        f"        const double t = T[a][l], *w = {weight}[a];",
+        *terms,
+        "    }",
+    ]
+
+
+def _added_blocks(weight: str, count: int, size: int) -> list[str]:
+    """Write the C lines that add all monomials of one pose, times their weights, to its sums.
+
+    Several monomials at a time; compilers use vector units for the inner loop, of even length.
+    """
+    width = _even(size)
+    block = min(_BLOCKS, key=lambda b: count // b + count % b)
+    terms = [f"t[{j}][0] * w[{j}][k]" for j in range(block)]
+    ends = count - count % block
+    lines = ["{", f"    double s[{width}] = {{0.0}};"]
+    if ends:
+        lines += [
+            f"    for (a = 0; a < {ends}; a += {block}) {{",
+            "        double (*t)[1] = T + a;",
+            f"        const double (*w)[{width}] = {weight} + a;",
+            f"        for (k = 0; k < {width}; k++)",
+            f"            s[k] += {_paired(terms)};",
+            "    }",
+        ]
+    if ends < count:
+        lines += [
+            f"    for (a = {ends}; a < {count}; a++)",
+            f"        for (k = 0; k < {width}; k++) s[k] += T[a][0] * {weight}[a][k];",
+        ]
+    return lines
+
+
+def _paired(terms: list[str]) -> str:
+    """Write a sum of terms in pairs, whose additions do not wait for each other."""
+    if len(terms) == 1:
+        return terms[0]
+    half = (len(terms) + 1) // 2
+    return f"({_paired(terms[:half])} + {_paired(terms[half:])})"
+
+
+def _even(size: int) -> int:
+    return size + size % 2
 
 
 def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:
@@ -208,9 +252,12 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
     if task.kind == "pose":
         G, R = ([x[3 + 3 * i : 6 + 3 * i] for i in range(3)] for x in (g, h))
         e += [
-            f"0.5 * ({dot(G[k], R[j])} - ({dot(G[j], R[k])}))" for j, k in ((1, 2), (2, 0), (0, 1))
+            f"0.5 * ({dot(G[k], R[j])} - ({dot(G[j], R[k])}))"
+            for j, k in ((1, 2), (2, 0), (0, 1))
         ]
-        lines = [f"cosine_left = {' + '.join(dot(G[i], R[i]) for i in range(3))} - 1.0;"]
+        lines = [
+            f"cosine_left = {' + '.join(dot(G[i], R[i]) for i in range(3))} - 1.0;"
+        ]
     elif task.kind == "axis":
         aim = [g[5], g[8], g[11]]
         x, y, z = ([h[3 + k], h[6 + k], h[9 + k]] for k in range(3))
@@ -222,13 +269,27 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
             for i, at in enumerate(range(0, (1 + task.r) * task.n, 1 + task.r))
         )
         e.append(f"level[{j}] + {' + '.join(terms)}")
-    return _lines([*lines, *(f"b[{row}][l] = {x};" for row, x in zip(row_of, e, strict=True))], 3)
+    return _lines(
+        [*lines, *(f"b[{row}][l] = {x};" for row, x in zip(row_of, e, strict=True))], 3
+    )
 
 
-def _factors(n: int, lanes: int) -> str:
+def _filled(chain: Chain, row_of: Sequence[int], column_of: Sequence[int]) -> Array:
+    """Find the entries of J_V, in the order of elimination, that are not always 0: (n, n)."""
+    filled = np.ones((len(row_of), len(column_of)), bool)
+    for a, entries in enumerate(chain.J):
+        for i, entry in enumerate(entries):
+            filled[row_of[a], column_of[i]] = (
+                entry.kind != "number" or entry.value != 0.0
+            )
+    return filled
+
+
+def _factors(n: int, lanes: int, filled: Array) -> str:
     """Write the C lines of the LU factorisation of J_V, in the array A, without pivoting.
 
-    The diagonal of A then holds 1 / U. For one pose, the loops are unrolled.
+    The diagonal of A then holds 1 / U. For one pose, the loops are unrolled, without the entries
+    that are always 0.
     """
     small = "if (!(fabs({0}) > 1e-6)) state[l] = -1.0;"
     if lanes > 1:
@@ -249,11 +310,16 @@ def _factors(n: int, lanes: int) -> str:
         )
     lines = []
     for k in range(n):
-        lines += [small.format(f"A[{k}][{k}][l]"), f"A[{k}][{k}][l] = 1.0 / A[{k}][{k}][l];"]
-        for i in range(k + 1, n):
+        lines += [
+            small.format(f"A[{k}][{k}][l]"),
+            f"A[{k}][{k}][l] = 1.0 / A[{k}][{k}][l];",
+        ]
+        across = [j for j in range(k + 1, n) if filled[k, j]]
+        for i in (i for i in range(k + 1, n) if filled[i, k]):
+            filled[i, across] = True
             lines.append(f"A[{i}][{k}][l] *= A[{k}][{k}][l];")
             lines += [
-                f"A[{i}][{j}][l] -= A[{i}][{k}][l] * A[{k}][{j}][l];" for j in range(k + 1, n)
+                f"A[{i}][{j}][l] -= A[{i}][{k}][l] * A[{k}][{j}][l];" for j in across
             ]
     return _lines(["l = 0;", *lines], 3)
 
@@ -270,11 +336,15 @@ def _solution(n: int) -> str:
     return _lines(lines, 3)
 
 
-def _steps(column_of: Sequence[int]) -> str:
-    """Write the C lines that add the Newton step to the joints, and find its largest entry."""
+def _steps(column_of: Sequence[int], lanes: int) -> str:
+    """Write the C lines that add the Newton step to the joints, and find its largest entry.
+
+    Where several poses are solved at once, those that are solved already stay as they are.
+    """
     lines = []
     for i, k in enumerate(column_of):
-        lines.append(f"x[{i}][l] += b[{k}][l];")
+        step = f"b[{k}][l]" if lanes == 1 else f"state[l] == 0.0 ? b[{k}][l] : 0.0"
+        lines.append(f"x[{i}][l] += {step};")
         lines.append(f"most = fabs(b[{k}][l]) > most ? fabs(b[{k}][l]) : most;")
     return _lines(lines, 3)
 

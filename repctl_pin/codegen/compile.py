@@ -20,7 +20,14 @@ from ..robot.chain_formulas import Placement, as_placement
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..threads import PerThread
-from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, library, run_many
+from .compiled_loop import (
+    GIVEN_LEAF,
+    NAME,
+    call_memory,
+    compiled_loops,
+    library,
+    run_many,
+)
 
 _LEAST_PART = 1024
 """Minimum number of poses per thread; for fewer, another thread is not worthwhile."""
@@ -50,7 +57,9 @@ class CompiledFunction(InverseFunction):
                 return q
         return super().__call__(target, leaf=leaf)
 
-    def _batch(self, U: Array, C: Array, threads: int, *, missing: bool = False) -> Array:
+    def _batch(
+        self, U: Array, C: Array, threads: int, *, missing: bool = False
+    ) -> Array:
         if self._library is not None and len(C) and (C == C[0]).all():
             p, R = self.cell.placements(U)
             poses = np.concatenate([p, R.reshape(-1, 9)], axis=1)
@@ -60,7 +69,10 @@ class CompiledFunction(InverseFunction):
 
             def run(part: slice) -> bool:
                 count = len(Q[part])
-                return run_many(self._many, "functions", poses[part], leaf, Q[part]) == count
+                return (
+                    run_many(self._many, "functions", poses[part], leaf, Q[part])
+                    == count
+                )
 
             if len(parts) < 2:
                 done = all(map(run, parts))
@@ -77,7 +89,10 @@ class CompiledFunction(InverseFunction):
         if self._library is None:  # a warning was given
             return super().inverse
         return RepeatableInverse(
-            self.task, CellPotentials(self.chart), region=self.cell, loops=compiled_loops
+            self.task,
+            CellPotentials(self.chart),
+            region=self.cell,
+            loops=compiled_loops,
         )
 
 
@@ -89,7 +104,11 @@ def _one_pose(
     It returns None if C returns an error.
     """
     parts, address = call_memory(task)
-    pose, leaf_in, result = parts["target"].reshape(4, 4), parts["leaf"], parts["result"]
+    pose, leaf_in, result = (
+        parts["target"].reshape(4, 4),
+        parts["leaf"],
+        parts["result"],
+    )
 
     def one(target: pin.SE3, leaf: Array | None) -> Array | None:
         pose[:] = target.homogeneous
@@ -106,7 +125,9 @@ def _one_pose(
 def compiled(control: RepeatableInverse) -> RepeatableInverse: ...
 @overload
 def compiled(control: InverseFunction) -> InverseFunction: ...
-def compiled(control: RepeatableInverse | InverseFunction) -> RepeatableInverse | InverseFunction:
+def compiled(
+    control: RepeatableInverse | InverseFunction,
+) -> RepeatableInverse | InverseFunction:
     """Compile a repeatable inverse or a cell function to C.
 
     The returned inverse runs ``velocity``, ``step``, ``batch`` and ``velocities`` in C. The

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..c_library import NoCompilerError, loaded_library
 from ..motion.governor import Governor, taken_input
+from ..motion.limits import Limits
 from ..motion.status import Status
 from ..regions import Region
 from ..robot.chain_formulas import Placement
@@ -35,16 +36,22 @@ class CompiledGovernor(Governor):
         As for :class:`Governor`, or if the potentials cannot be written as C.
     """
 
-    def __init__(self, inverse: RepeatableInverse, dt: float, **limits: Any) -> None:
-        super().__init__(inverse, dt, **limits)
+    def __init__(
+        self,
+        inverse: RepeatableInverse,
+        dt: float,
+        limits: Limits,
+        *,
+        margin: float = 0.0,
+    ) -> None:
+        super().__init__(inverse, dt, limits, margin=margin)
         self._library = _library(inverse)
         if self._library is None:
             return
         bounds, n = self._bounds, self._task.n
         size = ctypes.c_ulong.in_dll(self._library, _BYTES).value
         self._state = ctypes.create_string_buffer(size)
-        margin = np.array([self._margin])
-        values = bounds.velocity, bounds.acceleration, bounds.jerk, margin
+        values = bounds.velocity, bounds.acceleration, bounds.jerk, [self._margin]
         self._limits: Array = np.concatenate(values)
         self._place, self._rates, self._next_q = np.zeros(12), np.zeros(6), np.zeros(n)
         self._run = self._library[f"{NAME}_governor_step"]
@@ -89,7 +96,9 @@ def _library(inverse: RepeatableInverse) -> ctypes.PyDLL | None:
 
     Returns None, after a warning, if there is no C compiler.
     """
-    region = inverse.region if isinstance(inverse.region, Region) else None  # a cell is its own
+    region = (
+        inverse.region if isinstance(inverse.region, Region) else None
+    )  # a cell is its own
     source = write_source(inverse, NAME, region, governor=True)
     size = f"const unsigned long {_BYTES} = sizeof({NAME}_governor);\n"
     code = source.code.replace(f'#include "{NAME}.h"', source.header) + size

@@ -96,7 +96,11 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
     q_in, xdot_in, twist_in = parts["q"], parts["xdot"], parts["twist"]
     leaf_in, dt_in, gain_in = parts["leaf"], parts["dt"], parts["gain"]
     limit_in, damping_in = parts["limit"], parts["damping"]
-    target_in, report, result = parts["target"].reshape(4, 4), parts["report"], parts["result"]
+    target_in, report, result = (
+        parts["target"].reshape(4, 4),
+        parts["report"],
+        parts["result"],
+    )
     run_velocity, run_step = held[f"{NAME}_call_velocity"], held[f"{NAME}_call_step"]
     flags = [ctypes.c_int(given) for given in range(8)]
 
@@ -166,7 +170,9 @@ def _batches(
     def run(name: str, *arrays: Array) -> Array:
         done = run_many(library, name, *arrays)
         if done < len(arrays[0]):
-            raise SingularityError(f"the augmented Jacobian J_V is singular at row {done}")
+            raise SingularityError(
+                f"the augmented Jacobian J_V is singular at row {done}"
+            )
         return arrays[-1]
 
     def inverses(Q: Array) -> Array:
@@ -174,7 +180,10 @@ def _batches(
 
     def velocities(Q: Array, Xdot: Array) -> Array:
         return run(
-            "velocities", np.ascontiguousarray(Q), np.ascontiguousarray(Xdot), np.empty((len(Q), n))
+            "velocities",
+            np.ascontiguousarray(Q),
+            np.ascontiguousarray(Xdot),
+            np.empty((len(Q), n)),
         )
 
     return inverses, velocities

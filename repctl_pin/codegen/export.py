@@ -22,7 +22,16 @@ from ..strategies.repeatable import RepeatableInverse
 from .kdl import kdl_header
 from .source import about, region_of, write_source
 from .text import checked_name, filled, integer, pose, row, value
-from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
+from .vectors import (
+    BAD_NUMBER,
+    OUTSIDE,
+    STATUS,
+    Vector,
+    answers,
+    asked,
+    targets,
+    vectors,
+)
 
 _SIGNED = "written by repctl_pin"
 
@@ -86,12 +95,21 @@ def export_c(
     source = write_source(control, name, region, governor=True)
     if isinstance(control, InverseFunction):
         inverse, start = control.inverse, control(control.cell.placement)
-        declared, functions = filled("function.hpp", name, {}), _function_vectors(control, name)
+        declared, functions = (
+            filled("function.hpp", name, {}),
+            _function_vectors(control, name),
+        )
     else:
-        inverse, start = control, control.task.reference if region is None else region.center
+        inverse, start = (
+            control,
+            control.task.reference if region is None else region.center,
+        )
         declared = functions = ""
     kept = region_of(inverse, region)
-    found = [(vector, answers(inverse, kept, vector)) for vector in vectors(inverse, kept, start)]
+    found = [
+        (vector, answers(inverse, kept, vector))
+        for vector in vectors(inverse, kept, start)
+    ]
     parts = {
         "about": about(control, kept),
         "count": len(found),
@@ -110,7 +128,9 @@ def export_c(
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
         "loop.c": filled(
-            "loop.c", name, {"start": row(start), "radius": value(radius), "axes": integer(axes)}
+            "loop.c",
+            name,
+            {"start": row(start), "radius": value(radius), "axes": integer(axes)},
         ),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
@@ -160,7 +180,9 @@ def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]
     if not isinstance(region, Cell):
         return axes[:2], 0.02
     if isinstance(region, Sector):
-        return axes[:2], min(0.02, 0.3 * float(np.min(region.widths[[0, 2][: len(axes) - 1]])))
+        return axes[:2], min(
+            0.02, 0.3 * float(np.min(region.widths[[0, 2][: len(axes) - 1]]))
+        )
     widths = dict(zip(axes, region.half_width.tolist(), strict=True))
     axes = sorted(axes, key=lambda axis: -widths[axis])[
         :2
@@ -168,14 +190,19 @@ def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]
     return axes, min(0.02, *(0.45 * widths[axis] for axis in axes))
 
 
-def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
+def _vector(
+    vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str
+) -> str:
     """Write a test vector, and Python's results ``said`` for it, as a C initialiser."""
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
     entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
     for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # flag and value
-        entries += [str(int(part is not None)), row(np.zeros(size) if part is None else part)]
+        entries += [
+            str(int(part is not None)),
+            row(np.zeros(size) if part is None else part),
+        ]
     entries.append(
         f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}"
     )
@@ -213,4 +240,6 @@ def _function_vectors(function: InverseFunction, name: str) -> str:
         rows.append(
             f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}"
         )
-    return filled("function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)})
+    return filled(
+        "function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)}
+    )

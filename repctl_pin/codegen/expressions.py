@@ -22,9 +22,20 @@ class Expression:
     __slots__ = ("graph", "kind", "order", "parts", "value")
 
     def __init__(
-        self, graph: Graph, kind: str, parts: tuple[Expression, ...], value: float | str, order: int
+        self,
+        graph: Graph,
+        kind: str,
+        parts: tuple[Expression, ...],
+        value: float | str,
+        order: int,
     ) -> None:
-        self.graph, self.kind, self.parts, self.value, self.order = graph, kind, parts, value, order
+        self.graph, self.kind, self.parts, self.value, self.order = (
+            graph,
+            kind,
+            parts,
+            value,
+            order,
+        )
 
     def __add__(self, other: Expression) -> Expression:
         return self.graph.sum(self, other)
@@ -48,7 +59,9 @@ class Graph:
     def number(self, value: float) -> Expression:
         """Create a constant, rounded to 0, 1 or −1 if it is within 1e-15 of it."""
         near = min((0.0, 1.0, -1.0), key=lambda known: abs(value - known))
-        return self._make("number", (), near if abs(value - near) <= _SNAP else float(value))
+        return self._make(
+            "number", (), near if abs(value - near) <= _SNAP else float(value)
+        )
 
     def input(self, text: str) -> Expression:
         """Create an input variable of the C code, such as ``q[0]``."""
@@ -100,7 +113,9 @@ class Graph:
         """Create the sum of several terms."""
         return reduce(self.sum, terms, self.number(0.0))
 
-    def _make(self, kind: str, parts: tuple[Expression, ...], value: float | str) -> Expression:
+    def _make(
+        self, kind: str, parts: tuple[Expression, ...], value: float | str
+    ) -> Expression:
         key = (kind, *map(id, parts), value)
         if key not in self._made:
             self._made[key] = Expression(self, kind, parts, value, len(self._made))
@@ -137,12 +152,15 @@ def assignments(targets: dict[str, Expression], indent: str = "    ") -> str:
     lines = []
     for expression in order:
         cheap = expression.kind in ("number", "input", "negative")
-        if not cheap and (uses[id(expression)] > 1 or expression.kind in ("sin", "cos")):
+        if not cheap and (
+            uses[id(expression)] > 1 or expression.kind in ("sin", "cos")
+        ):
             text = _text(expression, names)
             names[id(expression)] = f"t{len(names)}"
             lines.append(f"{indent}const double {names[id(expression)]} = {text};")
     lines += [
-        f"{indent}{target} = {_text(expression, names)};" for target, expression in targets.items()
+        f"{indent}{target} = {_text(expression, names)};"
+        for target, expression in targets.items()
     ]
     return "\n".join(lines)
 
@@ -175,7 +193,9 @@ def _factor(expression: Expression, names: dict[int, str]) -> str:
     text = _text(expression, names)
     bare = id(expression) in names or expression.kind in ("input", "sin", "cos")
     return (
-        text if bare or (expression.kind == "number" and not text.startswith("-")) else f"({text})"
+        text
+        if bare or (expression.kind == "number" and not text.startswith("-"))
+        else f"({text})"
     )
 
 

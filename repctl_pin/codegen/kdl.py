@@ -28,7 +28,9 @@ def kdl_header(
         Configuration near which the solvers compare the user's KDL chain with the arm.
     """
     task = control.task
-    solver = "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
+    solver = (
+        "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
+    )
     parts = {
         "about": about,
         "names": "{" + ", ".join(map(_quoted, task.joint_names)) + "}",
@@ -41,7 +43,11 @@ def kdl_header(
 
 def _rates(task: Task) -> str:
     """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes."""
-    lines = [f"        xdot[{i}] = v_in({row});" for i, row in enumerate(task.rows) if row < 3]
+    lines = [
+        f"        xdot[{i}] = v_in({row});"
+        for i, row in enumerate(task.rows)
+        if row < 3
+    ]
     if task.kind == "pose":
         lines += [f"        xdot[{i}] = v_in({i});" for i in range(3, 6)]
     if task.kind == "axis":  # ω along the frame's own x and y

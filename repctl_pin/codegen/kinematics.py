@@ -43,17 +43,27 @@ class Chain:
 
     def __init__(self, task: Task, *, lanes: bool = False) -> None:
         self.graph, self.lanes, self.angles = Graph(), lanes, Vector()
-        q = [self.graph.input(f"x[{i}][l]" if lanes else f"q[{i}]") for i in range(task.n)]
+        q = [
+            self.graph.input(f"x[{i}][l]" if lanes else f"q[{i}]")
+            for i in range(task.n)
+        ]
         drive, joints = task.drive, q
         if drive is not None:
             rows = zip(drive.S, drive.offset, strict=True)
-            joints = [self._weighted(row, q) + self.graph.number(offset) for row, offset in rows]
+            joints = [
+                self._weighted(row, q) + self.graph.number(offset)
+                for row, offset in rows
+            ]
         model, frame = task.model, task.model.frames[task._frame_id]
         self.p = self._numbers(np.zeros(3))
         self.R = [self._numbers(row) for row in np.eye(3)]
-        axes: list[tuple[bool, Vector, Vector]] = []  # revolute or not, axis, and position
+        axes: list[
+            tuple[bool, Vector, Vector]
+        ] = []  # revolute or not, axis, and position
         turned = np.eye(3)  # from the joint's axes to axes with z along the joint
-        for j, (angle, (turns, axis)) in enumerate(zip(joints, _joints(task), strict=True), 1):
+        for j, (angle, (turns, axis)) in enumerate(
+            zip(joints, _joints(task), strict=True), 1
+        ):
             assert model.parents[j] == j - 1, "the joints of a task are a chain"
             B = _z_along(axis)
             place = model.jointPlacements[j]
@@ -62,15 +72,20 @@ class Chain:
             if turns:
                 self._turn(angle)
             else:
-                self.p = [p + z * angle for p, z in zip(self.p, axes[-1][1], strict=True)]
+                self.p = [
+                    p + z * angle for p, z in zip(self.p, axes[-1][1], strict=True)
+                ]
             turned = B
-        self._fixed(turned.T @ frame.placement.rotation, turned.T @ frame.placement.translation)
+        self._fixed(
+            turned.T @ frame.placement.rotation, turned.T @ frame.placement.translation
+        )
         columns = [self._column(*axis) for axis in axes]
         J = [[column[i] for column in columns] for i in range(6)]
         if task.kind == "axis":  # ω along the frame's own x and y
             axes_of_frame = [[row[k] for row in self.R] for k in range(2)]
             J[3:] = [
-                [self.graph.total(map(mul, axis, c[3:])) for c in columns] for axis in axes_of_frame
+                [self.graph.total(map(mul, axis, c[3:])) for c in columns]
+                for axis in axes_of_frame
             ]
         else:
             J = [J[row] for row in task.rows]
@@ -85,13 +100,21 @@ class Chain:
         if not turns:
             return [*z, *self._numbers(np.zeros(3))]
         d = [a - b for a, b in zip(self.p, o, strict=True)]
-        return [z[1] * d[2] - z[2] * d[1], z[2] * d[0] - z[0] * d[2], z[0] * d[1] - z[1] * d[0], *z]
+        return [
+            z[1] * d[2] - z[2] * d[1],
+            z[2] * d[0] - z[0] * d[2],
+            z[0] * d[1] - z[1] * d[0],
+            *z,
+        ]
 
     def _fixed(self, rotation: Array, translation: Array) -> None:
         self.p = [
-            p + self._weighted(translation, row) for p, row in zip(self.p, self.R, strict=True)
+            p + self._weighted(translation, row)
+            for p, row in zip(self.p, self.R, strict=True)
         ]
-        self.R = [[self._weighted(column, row) for column in rotation.T] for row in self.R]
+        self.R = [
+            [self._weighted(column, row) for column in rotation.T] for row in self.R
+        ]
 
     def _turn(self, angle: Expression) -> None:
         """Rotate the frame about its z axis: ``R ← R R_z(angle)``."""
@@ -119,15 +142,23 @@ class Chain:
         Returns three texts by name: ``placement`` (p and R), ``jacobian`` (J) and ``chain`` (all).
         """
         p = {f"p[{i}]": e for i, e in enumerate(self.p)}
-        R = {f"R[{3 * i + k}]": e for i, row in enumerate(self.R) for k, e in enumerate(row)}
-        J = {f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)}
+        R = {
+            f"R[{3 * i + k}]": e
+            for i, row in enumerate(self.R)
+            for k, e in enumerate(row)
+        }
+        J = {
+            f"J[{a}][{i}]": e for a, row in enumerate(self.J) for i, e in enumerate(row)
+        }
         return {
             "placement": assignments(p | R),
             "jacobian": assignments(J),
             "chain": assignments(p | R | J),
         }
 
-    def lane_code(self, row_of: Sequence[int], column_of: Sequence[int]) -> tuple[str, str, str]:
+    def lane_code(
+        self, row_of: Sequence[int], column_of: Sequence[int]
+    ) -> tuple[str, str, str]:
         """Write C assignments for several poses: three texts.
 
         The first assigns ``angle``, the angles of the revolute joints; the second ``here``, which
@@ -142,7 +173,9 @@ class Chain:
             for a, row in enumerate(self.J)
             for i, e in enumerate(row)
         }
-        angle, place, whole = (assignments(part, " " * 12) for part in (angles, here, here | A))
+        angle, place, whole = (
+            assignments(part, " " * 12) for part in (angles, here, here | A)
+        )
         return angle, place, whole
 
 
@@ -152,7 +185,9 @@ def _joints(task: Task) -> list[tuple[bool, Array]]:
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     found = []
     for j in range(1, model.njoints):
-        S = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[:, model.joints[j].idx_v]
+        S = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[
+            :, model.joints[j].idx_v
+        ]
         turns = bool(np.linalg.norm(S[3:]) > 0.5)
         found.append((turns, S[3:] if turns else S[:3]))
     return found

@@ -57,7 +57,9 @@ def potential_functions(potentials: Potentials, n: int, name: str) -> list[str]:
     return written
 
 
-def _flat(potentials: Potentials, joints: Sequence[int]) -> list[tuple[Written, Sequence[int]]]:
+def _flat(
+    potentials: Potentials, joints: Sequence[int]
+) -> list[tuple[Written, Sequence[int]]]:
     """Split sums of potentials into their terms, each with the joints that it depends on."""
     if isinstance(potentials, SumMap):
         return [found for part in potentials.maps for found in _flat(part, joints)]
@@ -103,11 +105,15 @@ def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
         "scale": row(1 / potentials.scale),
         "parents": integer(parents),
         "factors": integer(factors),
-        "weights": table(shares.get(beta, np.zeros((r, k + 1))).ravel() for beta in monomials),
+        "weights": table(
+            shares.get(beta, np.zeros((r, k + 1))).ravel() for beta in monomials
+        ),
     }
 
 
-def _monomials(expected: dict[Powers, Array], k: int) -> tuple[list[Powers], list[int], list[int]]:
+def _monomials(
+    expected: dict[Powers, Array], k: int
+) -> tuple[list[Powers], list[int], list[int]]:
     """Order monomials so that each is an earlier one (its parent) times a variable.
 
     Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
@@ -118,10 +124,16 @@ def _monomials(expected: dict[Powers, Array], k: int) -> tuple[list[Powers], lis
         while any(beta):
             needed.add(beta)
             beta, _ = _lower(beta)
-    order = sorted(needed, key=lambda beta: (sum(beta), tuple(-power for power in beta)))
+    order = sorted(
+        needed, key=lambda beta: (sum(beta), tuple(-power for power in beta))
+    )
     place = {beta: a for a, beta in enumerate(order)}
     made_of = [_lower(beta) for beta in order[1:]]
-    return order, [0, *(place[beta] for beta, _ in made_of)], [0, *(i for _, i in made_of)]
+    return (
+        order,
+        [0, *(place[beta] for beta, _ in made_of)],
+        [0, *(i for _, i in made_of)],
+    )
 
 
 def _lower(beta: Powers) -> tuple[Powers, int]:
@@ -137,7 +149,9 @@ def _fourier(potentials: FourierMap) -> dict[str, object]:
     """
     used = ((potentials.sines != 0) | (potentials.cosines != 0)).any(axis=1)
     used[0] |= not used.any()
-    weights = np.stack([potentials.sines[used], potentials.cosines[used]], axis=-1)  # (waves, r, 2)
+    weights = np.stack(
+        [potentials.sines[used], potentials.cosines[used]], axis=-1
+    )  # (waves, r, 2)
     return {
         "count": len(weights),
         "waves": table(potentials.waves[used]),
@@ -153,7 +167,7 @@ def _cell(chart: Chart, name: str) -> dict[str, object]:
     cell, tables = chart.cell, cell_tables(chart)
     if isinstance(cell, Sector):
         return tables | {
-            "coordinates": filled("sector.c", name, tables | _sector(cell)),
+            "coordinates": _sector(cell, name, tables),
             "rates": "",
             "shift": "".join(_unwound(one, cell.task.r) for one in cell.removed),
             "along": "".join(_slope(one, cell.task.r) for one in cell.removed),
@@ -174,13 +188,19 @@ _ANGULAR = {
 }
 """C lines that write the angular entries of a gradient d from g, by the kind of the task."""
 
+_TILTS = (
+    "    {0}_cell_tilts(pose->R, radius > 0.0 ? x[0] / radius : 1.0,\n"
+    "                   radius > 0.0 ? x[1] / radius : 0.0, all + 3);\n"
+)
+"""C call that computes the tilts and the spin, from the cosine and the sine of the angle."""
 
-def _sector(cell: Sector) -> dict[str, object]:
-    """Write the tables of a sector: its axis, middle and bounds."""
+
+def _sector(cell: Sector, name: str, tables: dict[str, object]) -> str:
+    """Write the C functions of a sector's coordinates, with its axis, middle and bounds."""
     bounds = np.where(cell.widths == 0, TURNED, cell.widths * (1 + EDGE))
     bounds[list(cell.free)] = np.inf
     places = min(3, cell.task.m)
-    return {
+    parts = {
         "origin": row(cell.axis[0]),
         "basis": row(cell.directions.ravel()),
         "turn": row((cell.directions @ cell.placement.rotation).ravel()),
@@ -189,7 +209,13 @@ def _sector(cell: Sector) -> dict[str, object]:
         "places": places,
         "rows": integer(cell.task.rows[:places]),
         "angular": _ANGULAR.get(cell.task.kind, ""),
+        "functions": "",
+        "tilts": "",
     }
+    if cell.task.kind in ("pose", "axis"):
+        parts["functions"] = filled("sector_tilts.c", name, {})
+        parts["tilts"] = _TILTS.format(name)
+    return filled("sector.c", name, tables | parts)
 
 
 def _unwound(one: Symmetry, r: int) -> str:
@@ -221,6 +247,7 @@ def cell_tables(chart: Chart) -> dict[str, object]:
         "middle": pose(cell.placement),
         "widths": row(cell.widths),
         "moved": integer(cell.moved),
+        "scale": row(1 / cell.widths[cell.moved]),
         "parents": integer(monomials.parent),
         "factors": integer(monomials.variable),
         "weights": table(chart.coefficients.reshape(monomials.size, -1)),

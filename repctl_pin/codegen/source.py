@@ -73,13 +73,20 @@ def write_source(
             function_code(control, name),
         )
     inverse = require_type(
-        inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+        inverse,
+        RepeatableInverse,
+        "inverse",
+        "a repeatable inverse, such as design.inverse",
     )
     task = inverse.task
     if task.r < 1:
-        raise InputError(f"{task!r} has no redundancy, so there are no potentials to write")
+        raise InputError(
+            f"{task!r} has no redundancy, so there are no potentials to write"
+        )
     if isinstance(region, Region) and len(region.center) != task.n:
-        raise InputError(f"the region has {len(region.center)} joints, but the task has {task.n}")
+        raise InputError(
+            f"the region has {len(region.center)} joints, but the task has {task.n}"
+        )
     kept = region_of(inverse, region)
     potentials = potential_functions(inverse.potentials, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
@@ -91,7 +98,9 @@ def write_source(
         "m": task.m,
         "r": task.r,
         "potentials": "\n".join(potentials).rstrip("\n"),
-        "parts": "\n".join(f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))),
+        "parts": "\n".join(
+            f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))
+        ),
         "error": filled(rotation, name, {})
         + filled(f"error_{kind}.c", name, {"rows": integer(task.rows)}).rstrip("\n"),
         "inside": _inside(kept, task, name).rstrip("\n"),
@@ -101,12 +110,20 @@ def write_source(
     }
     governed = governor_source(task, name) if governor else ("", "", "")
     torque = [filled(f"torque.{end}", name, {}) for end in ("h", "c")]
-    header = parts | {"torque": torque[0], "function": declared, "governor": governed[0]}
+    header = parts | {
+        "torque": torque[0],
+        "function": declared,
+        "governor": governed[0],
+    }
     code = parts | {"torque": torque[1], "function": defined, "governor": governed[1]}
-    return Source(filled("arm.h", name, header), filled("arm.c", name, code), governed[2])
+    return Source(
+        filled("arm.h", name, header), filled("arm.c", name, code), governed[2]
+    )
 
 
-def region_of(inverse: RepeatableInverse, region: Region | None) -> Region | Cell | None:
+def region_of(
+    inverse: RepeatableInverse, region: Region | None
+) -> Region | Cell | None:
     """Return the region that ``name_inside`` checks: the given one, or the cell of a cell function.
 
     None if there is neither.
@@ -127,13 +144,17 @@ def _limits(task: Task) -> dict[str, str]:
     graph = Graph()
     q = [graph.input(f"q[{i}]") for i in range(task.n)]
     joints = {
-        f"joint[{i}]": graph.total(graph.number(t) * x for t, x in zip(weights, q, strict=True))
+        f"joint[{i}]": graph.total(
+            graph.number(t) * x for t, x in zip(weights, q, strict=True)
+        )
         for i, weights in enumerate(task.coordinate_matrix)
     }
     return {"lower": row(lower), "upper": row(upper), "joints": assignments(joints)}
 
 
-def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | None) -> str:
+def about(
+    control: RepeatableInverse | InverseFunction, region: Region | Cell | None
+) -> str:
     """Write the header comment: robot, frame, task, joints, region, units, version."""
     task = control.task
     robot = task.robot
@@ -159,7 +180,10 @@ def about(control: RepeatableInverse | InverseFunction, region: Region | Cell | 
         lines.append(
             "        q are joint coordinates psi; the joint positions are T psi, T row by row:"
         )
-        lines += [f"        {', '.join(f'{t:g}' for t in values)}" for values in task.coordinates.T]
+        lines += [
+            f"        {', '.join(f'{t:g}' for t in values)}"
+            for values in task.coordinates.T
+        ]
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 
@@ -185,7 +209,9 @@ def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
         return filled("inside_tube.c", name, parts)
     if isinstance(region, Box):
         return filled(
-            "inside_box.c", name, {"center": row(region.center), "half": row(region.half_width)}
+            "inside_box.c",
+            name,
+            {"center": row(region.center), "half": row(region.half_width)},
         )
     if isinstance(region, WorkspaceBox):
         axes = [axis for axis in task.rows if axis < 3]

@@ -34,9 +34,13 @@ def checked_name(name: Any) -> str:
             "the name of the C code must be a letter followed by letters, digits and single _, "
             f"at most 40 characters, not {name!r:.60}"
         )
-    reserved = template("taken.txt").split()  # keywords of C and C++, headers, other files
+    reserved = template(
+        "taken.txt"
+    ).split()  # keywords of C and C++, headers, other files
     if name.lower() in reserved:
-        raise InputError(f"{name!r} is reserved in C, C++ or the export; choose another name")
+        raise InputError(
+            f"{name!r} is reserved in C, C++ or the export; choose another name"
+        )
     return name
 
 

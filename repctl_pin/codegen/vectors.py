@@ -48,7 +48,11 @@ class Vector:
 
 
 def vectors(
-    inverse: RepeatableInverse, region: Bounded | None, start: Array, count: int = 48, seed: int = 0
+    inverse: RepeatableInverse,
+    region: Bounded | None,
+    start: Array,
+    count: int = 48,
+    seed: int = 0,
 ) -> list[Vector]:
     """Sample test vectors at configurations in and near the region, or near the start without one.
 
@@ -63,7 +67,10 @@ def vectors(
             q = q + rng.normal(size=task.n)
         near = task.placement(q + 0.01 * rng.normal(size=task.n))
         away = (
-            pin.SE3(pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)), np.zeros(3))
+            pin.SE3(
+                pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)),
+                np.zeros(3),
+            )
             * near
         )
         found.append(
@@ -73,7 +80,9 @@ def vectors(
                 target=away,
                 dt=_DT,
                 twist=None if k % 3 == 0 else rng.normal(size=6),
-                leaf=None if k % 4 == 0 else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
+                leaf=None
+                if k % 4 == 0
+                else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
                 gain=_GAINS[k % len(_GAINS)],
                 limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
                 damping=0.0 if k % 5 else 0.2,
@@ -98,7 +107,9 @@ def vectors(
         bad |= {
             43: (
                 "target",
-                pin.SE3((1 + 1e-5) * found[43].target.rotation, found[43].target.translation),
+                pin.SE3(
+                    (1 + 1e-5) * found[43].target.rotation, found[43].target.translation
+                ),
             )
         }
     for k, (what, value) in bad.items():
@@ -110,14 +121,18 @@ def vectors(
     return found
 
 
-def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
+def answers(
+    inverse: RepeatableInverse, region: Bounded | None, vector: Vector
+) -> dict[str, Any]:
     """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
 
     The output of a velocity, a step or a torque is 0 where its status is not OK.
     """
     task, q = inverse.task, vector.q
     if not np.isfinite(q).all():
-        refused = dict.fromkeys(("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER)
+        refused = dict.fromkeys(
+            ("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER
+        )
         return refused | dict.fromkeys(("qdot", "q_next", "tau"), np.zeros(task.n))
     said: dict[str, Any] = {
         "placement": task.placement(q),
@@ -127,7 +142,9 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     }
     beyond = region is not None and not region.ratio(q[None])[0] <= 1 + EDGE
     said["inside"] = OUTSIDE if beyond else OK
-    said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
+    said["velocity"], said["qdot"] = asked(
+        lambda: inverse.velocity(q, vector.xdot), task.n
+    )
     said["step"], said["q_next"] = asked(
         lambda: inverse.step(
             q,

@@ -74,14 +74,18 @@ class Local:
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
-        return over(self._build() if self._kept is None else self._kept, function, arguments)
+        return over(
+            self._build() if self._kept is None else self._kept, function, arguments
+        )
 
     def close(self) -> None:
         """Free the memory of the batches."""
         self._kept = []
 
     def _build(self) -> Iterator[Batch]:
-        for i, batch in enumerate(self._builder.batches(self._Q, self._weights, self._batch), 1):
+        for i, batch in enumerate(
+            self._builder.batches(self._Q, self._weights, self._batch), 1
+        ):
             yield batch
             self._tick(min(1.0, i * self._batch / len(self._Q)))
 
@@ -106,7 +110,11 @@ class BarrierCost:
     """
 
     def __init__(
-        self, batches: Batches, builder: Builder, weight: float, guards: Sequence[Array] = ()
+        self,
+        batches: Batches,
+        builder: Builder,
+        weight: float,
+        guards: Sequence[Array] = (),
     ) -> None:
         self.batches, self._builder, self._weight = batches, builder, weight
         self.guards: list[Array] = []

@@ -40,7 +40,9 @@ class Comparison:
         return int(np.argmin(costs))
 
     def __str__(self) -> str:
-        lines = ["  potentials   cost       beside the first      distance  leaf margin"]
+        lines = [
+            "  potentials   cost       beside the first      distance  leaf margin"
+        ]
         for i, (design, j, (more, error)) in enumerate(
             zip(self.designs, self.evaluations, self.differences, strict=True)
         ):
@@ -81,11 +83,16 @@ def compare(first: Design, *others: Design) -> Comparison:
     designs = (first, *others)
     for design in designs:
         require_type(
-            design, Design, "what is compared", "a design, as rp.nearest_repeatable makes them"
+            design,
+            Design,
+            "what is compared",
+            "a design, as rp.nearest_repeatable makes them",
         )
     task = first.task
     for other in others:
-        one, two = ((t.robot.name, t.frame, t.kind, t.joint_names) for t in (task, other.task))
+        one, two = (
+            (t.robot.name, t.frame, t.kind, t.joint_names) for t in (task, other.task)
+        )
         if one != two:
             raise InputError(
                 f"designs of different tasks cannot be compared: {task!r} and {other.task!r}"
@@ -110,7 +117,9 @@ def compare(first: Design, *others: Design) -> Comparison:
             differences.append((np.inf, np.nan))
             continue
         gap = j.replicates - base.replicates
-        differences.append((float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES))))
+        differences.append(
+            (float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES)))
+        )
     return Comparison(designs, tuple(evaluations), tuple(differences))
 
 
@@ -163,7 +172,9 @@ def cost_has_converged(
         raise InputError(
             "whether the cost has settled takes at least two designs, of rising degree"
         )
-    costs = [d.cost for d in designs if not isinstance(d, SingularityError) and d.converged]
+    costs = [
+        d.cost for d in designs if not isinstance(d, SingularityError) and d.converged
+    ]
     if len(costs) < len(designs):
         return False
     return abs(costs[-1] - costs[-2]) < tolerance * costs[-1]

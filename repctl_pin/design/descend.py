@@ -105,10 +105,16 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
         The sums of :func:`criterion.linear` for all potentials.
     """
     size = len(basis)
-    EE, FF, null_alignment = moments[0][:size, :size], moments[1][:size, :size], moments[2][:size]
+    EE, FF, null_alignment = (
+        moments[0][:size, :size],
+        moments[1][:size, :size],
+        moments[2][:size],
+    )
     found = None
     for emphasis in _EMPHASIS:
-        A = basis @ _solve(basis.T @ (EE + emphasis * FF) @ basis, basis.T @ null_alignment)
+        A = basis @ _solve(
+            basis.T @ (EE + emphasis * FF) @ basis, basis.T @ null_alignment
+        )
         cost, sides = batches.total(criterion.cost, A)
         found = found or Start(A, sides, cost, EE, null_alignment)
         if sides.uniform:
@@ -189,7 +195,9 @@ class _PenalisedCost:
     B is large, and the rounding errors of ``Bᵀ H B`` determine the smallest useful μ.
     """
 
-    def __init__(self, batches: Batches, basis: Array, begin: Start, penalty: float) -> None:
+    def __init__(
+        self, batches: Batches, basis: Array, begin: Start, penalty: float
+    ) -> None:
         self.batches, self.basis = batches, basis
         self.r = begin.A.shape[1]
         self.tau = penalty * begin.cost / self.r
@@ -215,7 +223,9 @@ class _PenalisedCost:
         gradient = basis.T @ at.data.gradient + pull
 
         def block(i: int, j: int) -> Array:
-            return basis.T @ blocks[i, :, j, :] @ basis + (self.tau * self.EE if i == j else 0.0)
+            return basis.T @ blocks[i, :, j, :] @ basis + (
+                self.tau * self.EE if i == j else 0.0
+            )
 
         H = np.block([[block(i, j) for j in r] for i in r])
         return gradient.T.ravel(), H

@@ -58,7 +58,9 @@ def design_map(
     box, center, n = design.region.bounds, design.region.center, design.task.n
     first, second = _liveliest(design) if joints is None else joints
     if not (0 <= first < n and 0 <= second < n and first != second):
-        raise InputError(f"a map needs two different joints from 0 to {n - 1}, not {joints}")
+        raise InputError(
+            f"a map needs two different joints from 0 to {n - 1}, not {joints}"
+        )
     x, y = (np.linspace(box.lower[j], box.upper[j], points) for j in (first, second))
     Q = np.tile(center, (points * points, 1))
     Q[:, first], Q[:, second] = (grid.ravel() for grid in np.meshgrid(x, y))
@@ -75,7 +77,9 @@ def design_map(
     )
 
 
-def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
+def degree_curve(
+    design: Design, report: Report = silent
+) -> tuple[tuple[int, float, float], ...]:
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
     If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
@@ -126,9 +130,13 @@ def _liveliest(design: Design) -> tuple[int, int]:
     """
     box, center, n = design.region.bounds, design.region.center, design.task.n
     steps = np.linspace(-1, 1, 17)
-    Q = center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width  # (n, 17, n)
+    Q = (
+        center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width
+    )  # (n, 17, n)
     distance = _distance(design, Q.reshape(-1, n))[0].reshape(n, -1)
-    change = np.nan_to_num(np.nanmax(distance, axis=1) - np.nanmin(distance, axis=1), nan=np.inf)
+    change = np.nan_to_num(
+        np.nanmax(distance, axis=1) - np.nanmin(distance, axis=1), nan=np.inf
+    )
     first, second = sorted(np.argsort(change)[-2:])
     return int(first), int(second)
 
@@ -143,4 +151,6 @@ def _distance(design: Design, Q: Array) -> tuple[Array, Array]:
         if len(Q) == 1:
             return np.full(1, np.nan), np.full(1, np.nan)
         parts = [_distance(design, half) for half in np.array_split(Q, 2)]
-        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+        return np.concatenate([p[0] for p in parts]), np.concatenate(
+            [p[1] for p in parts]
+        )

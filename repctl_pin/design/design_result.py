@@ -116,7 +116,9 @@ class Design:
         """Task that the inverse controls."""
         return self.inverse.task
 
-    def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:
+    def evaluate_baselines(
+        self, *, progress: bool | Report = False
+    ) -> tuple[Baseline, ...]:
         """Evaluate two simpler repeatable inverses for comparison, on the design's held-out nodes.
 
         They are the augmented Jacobian with constant rows, and the extended Jacobian.
@@ -157,11 +159,16 @@ class Design:
             f"  region Ω           {self.region}",
             f"  potentials         {self.potentials}{unused}",
             f"  mean ‖G_r − G_d‖²  {cost} (on {self.held_out} held-out nodes)",
-            *(f"    {baseline.name.ljust(width)}  {baseline.text}" for baseline in baselines),
+            *(
+                f"    {baseline.name.ljust(width)}  {baseline.text}"
+                for baseline in baselines
+            ),
             f"  relative distance  {self.relative_distance:.1%}",
             f"  leaf margin        {self.leaf_margin:.3f} at worst, {proved_words(self.proof)}",
             f"  inside the limits  {self.inside_limits:.1%} of Ω",
             f"  optimiser          {state} in {self.steps} steps, "
             f"gradient {self.gradient_norm:.1g}",
         ]
-        return "\n".join(lines + [f"  dropped            {text}" for text in self.dropped])
+        return "\n".join(
+            lines + [f"  dropped            {text}" for text in self.dropped]
+        )

@@ -10,7 +10,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, function, limits, read_only, require_type, shown
+from ..arguments import (
+    MOST_NODES,
+    Array,
+    as_int,
+    function,
+    limits,
+    read_only,
+    require_type,
+    shown,
+)
 from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
@@ -95,7 +104,9 @@ class FamilyDesign:
 class _Comparison:
     """Nodes of Ω with J and G_d, on which the cost of any inverse of the task can be evaluated."""
 
-    def __init__(self, desired: Inverse, region: Region, samples: int, seed: int) -> None:
+    def __init__(
+        self, desired: Inverse, region: Region, samples: int, seed: int
+    ) -> None:
         self.Q, self.weights = region.nodes(samples, seed)
         self.J = desired.task.jacobians(self.Q)
         self.G_d = desired.batch(self.Q, self.J)
@@ -208,7 +219,10 @@ def nearest_in_family(
     inverse = member(parameter(best))
     value = comparison.cost(inverse)
     scanned = np.array([parameter(a) for a in angles])
-    away, error = float(np.sqrt(value / comparison.scale)), abs(value - nodes.cost(inverse))
+    away, error = (
+        float(np.sqrt(value / comparison.scale)),
+        abs(value - nodes.cost(inverse)),
+    )
     return FamilyDesign(
         inverse,
         desired,
@@ -229,7 +243,9 @@ def _on_the_line(angle: float) -> float:
     return np.inf if abs(abs(folded) - np.pi / 2) < 1e-12 else float(np.tan(folded))
 
 
-def _polish(cost: Callable[[float], float], angles: Array, costs: Array, projective: bool) -> float:
+def _polish(
+    cost: Callable[[float], float], angles: Array, costs: Array, projective: bool
+) -> float:
     """Refine the best angle of a scan by Brent's method, and return it.
 
     ``projective`` means that the angles cover a full period. The scanned angle is returned if the
@@ -242,5 +258,11 @@ def _polish(cost: Callable[[float], float], angles: Array, costs: Array, project
         low, high = max(low, angles[0]), min(high, angles[-1])
     from scipy.optimize import minimize_scalar  # slow to import
 
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
-    return float(angles[i]) if costs[i] <= found.fun + _SAME * abs(found.fun) else float(found.x)
+    found = minimize_scalar(
+        cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}
+    )
+    return (
+        float(angles[i])
+        if costs[i] <= found.fun + _SAME * abs(found.fun)
+        else float(found.x)
+    )

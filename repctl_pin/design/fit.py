@@ -71,19 +71,31 @@ def fit(problem: FitProblem) -> Design:
         )
     Q, weights = region.nodes(count, seed)
     Q_few, w_few = region.nodes(few, seed) if len(Q) >= 2 * few else (Q, weights)
-    chosen = independent(desired, potentials, *region.nodes(max(512, 2 * potentials.size), seed))
-    N_center = oriented_nullspace(task.jacobian(region.center)[None], task, region.center[None])[0]
+    chosen = independent(
+        desired, potentials, *region.nodes(max(512, 2 * potentials.size), seed)
+    )
+    N_center = oriented_nullspace(
+        task.jacobian(region.center)[None], task, region.center[None]
+    )[0]
     builder = Builder(desired, potentials, chosen.kept, N_center)
 
-    def batches_of(Q: Array, weights: Array, where: Executor | Client | None) -> Batches:
+    def batches_of(
+        Q: Array, weights: Array, where: Executor | Client | None
+    ) -> Batches:
         def tick(share: float) -> None:
             report(f"{len(Q)} nodes", share)
 
         if where is None:
-            return Local(builder, Q, weights, options.batch, stream=options.stream, tick=tick)
-        return hand_out(builder, Q, weights, options.batch, where, stream=options.stream, tick=tick)
+            return Local(
+                builder, Q, weights, options.batch, stream=options.stream, tick=tick
+            )
+        return hand_out(
+            builder, Q, weights, options.batch, where, stream=options.stream, tick=tick
+        )
 
-    few_nodes = batches_of(Q_few, w_few, options.executor if len(Q_few) == len(Q) else None)
+    few_nodes = batches_of(
+        Q_few, w_few, options.executor if len(Q_few) == len(Q) else None
+    )
     all_nodes = few_nodes
     try:
         coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
@@ -113,7 +125,9 @@ def fit(problem: FitProblem) -> Design:
         all_nodes.close()
 
 
-def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: int) -> Design:
+def _judged(
+    problem: FitProblem, chosen: Independent, result: Descent, samples: int
+) -> Design:
     """Make the design from the result of a descent, and evaluate it on held-out nodes.
 
     ``samples`` is the number of nodes of the fit. A SingularRegionError is raised if the evaluation
@@ -127,7 +141,9 @@ def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: 
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)
     inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
     held_out = _HELD_OUT_NODES if options.held_out is None else options.held_out
-    evaluation = evaluate_design(inverse, desired, region, samples=held_out, seed=options.seed + 1)
+    evaluation = evaluate_design(
+        inverse, desired, region, samples=held_out, seed=options.seed + 1
+    )
     verdict = vars(evaluation)
     return Design(
         inverse,

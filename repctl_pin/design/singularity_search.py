@@ -21,7 +21,9 @@ Measure = Callable[[Array], Array]
 
 _STARTS = 16
 _CORNERS = 256
-_LENGTHS = StepLengths(first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60)
+_LENGTHS = StepLengths(
+    first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60
+)
 _DIFFERENCE = 1e-6
 _FEELER = 1e-4
 """Length of a trial step down the slope, relative to the half-widths of Ω, that shows which
@@ -64,7 +66,9 @@ class SingularRegionError(SingularityError):
     SingularRegionError
     """
 
-    def __init__(self, finding: str, at: Array, free: Region | None, remedy: str = "") -> None:
+    def __init__(
+        self, finding: str, at: Array, free: Region | None, remedy: str = ""
+    ) -> None:
         super().__init__(finding, remedy=remedy, at=at)
         self.free = free
 
@@ -102,7 +106,9 @@ class Dexterity:
     def __call__(self, Q: Array) -> Array:
         """Evaluate the measure (K,) at every row of Q (K, n)."""
         values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
-        return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
+        return np.where(
+            values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0
+        )
 
     def newton(self, Q: Array, scale: Array) -> Array:
         """Compute the Newton steps (K, n) to the nearest configurations at which J loses rank.
@@ -115,9 +121,15 @@ class Dexterity:
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
         slope = np.einsum(
-            "Kvi,Kaik,Ka->Kvk", Vt[:, m - 1 :], self.task.hessians(Q), U[:, :, -1], optimize=True
+            "Kvi,Kaik,Ka->Kvk",
+            Vt[:, m - 1 :],
+            self.task.hessians(Q),
+            U[:, :, -1],
+            optimize=True,
         )
-        step: Array = -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
+        step: Array = (
+            -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
+        )
         return step
 
 
@@ -146,7 +158,9 @@ class LeafMargin:
         except np.linalg.LinAlgError:
             return side * self._margin(J, V)
         if n - m == 1:
-            return side / (np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2)))
+            return side / (
+                np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2))
+            )
         R = np.linalg.qr(V, mode="r")
         sigma = np.linalg.svd(X @ np.swapaxes(R, -1, -2), compute_uv=False)
         return np.asarray(side / sigma[:, 0])
@@ -185,12 +199,16 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
         beside = measure((here[:, None] + nudge).reshape(-1, n)).reshape(-1, n)
         slope = (beside - at[:, None]) / _DIFFERENCE  # (S, n)
         ahead = region.clip(here - _FEELER * slope * scale / _length(slope)[:, None])
-        down = (ahead - here) / (_FEELER * scale)  # the part of the way down that stays in Ω
+        down = (ahead - here) / (
+            _FEELER * scale
+        )  # the part of the way down that stays in Ω
         steepness = np.maximum(-np.sum(down * slope, axis=1) / _length(down), 1e-12)
         length = np.minimum(bound, 1.01 * at / steepness)
         return region.clip(here + (length / _length(down))[:, None] * down * scale)
 
-    def evaluate(rows: NDArray[np.intp], points: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def evaluate(
+        rows: NDArray[np.intp], points: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
         return measure(points), region.ratio(points) <= 1 + _EDGE
 
     descend_in_box(Q, value, trial, evaluate, _LENGTHS, enough=0.0)
@@ -198,7 +216,9 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
         ends = Q.copy()
         for _ in range(_NEWTON):
             step = measure.newton(ends, scale)
-            ends = region.clip(ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None])
+            ends = region.clip(
+                ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None]
+            )
             found = measure(ends)
             better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
             Q[better], value[better] = ends[better], found[better]
@@ -208,7 +228,9 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
     return Lowest(float(value[worst]), Q[worst], Q, value)
 
 
-def search(measure: Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
+def search(
+    measure: Measure, region: Region, Q: Array, values: Array | None = None
+) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
     Candidates are the configurations Q (K, n), with their values (K,) if known, and configurations
@@ -232,7 +254,9 @@ def _corners(region: Region, Q: Array) -> Array:
     """
     rng, start = np.random.default_rng(0), np.resize(Q, (_CORNERS, Q.shape[1]))
     way = 2 * rng.integers(2, size=start.shape) - 1
-    far = np.where(np.arange(_CORNERS) % 2, 0.1, 2.0)[:, None]  # a tube's edge may be near
+    far = np.where(np.arange(_CORNERS) % 2, 0.1, 2.0)[
+        :, None
+    ]  # a tube's edge may be near
     pushed = region.clip(start + far * way * region.bounds.half_width)
     return pushed[region.ratio(pushed) <= 1 + _EDGE]
 
@@ -264,7 +288,9 @@ def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
             return margin(Q) - SHRUNK_MARGIN
 
     share = np.linspace(0, 1, 65)[1:, None, None]
-    ray = (region.center + share * (bad[:256] - region.center)).reshape(-1, bad.shape[1])
+    ray = (region.center + share * (bad[:256] - region.center)).reshape(
+        -1, bad.shape[1]
+    )
     ratios = region.ratio(ray)[measure(ray) <= 0]
     high = min(1.0, float(ratios.min()) if len(ratios) else 1.0)
     low: float = 0.0

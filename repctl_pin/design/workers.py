@@ -90,7 +90,9 @@ def hand_out(
     ]
     if isinstance(executor, Executor):
         return InExecutor(pieces, executor, stream, tick)
-    if "distributed" in sys.modules and isinstance(executor, sys.modules["distributed"].Client):
+    if "distributed" in sys.modules and isinstance(
+        executor, sys.modules["distributed"].Client
+    ):
         return OnCluster(pieces, executor, stream, tick)
     raise InputError(
         "executor= takes a concurrent.futures Executor or a Dask Client, "
@@ -101,8 +103,15 @@ def hand_out(
 class InExecutor:
     """Batches that the workers of an executor build, evaluate and store."""
 
-    def __init__(self, pieces: list[Piece], executor: Executor, stream: bool, tick: Tick) -> None:
-        self._pieces, self._executor, self._stream, self._tick = pieces, executor, stream, tick
+    def __init__(
+        self, pieces: list[Piece], executor: Executor, stream: bool, tick: Tick
+    ) -> None:
+        self._pieces, self._executor, self._stream, self._tick = (
+            pieces,
+            executor,
+            stream,
+            tick,
+        )
         self._run = uuid.uuid4().hex
         self._owners: dict[str, list[int]] = {}
         self._passes = 0
@@ -110,15 +119,22 @@ class InExecutor:
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
         self._passes += 1
-        work, submit = partial(over, function=function, arguments=arguments), self._executor.submit
+        work, submit = (
+            partial(over, function=function, arguments=arguments),
+            self._executor.submit,
+        )
         found: dict[int, Sums] = {}
         key = self._run, self._passes
         self._collect(
-            [submit(_evaluate_held, key, self._owners, work) for _ in self._owners], found
+            [submit(_evaluate_held, key, self._owners, work) for _ in self._owners],
+            found,
         )
         left = [(i, piece) for i, piece in enumerate(self._pieces) if i not in found]
         self._collect(
-            [submit(_evaluate_piece, self._run, i, piece, self._stream, work) for i, piece in left],
+            [
+                submit(_evaluate_piece, self._run, i, piece, self._stream, work)
+                for i, piece in left
+            ],
             found,
         )
         return add(found[i] for i in range(len(self._pieces)))
@@ -135,7 +151,9 @@ class InExecutor:
                 found.update(parts)
                 if not self._stream:
                     held = {i for pieces in self._owners.values() for i in pieces}
-                    self._owners.setdefault(owner, []).extend(i for i in parts if i not in held)
+                    self._owners.setdefault(owner, []).extend(
+                        i for i in parts if i not in held
+                    )
                 self._tick(len(found) / len(self._pieces))
         finally:
             for future in futures:
@@ -145,16 +163,22 @@ class InExecutor:
 class OnCluster:
     """Batches that Dask workers build and evaluate; each stays, as a future, on its worker."""
 
-    def __init__(self, pieces: list[Piece], client: Client, stream: bool, tick: Tick) -> None:
+    def __init__(
+        self, pieces: list[Piece], client: Client, stream: bool, tick: Tick
+    ) -> None:
         self._client, self._tick = client, tick
         self._batches: list[Any] = (
-            pieces if stream else [client.submit(list, piece, pure=False) for piece in pieces]
+            pieces
+            if stream
+            else [client.submit(list, piece, pure=False) for piece in pieces]
         )
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
         work = partial(over, function=function, arguments=arguments)
-        futures = [self._client.submit(work, batches, pure=False) for batches in self._batches]
+        futures = [
+            self._client.submit(work, batches, pure=False) for batches in self._batches
+        ]
         parts: list[Sums] = []
         try:
             for future in futures:
@@ -174,7 +198,9 @@ class OnCluster:
 # ------------------------------------------------------------------------
 
 
-def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Work) -> Answer:
+def _evaluate_piece(
+    run: str, number: int, piece: Piece, stream: bool, work: Work
+) -> Answer:
     """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set."""
     if stream:
         return _me(), {number: work(piece)}
@@ -185,7 +211,9 @@ def _evaluate_piece(run: str, number: int, piece: Piece, stream: bool, work: Wor
     return _me(), {number: work(_held.batches[number])}
 
 
-def _evaluate_held(key: tuple[str, int], owners: dict[str, list[int]], work: Work) -> Answer:
+def _evaluate_held(
+    key: tuple[str, int], owners: dict[str, list[int]], work: Work
+) -> Answer:
     """Evaluate the chunks that this worker stores and owns, once per sum.
 
     ``key`` is the identifier of the fit and the number of the sum. A second call for the same sum

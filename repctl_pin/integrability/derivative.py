@@ -67,7 +67,9 @@ def derivative(strategy: Inverse, Q: Array) -> Derivative:
     """
     require_inverse(strategy)
     J, L = strategy.task.jacobians(Q), joint_scale(strategy.task, Q[0])[:, None]
-    dG, error = differentiate(lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q))
+    dG, error = differentiate(
+        lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q)
+    )
     dG *= L[..., None]
     return Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
 
@@ -77,7 +79,9 @@ def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
     J = strategy.task.jacobians(Q)
     dG = pseudoinverse_derivative(J, strategy.task.hessians(Q))
     G = strategy.batch(Q, J)
-    return Derivative(J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True)
+    return Derivative(
+        J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True
+    )
 
 
 @derivative.register
@@ -95,7 +99,9 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     )  # (K, n, n, n)
     dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
     J_V = np.concatenate([J, np.swapaxes(potentials.gradients(Q), 1, 2)], axis=1)
-    return Derivative(J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True)
+    return Derivative(
+        J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True
+    )
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
@@ -183,15 +189,23 @@ def differentiate(
         )  # noise can make an error estimate slightly too small
         slope[open_rows[row], ..., joint] = found[row, ..., joint]
         error[open_rows[row], joint] = doubt[row, joint]
-        size = np.abs(slope[open_rows]).reshape(len(open_rows), -1).max(axis=1, initial=0.0)
-        open_rows = open_rows[error[open_rows].max(axis=1, initial=0.0) > _ENOUGH * size]
+        size = (
+            np.abs(slope[open_rows])
+            .reshape(len(open_rows), -1)
+            .max(axis=1, initial=0.0)
+        )
+        open_rows = open_rows[
+            error[open_rows].max(axis=1, initial=0.0) > _ENOUGH * size
+        ]
         if not len(open_rows):
             break
     assert slope is not None
     return slope, error
 
 
-def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
+def _extrapolate(
+    function: Callable[[Array], Array], Q: Array, first: Array
+) -> tuple[Array, Array]:
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)
     moves = steps[..., None] * np.eye(n)
@@ -201,7 +215,8 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
     shape = values.shape[1:]
     values = values.reshape(K, 2, _LEVELS, n, -1)
     rows = [
-        (values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None]) for j in range(_LEVELS)
+        (values[:, 0, j] - values[:, 1, j]) / (2 * steps[:, j, :, None])
+        for j in range(_LEVELS)
     ]  # (K, n, size)
 
     best, error, level = rows[-1], np.full((K, n), np.inf), np.zeros((K, n), int)
@@ -218,8 +233,14 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
             current.append(entry)
         table.append(current)
     # The two shortest steps differ almost only by noise; longer steps reduce it in proportion.
-    last, before = (np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1])
+    last, before = (
+        np.abs(row[3] - best).max(-1, initial=0.0) for row in table[-2:][::-1]
+    )
     noise = np.maximum(last, before / 2) * 2.0 ** (level - _LEVELS + 1)
-    rounding = np.finfo(float).eps * np.abs(values).max(axis=(1, 2, 4), initial=0.0) / steps[:, -1]
+    rounding = (
+        np.finfo(float).eps
+        * np.abs(values).max(axis=(1, 2, 4), initial=0.0)
+        / steps[:, -1]
+    )
     slope = np.moveaxis(best, 1, -1).reshape(K, *shape, n)
     return slope, np.maximum(error, 4 * noise) + rounding

@@ -64,8 +64,12 @@ def curl_form(G: Array, dG: Array) -> Array:
     g1, g2 = np.moveaxis(G, -1, 0)
     d1, d2 = np.moveaxis(np.moveaxis(dG, -1, -3), -1, 0)  # (..., k, 3): ∂g/∂q_k
     n_G = np.cross(g1, g2)
-    dn = np.cross(d1, g2[..., None, :]) + np.cross(g1[..., None, :], d2)  # [..., k, i] = ∂n_i/∂q_k
-    curl = np.stack([dn[..., k, i] - dn[..., i, k] for k, i in ((1, 2), (2, 0), (0, 1))], axis=-1)
+    dn = np.cross(d1, g2[..., None, :]) + np.cross(
+        g1[..., None, :], d2
+    )  # [..., k, i] = ∂n_i/∂q_k
+    curl = np.stack(
+        [dn[..., k, i] - dn[..., i, k] for k, i in ((1, 2), (2, 0), (0, 1))], axis=-1
+    )
     return np.sum(n_G * curl, axis=-1)
 
 
@@ -115,7 +119,9 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     L = joint_scale(strategy.task, Q[0])
     delta = defects(found.J, found.G, found.dG)
     basis, R = np.linalg.qr(found.G / L[:, None])
-    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[:, None]  # positive diagonal of R: smooth in q
+    sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[
+        :, None
+    ]  # positive diagonal of R: smooth in q
     basis, R = basis * sign, R * np.swapaxes(sign, 1, 2)
     R_inv = np.linalg.inv(R)
     relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, delta, optimize=True) / L
@@ -128,7 +134,9 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     along = np.einsum("Kk,Kkc->Kc", found.error * L, np.abs(basis))
     spread = np.abs(R_inv).sum(axis=1)
     pairs = along[:, :, None] * spread[:, None, :]
-    error = size * np.sqrt(np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2)
+    error = size * np.sqrt(
+        np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2
+    )
     return Defects(delta, relative, error, found.exact, found.J, found.G)
 
 
@@ -207,7 +215,9 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
            [0.0147, 0.    ]])
     """
     k = min(3, require_inverse(strategy).task.m)
-    return np.linalg.norm(measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1)
+    return np.linalg.norm(
+        measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1
+    )
 
 
 def _one(strategy: Inverse, q: ArrayLike) -> Array:

@@ -25,7 +25,9 @@ from .repeatability import points_of
 STABLE, CANDIDATE, SINGULAR = "stable", "candidate", "singular"
 
 _ON_SURFACE = 1e-11  # ‖s‖ that counts as 0 if the derivative is exact
-_RANK = 1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
+_RANK = (
+    1e-5  # singular values of ∂s/∂q below this share of the largest are dependent rows
+)
 _MAX_STEPS = 60
 _LONGEST_STEP = 0.3  # of Newton's method, rad
 _SINGULAR = 1e-3  # σ_min / σ_max of J below which a configuration counts as singular
@@ -107,10 +109,17 @@ def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     dependent, because each defect lies in the null space of J; the search accounts for that.
     """
     found, task = measure(strategy, Q), strategy.task
-    B = found.G @ found.J @ np.swapaxes(found.J, 1, 2) / joint_scale(task, Q[0])[:, None]
+    B = (
+        found.G
+        @ found.J
+        @ np.swapaxes(found.J, 1, 2)
+        / joint_scale(task, Q[0])[:, None]
+    )
     size = np.linalg.det(np.swapaxes(B, 1, 2) @ B)
     a, b = np.triu_indices(task.m, 1)
-    return size[:, None] * found.relative[:, a, b].reshape(len(Q), -1), size * found.error
+    return size[:, None] * found.relative[:, a, b].reshape(
+        len(Q), -1
+    ), size * found.error
 
 
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
@@ -122,7 +131,11 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
     unit = 1.0
     if regular.any():
         unit = (
-            float(np.median(np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1)))
+            float(
+                np.median(
+                    np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1)
+                )
+            )
             or 1.0
         )
 
@@ -224,7 +237,9 @@ def stable_surface(
     return Surfaces(points, kind, rate, tolerance, residual)
 
 
-def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> tuple[Array, Array]:
+def _search(
+    strategy: Inverse, function: Surface, region: Region, Q: Array
+) -> tuple[Array, Array]:
     """Move start points Q (K, n) to s = 0 by Gauss–Newton.
 
     Returns the points reached on s = 0, and the points at which J became singular; both only inside
@@ -253,7 +268,9 @@ def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> t
         # The best of five lengths; if none improves s, the point is a local minimum above 0.
         lengths = 0.5 ** np.arange(5)
         trials = Q[:, None] + lengths[:, None] * step[:, None]  # (K, 5, n)
-        norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(len(Q), -1)
+        norms = _norms(strategy, function, trials.reshape(-1, task.n)).reshape(
+            len(Q), -1
+        )
         best = norms.argmin(axis=1)
         improved = norms[np.arange(len(Q)), best] < size
         Q = trials[np.arange(len(Q)), best][improved]
@@ -261,15 +278,21 @@ def _search(strategy: Inverse, function: Surface, region: Region, Q: Array) -> t
         np.vstack([np.empty((0, task.n)), *found]),
         np.vstack([np.empty((0, task.n)), *singular]),
     )
-    return points[region.ratio(points) <= 1 + 1e-9], stuck[region.ratio(stuck) <= 1 + 1e-9]
+    return points[region.ratio(points) <= 1 + 1e-9], stuck[
+        region.ratio(stuck) <= 1 + 1e-9
+    ]
 
 
-def _newton_step(strategy: Inverse, function: Surface, Q: Array, s: Array, L: Array) -> Array:
+def _newton_step(
+    strategy: Inverse, function: Surface, Q: Array, s: Array, L: Array
+) -> Array:
     """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long."""
     K, n = Q.shape
     h = 1e-4
     moves = h * np.diag(L)
-    near = np.concatenate([Q[:, None] + moves, Q[:, None] - moves], axis=1)  # (K, 2 n, n)
+    near = np.concatenate(
+        [Q[:, None] + moves, Q[:, None] - moves], axis=1
+    )  # (K, 2 n, n)
     values = function(near.reshape(-1, n))[0].reshape(K, 2, n, -1, n)
     slope = (values[:, 0] - values[:, 1]) / (2 * h)  # (K, n, pairs, n), in units of L
     # s = N σ rotates with the null space; only a change of σ reduces it to 0.
@@ -337,11 +360,15 @@ def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]
             k4 = velocity(p + step * k3)
             P[free] = p + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             way[free] += 1 / _WALK_STEPS
-        largest = np.maximum(largest, np.where(way > 0, _norms(strategy, function, P), 0.0))
+        largest = np.maximum(
+            largest, np.where(way > 0, _norms(strategy, function, P), 0.0)
+        )
         least = np.minimum(least, way)
     return largest, least
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
     """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units."""
-    return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))
+    return inverse_condition_number(
+        strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0])
+    )

@@ -83,11 +83,17 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
             _, size, count = state
             return (size > exact) & (count < _ITERATIONS)
 
-        def newton(state: tuple[Numbers, Numbers, Numbers]) -> tuple[Numbers, Numbers, Numbers]:
+        def newton(
+            state: tuple[Numbers, Numbers, Numbers],
+        ) -> tuple[Numbers, Numbers, Numbers]:
             q, _, count = state
             dq = jnp.linalg.solve(*system(x, c, q, (q_ref, n_ref)))
             size = jnp.abs(dq).max()
-            return q + dq * jnp.minimum(1.0, _STEP / jnp.maximum(size, exact)), size, count + 1
+            return (
+                q + dq * jnp.minimum(1.0, _STEP / jnp.maximum(size, exact)),
+                size,
+                count + 1,
+            )
 
         first = (q_ref + n_ref @ c, jnp.asarray(jnp.inf, x.dtype), 0)
         q, size, _ = jax.lax.while_loop(unfinished, newton, first)
@@ -107,7 +113,11 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 
     def function(x: Numbers, leaf: Numbers | None = None) -> Numbers:
         x = _pose(x)
-        c = jnp.zeros(r, x.dtype) if leaf is None else jnp.asarray(leaf, x.dtype).reshape(r)
+        c = (
+            jnp.zeros(r, x.dtype)
+            if leaf is None
+            else jnp.asarray(leaf, x.dtype).reshape(r)
+        )
         q = solution(x, c)
         good = inside(F.cell, x)
         if F.keep_limits:
@@ -145,7 +155,9 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
         q_ref, n_ref = reference(x)
         away = q - q_ref
         for joint in turning:  # whole turns do not count
-            away = away.at[joint].add(-2 * jnp.pi * jnp.rint(away[joint] / (2 * jnp.pi)))
+            away = away.at[joint].add(
+                -2 * jnp.pi * jnp.rint(away[joint] / (2 * jnp.pi))
+            )
         return x, jnp.where(inside(F.cell, x), n_ref.T @ away, jnp.nan)
 
     return jax.jit(back)
@@ -160,11 +172,15 @@ def _removed(F: InverseFunction) -> tuple[Symmetry, ...]:
 def _pose(x: Numbers) -> Numbers:
     x = jnp.asarray(x)
     if x.shape != (4, 4):
-        raise InputError(f"a pose is a homogeneous matrix (4, 4); got an array of shape {x.shape}")
+        raise InputError(
+            f"a pose is a homogeneous matrix (4, 4); got an array of shape {x.shape}"
+        )
     return x if jnp.issubdtype(x.dtype, jnp.floating) else x.astype(float)
 
 
-def _kinematics(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
+def _kinematics(
+    F: InverseFunction,
+) -> Callable[[Numbers], tuple[Numbers, Numbers, Numbers]]:
     """Create the function from q (n,) to p (3,) and R (3, 3) of the frame, and J (m, n)."""
     chain, task = chain_of(F.task), F.task
     S, turns = chain.S[:, : task.n], chain.revolute[:, None]
@@ -200,14 +216,17 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
     """
     monomials, C = F.chart.monomials, np.asarray(F.chart.coefficients)
     blocks = [
-        slice(*pair) for pair in zip(monomials.starts[1:], monomials.starts[2:], strict=False)
+        slice(*pair)
+        for pair in zip(monomials.starts[1:], monomials.starts[2:], strict=False)
     ]
 
     def reference(x: Numbers) -> tuple[Numbers, Numbers]:
         u = coordinates(F.chart.cell, x)
         T = jnp.ones(1, u.dtype)
         for block in blocks:  # u^α = u^α[parent] · u[variable], degree by degree
-            T = jnp.concatenate([T, T[monomials.parent[block]] * u[monomials.variable[block]]])
+            T = jnp.concatenate(
+                [T, T[monomials.parent[block]] * u[monomials.variable[block]]]
+            )
         both = jnp.tensordot(T, jnp.asarray(C, u.dtype), axes=1)
         return both[:, 0] + shift(F.chart.cell, x), both[:, 1:]
 

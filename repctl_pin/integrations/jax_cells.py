@@ -21,13 +21,18 @@ def coordinates(cell: Cell, x: Numbers) -> Numbers:
 def inside(cell: Cell, x: Numbers) -> Numbers:
     """Test whether a pose lies in a cell, which must have all its coordinates (``cell.whole``)."""
     y, held, most = measured(cell, x), np.flatnonzero(cell.widths == 0), cell._bounds
-    near = jnp.abs(coordinates(cell, x)) <= jnp.asarray(most + max(EDGE, 8 * eps(x)), x.dtype)
+    near = jnp.abs(coordinates(cell, x)) <= jnp.asarray(
+        most + max(EDGE, 8 * eps(x)), x.dtype
+    )
     return near.all() & (jnp.abs(y[held]) <= max(TURNED, 8 * eps(x))).all()
 
 
 def shift(cell: Cell, x: Numbers) -> Numbers:
     """Evaluate the joint angles (n,) that symmetries of the arm add to q_ref at a pose."""
-    return jnp.asarray(cell.along, x.dtype) @ measured(cell, x)[np.array(cell._removed, int)]
+    return (
+        jnp.asarray(cell.along, x.dtype)
+        @ measured(cell, x)[np.array(cell._removed, int)]
+    )
 
 
 def eps(x: Numbers) -> float:
@@ -64,7 +69,9 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
         return y
     c, s = jnp.cos(angle), jnp.sin(angle)
     one, none = jnp.ones_like(c), jnp.zeros_like(c)
-    back = jnp.stack([c, s, none, -s, c, none, none, none, one]).reshape(3, 3)  # R_a(-φ)
+    back = jnp.stack([c, s, none, -s, c, none, none, none, one]).reshape(
+        3, 3
+    )  # R_a(-φ)
     R_0 = jnp.asarray(sector.placement.rotation, x.dtype)
     turned = R_0.T @ B.T @ back @ B @ x[:3, :3]
     t = tilts(jnp.eye(3, dtype=x.dtype), turned)

@@ -81,7 +81,10 @@ class JointReadings:
 
 
 def target_of(
-    position: Sequence[float], quaternion: Sequence[float], task: Task, cell: Cell | None
+    position: Sequence[float],
+    quaternion: Sequence[float],
+    task: Task,
+    cell: Cell | None,
 ) -> pin.SE3:
     """Convert a target to a placement: position (x, y, z), m, and quaternion (x, y, z, w).
 

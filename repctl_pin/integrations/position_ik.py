@@ -59,7 +59,9 @@ def _solved(
     p, x = request.pose_stamped.pose.position, request.pose_stamped.pose.orientation
     try:
         target = target_of((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), F.task, F.cell)
-        q = InverseFunction(F.chart)(target, leaf=leaf)  # which refuses joints beyond a limit
+        q = InverseFunction(F.chart)(
+            target, leaf=leaf
+        )  # which refuses joints beyond a limit
     except InputError:
         return None, NO_SOLUTION
     if request.avoid_collisions and bodies_of(F.task).nearest(q).distance < 0:

@@ -30,6 +30,7 @@ from ..arguments import Array
 from ..design.design_result import Design
 from ..errors import InputError
 from ..inverse_function import CellDesign, InverseFunction
+from ..motion.limits import Limits
 from .position_ik import answer
 from .servo import Servo, State
 
@@ -68,15 +69,16 @@ class ArmNode(Node):
         self.servo = Servo(
             design,
             self._declared("rate", 100.0),
-            acceleration=self._acceleration(),
-            jerk=self._declared("jerk"),
+            Limits(acceleration=self._acceleration(), jerk=self._declared("jerk")),
             timeout=self._declared("timeout", 0.1),
             tolerance=self._declared("tolerance", 0.2),
         )
         self._names = self._joint_names()
         self._output = self._declared("output", "trajectory")
         if self._output not in _OUTPUTS:
-            raise InputError(f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}")
+            raise InputError(
+                f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}"
+            )
         self._connect()
         if isinstance(design, CellDesign):
             self._offer_ik(design.function)
@@ -87,9 +89,13 @@ class ArmNode(Node):
         """Create publishers, subscriptions, services and timers."""
         newest = QoSProfile(depth=1)
         if self._output == "trajectory":
-            self._commands = self.create_publisher(JointTrajectory, "joint_trajectory", newest)
+            self._commands = self.create_publisher(
+                JointTrajectory, "joint_trajectory", newest
+            )
         else:
-            self._commands = self.create_publisher(Float64MultiArray, "commands", newest)
+            self._commands = self.create_publisher(
+                Float64MultiArray, "commands", newest
+            )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(PoseStamped, "target_pose", self._on_pose, newest)
         self.create_subscription(TwistStamped, "target_twist", self._on_twist, newest)
@@ -123,7 +129,11 @@ class ArmNode(Node):
     def _declared(self, name: str, default: Any = None) -> Any:
         """Declare a parameter and return its value; arrays become lists."""
         value = self.declare_parameter(name, default, _ANY).value
-        return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+        return (
+            list(value)
+            if hasattr(value, "__len__") and not isinstance(value, str)
+            else value
+        )
 
     def _acceleration(self) -> ArrayLike | str:
         """Read the acceleration limits, a required parameter because a URDF has none."""
@@ -141,7 +151,9 @@ class ArmNode(Node):
         own = self.servo.task.joint_names
         given = self._declared("joints", list(own))
         if len(given) != len(own) or len(set(given)) != len(own):
-            raise InputError(f"parameter joints must be {len(own)} names, for {', '.join(own)}")
+            raise InputError(
+                f"parameter joints must be {len(own)} names, for {', '.join(own)}"
+            )
         return dict(zip(given, own, strict=True))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
@@ -182,7 +194,9 @@ class ArmNode(Node):
     def _on_twist(self, message: TwistStamped) -> None:
         v, w = message.twist.linear, message.twist.angular
         frame, age = message.header.frame_id, self._age(message.header.stamp)
-        self.servo.twist((v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age)
+        self.servo.twist(
+            (v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age
+        )
 
     def _on_joints(self, message: JointState) -> None:
         pairs = zip(message.name, message.position, strict=False)
@@ -200,7 +214,9 @@ class ArmNode(Node):
     def _answered(self, response: Any) -> Any:
         """Fill in a service's response with the state of the servo."""
         response.success = True
-        response.message = ": ".join(filter(None, [self.servo.state.value, self.servo.reason]))
+        response.message = ": ".join(
+            filter(None, [self.servo.state.value, self.servo.reason])
+        )
         return response
 
     # ---- commands and status -------------------------------------------------------------------
@@ -218,7 +234,9 @@ class ArmNode(Node):
         # no velocities: trajectory controllers refuse a last point that is not at rest
         due = Duration(seconds=self.servo.dt).to_msg()
         point = JointTrajectoryPoint(positions=q.tolist(), time_from_start=due)
-        self._commands.publish(JointTrajectory(joint_names=list(self._names), points=[point]))
+        self._commands.publish(
+            JointTrajectory(joint_names=list(self._names), points=[point])
+        )
 
     def publish_status(self) -> None:
         """Publish the servo's state on ``/diagnostics``, and log it when it changes."""
@@ -232,7 +250,9 @@ class ArmNode(Node):
         values["leaf"] = "" if leaf is None else " ".join(f"{c:.9g}" for c in leaf)
         status = DiagnosticStatus(level=level, name="repctl: arm", message=said)
         status.hardware_id = servo.task.robot.name
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        status.values = [
+            KeyValue(key=key, value=value) for key, value in values.items()
+        ]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -247,7 +267,9 @@ class ArmNode(Node):
             time.sleep(self.servo.dt)
 
 
-def spin(design: Design | CellDesign, arguments: Sequence[str], stop: threading.Event) -> None:
+def spin(
+    design: Design | CellDesign, arguments: Sequence[str], stop: threading.Event
+) -> None:
     """Run the node until an event is set, then brake to rest and return.
 
     Parameters

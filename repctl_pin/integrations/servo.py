@@ -16,8 +16,8 @@ from ..design.design_result import Design
 from ..errors import InputError, SingularityError
 from ..inverse_function.cell_design import CellDesign
 from ..motion.leaf_change import leaf_change
+from ..motion.limits import Limits, joint_limits
 from ..motion.status import Status
-from ..motion.timing import limits_of
 from .messages import SAME, JointReadings, target_of
 
 _LEAF = 1e-9
@@ -52,8 +52,8 @@ class Servo:
         Design of a repeatable inverse, or of a cell's function.
     rate
         Ticks per second, 1/s.
-    acceleration, jerk
-        Acceleration and jerk limits, as for :class:`Governor`, which runs in C.
+    limits
+        Limits of acceleration, speed and jerk, as for :class:`Governor`, which runs in C.
     timeout
         Maximum age of measured joints, of a target and of a twist, s.
     tolerance
@@ -65,9 +65,8 @@ class Servo:
         self,
         design: Design | CellDesign,
         rate: float,
+        limits: Limits,
         *,
-        acceleration: ArrayLike | str,
-        jerk: ArrayLike | str | None = None,
         timeout: float = 0.1,
         tolerance: float = 0.2,
     ) -> None:
@@ -75,13 +74,21 @@ class Servo:
         self.timeout = positive(timeout, "timeout", "s")
         self.tolerance = positive(tolerance, "tolerance", "rad (m)")
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
-        inverse = design.function.inverse if isinstance(design, CellDesign) else design.inverse
+        inverse = (
+            design.function.inverse
+            if isinstance(design, CellDesign)
+            else design.inverse
+        )
         self._inverse, self.task = compiled(inverse), inverse.task
-        self._governor = CompiledGovernor(inverse, self.dt, acceleration=acceleration, jerk=jerk)
-        self._limits = limits_of(self.task, None, acceleration, jerk=jerk)
+        self._governor = CompiledGovernor(inverse, self.dt, limits)
+        self._limits = joint_limits(self.task, limits)
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name
-        self.state, self.reason, self.status = State.WAITING, "no joint states yet", Status.OK
+        self.state, self.reason, self.status = (
+            State.WAITING,
+            "no joint states yet",
+            Status.OK,
+        )
         self._readings = JointReadings(self.task.joint_names)
         self._commands: list[Array] = []
         self._leaf: Array | None = None
@@ -152,7 +159,9 @@ class Servo:
         self._held = ""
         self._forget()
         if self.state is State.HOLDING:
-            self.state = State.WAITING if self._fault and self.at_rest else State.RUNNING
+            self.state = (
+                State.WAITING if self._fault and self.at_rest else State.RUNNING
+            )
             self.reason = ""
 
     # ---- ticks ---------------------------------------------------------------------------------
@@ -192,12 +201,21 @@ class Servo:
     def at_rest(self) -> bool:
         """True if the last four commands are equal, and no part of a self-motion is left."""
         last = self._commands
-        return len(last) == _REST and all((q == last[0]).all() for q in last) and not self._piece
+        return (
+            len(last) == _REST
+            and all((q == last[0]).all() for q in last)
+            and not self._piece
+        )
 
     @property
     def stopped_early(self) -> bool:
         """True if the governor stops before the target: at a limit, singularity or edge of Ω."""
-        return self.status in (Status.SINGULAR, Status.OUTSIDE, Status.LIMIT, Status.BAD_NUMBER)
+        return self.status in (
+            Status.SINGULAR,
+            Status.OUTSIDE,
+            Status.LIMIT,
+            Status.BAD_NUMBER,
+        )
 
     @property
     def command(self) -> Array | None:
@@ -226,7 +244,9 @@ class Servo:
 
     def _moving_asked(self) -> bool:
         """Test whether the arm is running and has a target or a twist to follow."""
-        return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
+        return self.state is State.RUNNING and (
+            self._target is not None or self._twist is not None
+        )
 
     def _to_leaf(self, leaf: Array) -> None:
         """Plan the next part of the self-motion to the level c, once the arm is at rest.
@@ -240,7 +260,9 @@ class Servo:
             if np.abs(self._inverse.leaf(q) - leaf).max() <= _LEAF:
                 self._leaf = None
             else:
-                self._piece = list(leaf_change(self._inverse, q, leaf, self._limits, self.dt))
+                self._piece = list(
+                    leaf_change(self._inverse, q, leaf, self._limits, self.dt)
+                )
         except (InputError, SingularityError) as error:
             self._leaf = None
             self._stop(f"leaf refused: {error}")
@@ -266,15 +288,24 @@ class Servo:
         Returns True if no command may be sent: the arm did not follow, and the commands are at
         rest.
         """
-        off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
+        off = (
+            np.abs(q - self._commands[-1]) - age * self._limits.velocity
+        )  # moved since measured
         if off.max() > self.tolerance and not self._fault:
             j = int(np.argmax(off))
             self._fault = True
-            name, unit = self.task.joint_names[j], "rad" if self.task.revolute[j] else "m"
+            name, unit = (
+                self.task.joint_names[j],
+                "rad" if self.task.revolute[j] else "m",
+            )
             away = abs(float(q[j] - self._commands[-1][j]))
-            self._stop(f"the arm does not follow: {name} is {away:.3g} {unit} from its command")
+            self._stop(
+                f"the arm does not follow: {name} is {away:.3g} {unit} from its command"
+            )
         if self._fault and self.at_rest and not self._held:
-            self.state = State.WAITING  # resumed: the next tick begins at the measured joints
+            self.state = (
+                State.WAITING
+            )  # resumed: the next tick begins at the measured joints
         return self._fault and self.at_rest
 
     # ---- what messages say ---------------------------------------------------------------------
@@ -285,7 +316,9 @@ class Servo:
         A message in another frame or late also stops the arm.
         """
         if frame not in ("", self.base):
-            self._refuse(f"{what} refused: it is in frame {frame!r}, not in {self.base!r}")
+            self._refuse(
+                f"{what} refused: it is in frame {frame!r}, not in {self.base!r}"
+            )
         elif not abs(age) <= self.timeout:
             self._refuse(f"{what} refused: its stamp is {age:.3g} s before this clock")
         elif self.state is State.RUNNING:

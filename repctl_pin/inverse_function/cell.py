@@ -22,6 +22,7 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
+from ..regions.sobol import scrambled_points
 from ..robot.chain_formulas import Placement, as_placement, as_placements
 from ..robot.task import Task, require_task
 from .cell_arguments import LEAST_WIDTH, as_middle, sizes, stacked
@@ -98,7 +99,11 @@ class Cell:
         positions = min(3, task.m)
         turns = task.m - positions
         w = sizes(
-            half_width, positions, "half_width", "m", "one per position that the task commands"
+            half_width,
+            positions,
+            "half_width",
+            "m",
+            "one per position that the task commands",
         )
         theta = sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
         if not turns and theta.any():
@@ -115,7 +120,9 @@ class Cell:
             )
         widths = np.concatenate([w, theta[:turns]])
         if not widths.any():
-            raise InputError("a cell needs at least one half_width or half_angle above 0")
+            raise InputError(
+                "a cell needs at least one half_width or half_angle above 0"
+            )
         freeze(self, task=task, placement=as_middle(task, placement), widths=widths)
 
     @classmethod
@@ -153,12 +160,20 @@ class Cell:
         if turns:  # again, with the orientation in the middle of all of them
             y = unit._measured(p, R)[:, positions:]
             mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
-            unit = cls(task, pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation), 1.0, 0.1)
+            unit = cls(
+                task,
+                pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation),
+                1.0,
+                0.1,
+            )
         reach = np.abs(unit._measured(p, R)).max(axis=0)
         reach[reach < LEAST_WIDTH] = 0.0
-        more = sizes(margin, positions, "margin", "m", "one per position that the task commands")
+        more = sizes(
+            margin, positions, "margin", "m", "one per position that the task commands"
+        )
         turn = (
-            reach[positions:] + sizes(half_angle, turns, "half_angle", "rad", "one per axis")
+            reach[positions:]
+            + sizes(half_angle, turns, "half_angle", "rad", "one per axis")
             if turns
             else half_angle
         )
@@ -209,7 +224,9 @@ class Cell:
 
     def at(self, u: ArrayLike) -> pin.SE3:
         """Convert coordinates u (k,) to a placement."""
-        p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
+        p, R = self.placements(
+            vector(u, self.k, "u", "one per coordinate of the cell")[None]
+        )
         return pin.SE3(R[0].copy(), p[0])
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
@@ -241,7 +258,9 @@ class Cell:
             If the placement lies outside; the message names the coordinate and its value.
         """
         target = as_placement(target)
-        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
+        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[
+            0
+        ]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
         """Test whether placements lie in the cell, (K,), given the result (U, off) of
@@ -258,7 +277,9 @@ class Cell:
         InputError
             If a placement lies outside; the message names it by its number.
         """
-        U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
+        U, off = as_matrices(
+            ("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False
+        )
         bad = ~self._contains(U, off)
         if not bad.any():
             return U
@@ -349,7 +370,9 @@ class Cell:
             Actual rotations of the frame. For an axis task they may differ from those of
             :meth:`placements` by a rotation about the tool's axis.
         """
-        U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
+        U, R = as_matrices(
+            ("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False
+        )
         E = self._all_twists(self.spread(U), R)
         return np.concatenate(
             [E[:, :, self._active] * self._active_widths, E[:, :, self._removed]], 2
@@ -363,7 +386,10 @@ class Cell:
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
         inverse = np.linalg.inv(self._all_twists(Y, R))
-        slopes = [inverse[:, on] / self._active_widths[:, None], inverse[:, self._removed]]
+        slopes = [
+            inverse[:, on] / self._active_widths[:, None],
+            inverse[:, self._removed],
+        ]
         return Y[:, on] / self._active_widths, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
@@ -376,7 +402,9 @@ class Cell:
         s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
         return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
 
-    def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
+    def errors(
+        self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike
+    ) -> Array:
         """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`."""
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),
@@ -400,14 +428,15 @@ class Cell:
         """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
         count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
         power = int(np.ceil(np.log2(max(count, 2))))
-        from scipy.stats import qmc  # slow to import
-
-        return 2 * qmc.Sobol(self.k, seed=seed).random_base2(power)[:count] - 1
+        random = np.random.default_rng(seed)
+        return 2 * scrambled_points(self.k, power, random)[:count] - 1
 
     def corners(self) -> Array:
         """Return the coordinates (K, k) of the corners of the box, and its face centres."""
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
-        return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
+        return np.concatenate(
+            [np.array(list(product((-1.0, 1.0), repeat=self.k))), faces]
+        )
 
     # ---- words
     # -------------------------------------------------------------------------------------
@@ -416,7 +445,9 @@ class Cell:
     def names(self) -> tuple[str, ...]:
         """Name of each of the k coordinates u: ``x``, ``y``, ``z``, and rotations ``about x`` …"""
         return tuple(
-            name for name, on in zip(self.coordinate_names, self._active, strict=True) if on
+            name
+            for name, on in zip(self.coordinate_names, self._active, strict=True)
+            if on
         )
 
     @property
@@ -434,7 +465,9 @@ class Cell:
     def units(self) -> tuple[str, ...]:
         """Unit of each of the k coordinates u, m or rad."""
         return tuple(
-            unit for unit, on in zip(self.coordinate_units, self._active, strict=True) if on
+            unit
+            for unit, on in zip(self.coordinate_units, self._active, strict=True)
+            if on
         )
 
     @property
@@ -469,7 +502,9 @@ class Cell:
 
     def __repr__(self) -> str:
         middle = self.where(np.zeros(self.k))
-        return f"<Cell {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
+        return (
+            f"<Cell {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
+        )
 
     # ---- inside
     # ------------------------------------------------------------------------------------
@@ -516,7 +551,9 @@ class Cell:
         """
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
-        Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
+        Y[:, :positions] = (p - self.placement.translation)[
+            :, self.task.rows[:positions]
+        ]
         R_0 = self.placement.rotation
         if self.task.kind == "pose":
             Y[:, 3:] = log3(R @ R_0.T)
@@ -531,19 +568,25 @@ class Cell:
         of the middle placement, (K, 2), for an axis task.
         """
         (turns,) = as_matrices(
-            ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False
+            ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"),
+            exact=True,
+            finite=False,
         )
-        return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
+        return (
+            turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
+        )
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
-        """Evaluate the task velocity per m or rad of each of the m task coordinates: (K, m, m).
+        """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
 
         Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame.
         """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":
             return T[:, self.task.rows]
-        return np.concatenate([T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1)
+        return np.concatenate(
+            [T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1
+        )
 
     def _frame_twists(self, Y: ArrayLike) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
@@ -553,6 +596,10 @@ class Cell:
         T = np.zeros((len(Y), 6, self.task.m))
         T[:, self.task.rows[:positions], np.arange(positions)] = 1.0
         if len(self.rotation):
-            turn = np.eye(3) if self.task.kind == "pose" else self.placement.rotation[:, :2]
+            turn = (
+                np.eye(3)
+                if self.task.kind == "pose"
+                else self.placement.rotation[:, :2]
+            )
             T[:, 3:, 3:] = left_jacobian(Y[:, 3:] @ turn.T) @ turn
         return T

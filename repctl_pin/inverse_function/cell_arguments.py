@@ -17,7 +17,9 @@ LEAST_WIDTH, _MOST_WIDTH = 1e-6, 1e3
 """Smallest and largest half-width, m or rad, of a coordinate whose half-width is not 0."""
 
 
-def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array, Array]:
+def stacked(
+    task: Task, placements: Sequence[pin.SE3], name: str
+) -> tuple[Array, Array]:
     """Convert placements to arrays of positions (K, 3) and rotation matrices (K, 3, 3).
 
     The rotations are checked if the task commands a rotation. Error messages call a placement by
@@ -58,7 +60,8 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
     except (TypeError, ValueError, OverflowError):
         raise InputError(
-            f"must be one number in {unit} or {size}, {each}; got {shown(value)}", argument=name
+            f"must be one number in {unit} or {size}, {each}; got {shown(value)}",
+            argument=name,
         ) from None
     if not (np.isfinite(array).all() and (array >= 0).all()):
         raise InputError(f"must be 0 {unit} or more; got {value!r}", argument=name)

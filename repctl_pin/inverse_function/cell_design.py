@@ -75,14 +75,20 @@ class CellDesign:
     proof: Proof | None = None
 
     @classmethod
-    def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
+    def of(
+        cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any
+    ) -> CellDesign:
         """Make a design from a chart, whose function is s = 0, and its evaluation.
 
         ``how`` are the other attributes of the design.
         """
-        middle = chart.solve(np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r)))
+        middle = chart.solve(
+            np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r))
+        )
         ends = isinstance(chart.cell, Sector) and chart.cell.free
-        function = InverseFunction(chart, keep_limits=bool(ends) or not evaluation.everywhere)
+        function = InverseFunction(
+            chart, keep_limits=bool(ends) or not evaluation.everywhere
+        )
         return cls(function, desired, middle.Q[0], evaluation, **how)
 
     @property
@@ -173,9 +179,8 @@ class CellDesign:
         speed = f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
         speed += f"{j.extra_speed_worst:.1%} at the worst pose"
         if np.isfinite(j.extra_speed_direction):
-            speed += (
-                f"\n{j.extra_speed_direction:.1%} at the worst pose in the worst task direction"
-            )
+            worst = f"{j.extra_speed_direction:.1%}"
+            speed += f"\n{worst} at the worst pose in the worst task direction"
         terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
         return {
@@ -187,7 +192,9 @@ class CellDesign:
             "extra joint speed": speed,
             "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
-            "body distance": bodies if np.isfinite(j.body_distance) else "no collision bodies",
+            "body distance": bodies
+            if np.isfinite(j.body_distance)
+            else "no collision bodies",
             "σ_min(J)": sigma,
             "leaf margin": f"{j.leaf_margin:.3g}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
@@ -211,7 +218,9 @@ class CellDesign:
             for name, text in self.figures().items()
             for line in text.split("\n")
         ]
-        return "\n".join([f"one function for a cell of {task.robot.name} {task}", *lines])
+        return "\n".join(
+            [f"one function for a cell of {task.robot.name} {task}", *lines]
+        )
 
     def __repr__(self) -> str:
         return (
@@ -265,7 +274,9 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
     made = []
     for first, second in pairs:
         U = np.zeros((count * count, cell.k))
-        U[:, second], U[:, first] = (grid.ravel() for grid in np.meshgrid(u, u, indexing="ij"))
+        U[:, second], U[:, first] = (
+            grid.ravel() for grid in np.meshgrid(u, u, indexing="ij")
+        )
         points = chart.solve(U, np.zeros((len(U), cell.task.r)))
         found = speeds(design.desired, chart, points)
         margin = np.where(points.found, cell.limit_margin(points.Q).min(axis=1), np.nan)

@@ -81,8 +81,9 @@ class Evaluation:
         Minimum σ_min of J, by search.
     body_distance : float
         Minimum distance between bodies of the robot and its surroundings, m, see
-        :class:`rp.Bodies`. It is evaluated at the first 1024 held-out poses and the corners, and by
-        a search from the smallest distances; infinite if no bodies move relative to each other.
+        :class:`rp.Bodies`. It is evaluated at the first 1024 held-out poses and the corners, and if
+        no bodies collide there, by a search from the smallest distances; infinite if no bodies move
+        relative to each other.
     nearest_bodies : (str, str)
         Links of the two bodies with this distance; ("", "") if there are no bodies.
     leaf_margin : float
@@ -181,7 +182,9 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
             (x**2).sum(axis=(1, 2)) for x in (own - desired_square, own, desired_square)
         ]
         four[3, sound] = _largest_ratio(own, desired_square)
-    return Speeds(four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3])
+    return Speeds(
+        four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3]
+    )
 
 
 def _joint_speeds(desired: Batched, chart: Chart, at: Points) -> tuple[Array, Array]:
@@ -199,7 +202,9 @@ def _largest_ratio(A: Array, B: Array) -> Array:
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
-    return np.asarray(np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float)
+    return np.asarray(
+        np.linalg.eigvalsh(Lt_over_A @ np.swapaxes(Lt_over_A, 1, 2))[:, -1], float
+    )
 
 
 @dataclass(frozen=True)
@@ -225,6 +230,8 @@ class SpeedRatio:
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
+        if not len(found):
+            return ratio
         own, desired = _joint_speeds(self.desired, self.chart, at.chosen(found))
         finite = np.isfinite(own).all(axis=(1, 2))
         found, own, desired = found[finite], own[finite], desired[finite]
@@ -275,7 +282,9 @@ class _Sampled:
     sheet: NDArray[np.bool_]
 
 
-def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: float) -> _Sampled:
+def _sampled(
+    desired: Batched, candidate: CandidateFunction, U: Array, side: float
+) -> _Sampled:
     """Evaluate a candidate function at poses U (K, k).
 
     ``side`` is the sign of det [J; n_refᵀ] in the middle of the cell.
@@ -285,15 +294,25 @@ def _sampled(desired: Batched, candidate: CandidateFunction, U: Array, side: flo
         parts.append(candidate.at(U[start : start + _BLOCK]))
         found.append(speeds(desired, candidate.chart, parts[-1]))
     every = Speeds(
-        *(np.concatenate([getattr(x, name) for x in found]) for name in Speeds.__dataclass_fields__)
+        *(
+            np.concatenate([getattr(x, name) for x in found])
+            for name in Speeds.__dataclass_fields__
+        )
     )
     Q, ok, residual = (
-        np.concatenate([getattr(x, name) for x in parts]) for name in ("Q", "found", "residual")
+        np.concatenate([getattr(x, name) for x in parts])
+        for name in ("Q", "found", "residual")
     )
     ok &= np.isfinite(every.own)
     margin = candidate.chart.cell.limit_margin(Q).min(axis=1)
     return _Sampled(
-        U, Q, every, residual, margin, ok, ok & (every.side == side) & (every.leaf > _FOLDED)
+        U,
+        Q,
+        every,
+        residual,
+        margin,
+        ok,
+        ok & (every.side == side) & (every.leaf > _FOLDED),
     )
 
 
@@ -307,28 +326,42 @@ def evaluate_cell(
     The held-out poses are Sobol points. A quick evaluation searches neither for the largest joint
     speeds nor for the smallest distances between bodies.
     """
-    cell, candidate, limits = chart.cell, CandidateFunction.zero(chart), limits_of(chart.cell)
+    cell, candidate, limits = (
+        chart.cell,
+        CandidateFunction.zero(chart),
+        limits_of(chart.cell),
+    )
     middle = candidate.at(np.zeros((1, cell.k)))
     side = float(speeds(desired, chart, middle).side[0])
     at = _sampled(
-        desired, candidate, np.concatenate([cell.sample(count, seed), cell.corners()]), side
+        desired,
+        candidate,
+        np.concatenate([cell.sample(count, seed), cell.corners()]),
+        side,
     )
     U, every, held_out = at.U, at.speeds, slice(count)
     covered = at.sheet & (at.limit_margin >= 0)
     c = covered[held_out]
     low = _sampled(desired, candidate, _searched(desired, candidate, at, quick), side)
     failures = _failures(
-        cell, at, low, np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]])
+        cell,
+        at,
+        low,
+        np.concatenate([middle.Q, at.Q[covered][:: max(1, len(U) // 7)][:7]]),
     )
     if not c.any():
-        figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
+        figures: dict[str, Any] = dict.fromkeys(
+            Evaluation.__dataclass_fields__, float("nan")
+        )
         figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
         return Evaluation(**figures)
     distance, links, stop = _bodies(candidate, at, covered, count, quick)
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
     lowest = int(np.argmin(np.where(at.sheet, at.limit_margin, np.inf)[held_out]))
     least = float(at.limit_margin[lowest])
-    most = limits.attainable(chart, candidate.at(np.stack([U[lowest], low.U[worst]])), far=True)
+    most = limits.attainable(
+        chart, candidate.at(np.stack([U[lowest], low.U[worst]])), far=True
+    )
     difference, own, desired_square = (
         every.difference[held_out][c],
         every.own[held_out][c],
@@ -343,7 +376,9 @@ def evaluate_cell(
     def most_of(name: str) -> float:
         """Return the maximum of an attribute of :class:`Speeds`, a squared ratio of joint speeds,
         as extra joint speed: its square root minus 1."""
-        largest = max(getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both)
+        largest = max(
+            getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both
+        )
         return float(np.sqrt(largest) - 1)
 
     return Evaluation(
@@ -361,7 +396,9 @@ def evaluate_cell(
         ),
         body_distance=distance,
         nearest_bodies=links,
-        leaf_margin=float(min(x.speeds.leaf[good].min(initial=np.inf) for x, good in both)),
+        leaf_margin=float(
+            min(x.speeds.leaf[good].min(initial=np.inf) for x, good in both)
+        ),
         residual=float(at.residual[held_out][c].max()),
         coverage=float(c.mean()),
         failures=failures if stop is None else (*failures, stop),
@@ -369,7 +406,9 @@ def evaluate_cell(
     )
 
 
-def _searched(desired: Batched, candidate: CandidateFunction, at: _Sampled, quick: bool) -> Array:
+def _searched(
+    desired: Batched, candidate: CandidateFunction, at: _Sampled, quick: bool
+) -> Array:
     """Search for poses with smaller limit margins, smaller σ_min(J), and larger joint speeds.
 
     The searches start from the worst of the sampled poses. Return all poses visited (L, k). A quick
@@ -381,15 +420,25 @@ def _searched(desired: Batched, candidate: CandidateFunction, at: _Sampled, quic
     )
     U, speeds = at.U[at.sheet], at.speeds
     near = np.argsort(at.limit_margin[at.sheet])[: limits.starts]
-    tried = [searched(candidate, limits, np.concatenate([np.zeros((1, U.shape[1])), U[near]]))]
+    tried = [
+        searched(
+            candidate, limits, np.concatenate([np.zeros((1, U.shape[1])), U[near]])
+        )
+    ]
     tried.append(
-        searched(candidate, singular, U[np.argsort(speeds.smallest[at.sheet])[: singular.starts]])
+        searched(
+            candidate,
+            singular,
+            U[np.argsort(speeds.smallest[at.sheet])[: singular.starts]],
+        )
     )
     if not quick:
         for direction, ratio in ((False, speeds.ratio), (True, speeds.direction)):
             start = _worst(-ratio[at.sheet], U, _SPEED_STARTS)
             tried.append(
-                searched(candidate, SpeedRatio(desired, candidate.chart, direction), start)
+                searched(
+                    candidate, SpeedRatio(desired, candidate.chart, direction), start
+                )
             )
     return np.concatenate(tried)
 
@@ -408,16 +457,25 @@ def _worst(values: Array, U: Array, count: int) -> Array:
     return np.array(kept).reshape(-1, U.shape[1])
 
 
-def _failures(cell: Cell, at: _Sampled, low: _Sampled, near: Array) -> tuple[FailureReason, ...]:
+def _failures(
+    cell: Cell, at: _Sampled, low: _Sampled, near: Array
+) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
     ``near`` (L, n) are configurations from which a reachability test starts. The ``share`` of each
     reason refers to the sampled poses.
     """
-    U, Q = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("U", "Q"))
-    ok, sheet = (np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("ok", "sheet"))
+    U, Q = (
+        np.concatenate([getattr(x, name) for x in (at, low)]) for name in ("U", "Q")
+    )
+    ok, sheet = (
+        np.concatenate([getattr(x, name) for x in (at, low)])
+        for name in ("ok", "sheet")
+    )
     failures = [
-        broken_limit(cell, U[sheet], Q[sheet], float((at.sheet & (at.limit_margin < 0)).mean())),
+        broken_limit(
+            cell, U[sheet], Q[sheet], float((at.sheet & (at.limit_margin < 0)).mean())
+        ),
         *unreached(cell, U[~ok], near, float((~at.ok).mean())),
         folded(cell, U[ok & ~sheet], float((at.ok & ~at.sheet).mean())),
     ]
@@ -425,7 +483,11 @@ def _failures(cell: Cell, at: _Sampled, low: _Sampled, near: Array) -> tuple[Fai
 
 
 def _bodies(
-    candidate: CandidateFunction, at: _Sampled, covered: NDArray[np.bool_], count: int, quick: bool
+    candidate: CandidateFunction,
+    at: _Sampled,
+    covered: NDArray[np.bool_],
+    count: int,
+    quick: bool,
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
@@ -440,13 +502,18 @@ def _bodies(
     checked = np.concatenate([np.arange(first), np.arange(count, len(at.U))])
     checked = checked[covered[checked]]
     U, Q, candidate = _all_round(candidate, at.U[checked], at.Q[checked])
-    distances, share = lowest_distances(bodies, Q)
+    distances, share = lowest_distances(bodies, Q, quick=quick)
     least = float(distances.min())
-    if least < np.inf and not quick:
-        ends = searched(candidate, margin, _worst(distances, U, _BODY_STARTS))[-_BODY_STARTS:]
+    if 0 <= least < np.inf and not quick:
+        ends = searched(candidate, margin, _worst(distances, U, _BODY_STARTS))[
+            -_BODY_STARTS:
+        ]
         nearer = candidate.at(ends)
         inside = nearer.found & (cell.task.limit_margin(nearer.Q).min(axis=1) >= 0)
-        U, Q = np.concatenate([U, nearer.U[inside]]), np.concatenate([Q, nearer.Q[inside]])
+        U, Q = (
+            np.concatenate([U, nearer.U[inside]]),
+            np.concatenate([Q, nearer.Q[inside]]),
+        )
         distances = np.concatenate([distances, bodies.distances(nearer.Q[inside])])
     links = bodies.nearest(Q[int(np.argmin(distances))]).links
     return float(distances.min()), links, touching(cell, U, distances, links, share)

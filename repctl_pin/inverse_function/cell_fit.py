@@ -20,7 +20,13 @@ from .chart import Chart
 from .cost import Cost, Descent, descend, predicted_gain
 from .failures import FailureReason, broken_limit, unreached
 from .kinematics import null_bases
-from .margins import CandidateFunction, Margin, distances_of, limits_of, singular_values_of
+from .margins import (
+    CandidateFunction,
+    Margin,
+    distances_of,
+    limits_of,
+    singular_values_of,
+)
 from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import Candidate
@@ -95,25 +101,28 @@ class CellFit:
         small or its joint speed is high, quick designs from all configurations are compared, and
         the best configuration is used. If collisions are its only fault, only configurations whose
         rays are free of collisions are compared. If its coverage is below 90 %, no other is tried.
+        Where rays from the first configuration violate limits, its own quick design decides.
 
         Return the configuration used (n,), and the design or the reasons for failure."""
         first = postures[0]
-        found = self.design(cell, first.q)
-        separate = [c for c in postures[1:] if c.body_distance >= 0 and c.share >= first.share]
+        doubtful = len(postures) > 1 and first.margin < 0
+        found = self.design(cell, first.q, quick=doubtful)
         if _rank(found, self.limit_margin)[0] < _NEARLY or self.good(found):
-            return first.q, found
-        if self.good(found, bodies=False):
-            postures = [first, *separate]  # collisions alone are to be mended
-        if len(postures) == 1:
-            return first.q, found
-        ranks, quiet = [], replace(self, report=reporting.silent)
-        for i, c in enumerate(postures):
+            postures = [first]
+        elif self.good(found, bodies=False):  # collisions alone are to be mended
+            others = (c for c in postures[1:] if c.share >= first.share)
+            postures = [first, *(c for c in others if c.body_distance >= 0)]
+        ranks, quicks, quiet = [], [], replace(self, report=reporting.silent)
+        for i, c in enumerate(postures if len(postures) > 1 else []):
             self.report(f"posture {i + 1} of {len(postures)}", 0.1)
-            ranks.append(_rank(quiet.design(cell, c.q, quick=True), self.limit_margin))
-        best = max(range(len(postures)), key=lambda i: ranks[i])
-        designs = [(first.q, found)]
-        if best:
-            designs.append((postures[best].q, self.design(cell, postures[best].q)))
+            quick = found if doubtful and not i else quiet.design(cell, c.q, quick=True)
+            ranks.append(_rank(quick, self.limit_margin))
+            quicks.append(quick)
+        best = max(range(len(ranks)), key=lambda i: ranks[i], default=0)
+        designs = [] if doubtful else [(first.q, found)]
+        if best or doubtful:
+            q, guess = postures[best].q, quicks[best] if quicks else found
+            designs.append((q, self.design(cell, q, guess=guess)))
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
     def good(self, found: Found, *, bodies: bool = True) -> bool:
@@ -129,16 +138,21 @@ class CellFit:
         design = cast(CellDesign, found)
         return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
-    def design(self, cell: Cell, q: Array, *, quick: bool = False) -> Found:
+    def design(
+        self, cell: Cell, q: Array, *, quick: bool = False, guess: Found = ()
+    ) -> Found:
         """Design over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
-        A quick design has a lower degree, fewer nodes, and a quick evaluation.
+        A quick design has a lower degree, fewer nodes, and a quick evaluation. ``guess`` is a quick
+        design from the same configuration, with which the fit with penalties begins.
         """
         self.report("the reference", 0.1)
         edge = cell.corners()
         count = self.samples or (
-            128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
+            128
+            if quick
+            else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
         )
         U = cell.sample(count, self.seed + 1)
         ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
@@ -146,7 +160,9 @@ class CellFit:
         if good[:count].mean() < 0.5:
             return _why(cell, ends, len(U))
         hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
-        chart = fitted(cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4)
+        chart = fitted(
+            cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4
+        )
         U, edge = U[good[:count]], edge[good[count:]]
         at_rest = chart.solve(
             np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))
@@ -154,18 +170,22 @@ class CellFit:
         U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
         if len(U) < count / 4:
             return _why(cell, ends, count)
-        rounds = 0 if hopeless else 4 if quick else 7
-        descent, terms, degrees = self._descended(cell, chart, U, edge, quick or hopeless, rounds)
+        rounds = 0 if hopeless else 3 if quick else 7
+        descent, terms, degrees = self._descended(
+            cell, chart, U, edge, quick or hopeless, rounds, guess
+        )
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
         self.report("the last chart", 0.7)
-        chart, turns = centred(_recharted(cell, chart, descent, terms))
+        quick = quick or hopeless
+        chart, turns = centred(_recharted(cell, chart, descent, terms, quick))
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
         self.report("the evaluation", 0.8)
-        quick = quick or hopeless
         held_out = min(512, self.held_out) if quick else self.held_out
-        evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
+        evaluation = evaluate_cell(
+            self.desired, chart, held_out, self.seed + 2, quick=quick
+        )
         evaluation = replace(evaluation, turns=turns)
         return CellDesign.of(
             self.desired,
@@ -190,21 +210,31 @@ class CellFit:
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
         turns = {turn.coordinate: turn for turn in found.evaluation.turns}
-        if not isinstance(sector, Sector) or ANGLE in sector.free or names[ANGLE] not in turns:
+        if (
+            not isinstance(sector, Sector)
+            or ANGLE in sector.free
+            or names[ANGLE] not in turns
+        ):
             return found
         turn = turns[names[ANGLE]]
         if not turn.reach < 2 * sector.widths[ANGLE] + _SPARE:
             return found
         free = sector.without(sector.removed, (*sector.free, ANGLE))
         self.report("the price of the angle", 0.9)
-        work = replace(self, held_out=min(_PRICED, self.held_out), report=reporting.silent)
+        work = replace(
+            self, held_out=min(_PRICED, self.held_out), report=reporting.silent
+        )
         other = work.design(free, q)
         if not isinstance(other, CellDesign) or other.coverage == 0:
             return found
-        unasked = next(t.reach for t in other.evaluation.turns if t.coordinate == names[ANGLE])
+        unasked = next(
+            t.reach for t in other.evaluation.turns if t.coordinate == names[ANGLE]
+        )
         price = found.extra_speed - other.extra_speed
         turns[names[ANGLE]] = replace(turn, price=price, unasked=unasked)
-        return replace(found, evaluation=replace(found.evaluation, turns=tuple(turns.values())))
+        return replace(
+            found, evaluation=replace(found.evaluation, turns=tuple(turns.values()))
+        )
 
     def _highest(self, cell: Cell) -> int:
         """Return the highest degree to try, as the number of unknowns allows if it is "auto"."""
@@ -216,7 +246,14 @@ class CellFit:
         return d
 
     def _descended(
-        self, cell: Cell, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int
+        self,
+        cell: Cell,
+        chart: Chart,
+        U: Array,
+        edge: Array,
+        quick: bool,
+        rounds: int,
+        guess: Found,
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost with rising degree, then with penalties on small margins.
 
@@ -230,6 +267,8 @@ class CellFit:
             Try only one degree, at most 2.
         rounds
             Maximum number of rounds with penalties.
+        guess
+            Quick design, with whose function the rounds begin.
 
         Returns
         -------
@@ -244,7 +283,9 @@ class CellFit:
             terms = Monomials(cell.k, d)
             nodes = _nodes(U, terms)
             below = best[-1].a if best else np.zeros((0, cell.task.r))
-            best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
+            best.append(
+                _fit(Cost(self.desired, chart, terms, nodes), padded(below, terms))
+            )
             tried.append((d, best[-1].value.nearness))
             if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
                 break
@@ -256,22 +297,47 @@ class CellFit:
         watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
         constraints = [
             ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
-            for m in self.margins(cell)
+            for m in self.margins(cell, quick=quick)
         ]
         penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
-        return penalties.kept(best[-1], terms, self.report), terms, tuple(tried)
+        kept = penalties.kept(
+            best[-1],
+            terms,
+            self.report,
+            enough=1e-2 if quick else 1e-3,
+            guess=_labels(guess, chart, U),
+        )
+        return kept, terms, tuple(tried)
 
-    def margins(self, cell: Cell) -> list[Margin]:
+    def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
         """Make the margins that are constrained: joint limits, and body distance and σ_min(J) if
         requested."""
-        found = [limits_of(cell, self.limit_margin)]
-        found += [distances_of(cell.task, self.body_distance)] if self.body_distance else []
-        return found + ([singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else [])
+        limits = limits_of(cell, self.limit_margin)
+        found = [replace(limits, starts=24, violators=48) if quick else limits]
+        found += (
+            [distances_of(cell.task, self.body_distance)] if self.body_distance else []
+        )
+        return found + (
+            [singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else []
+        )
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
     """Return the first poses of U (K, k): at least 256, and at least three per monomial."""
     return U[: max(256, _power_of_two(3 * terms.size))]
+
+
+def _labels(guess: Found, chart: Chart, U: Array) -> Array | None:
+    """Fit coefficients (N, r) of degree 2 to the labels of a design's function in a chart.
+
+    ``U`` (K, k) are poses. None if there is no design, or one over another cell.
+    """
+    if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
+        return None
+    points = CandidateFunction.zero(guess.function.chart).at(U)
+    q_ref, n_ref = chart.reference(U)
+    labels = np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref)
+    return Monomials(chart.cell.k, 2).fit(U[points.found], labels[points.found])
 
 
 def _fit(cost: Cost, a: Array) -> Descent:
@@ -284,17 +350,22 @@ def _fit(cost: Cost, a: Array) -> Descent:
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
-def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials) -> Chart:
+def _recharted(
+    cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool
+) -> Chart:
     """Fit the final chart, in which the optimised function is s = 0.
 
     Its q_ref approximates the configurations of the function, its n_ref the null spaces there. The
-    degree is raised until q_ref is accurate enough for two Newton steps.
+    degree is raised until q_ref is accurate enough for two Newton steps, unless the design is a
+    quick one.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
-    while degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
+    while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
         degree += 1
     for d in range(max(terms.degree, 3), degree + 1):
-        U = np.concatenate([cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()])
+        U = np.concatenate(
+            [cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()]
+        )
         U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
@@ -341,7 +412,9 @@ def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
 
 
-def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
+def _rank(
+    found: Found, limit_margin: float
+) -> tuple[float, bool, bool, float, float, float]:
     """Sort key of designs, larger is better.
 
     It compares coverage of the held-out poses, coverage of all poses, absence of collisions, limit
@@ -349,8 +422,18 @@ def _rank(found: Found, limit_margin: float) -> tuple[float, bool, bool, float, 
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf
-    margin, everywhere = min(found.limit_margin, 0.4 * limit_margin), found.evaluation.everywhere
-    return found.coverage, everywhere, found.body_distance >= 0, margin, _share(found), -found.cost
+    margin, everywhere = (
+        min(found.limit_margin, 0.4 * limit_margin),
+        found.evaluation.everywhere,
+    )
+    return (
+        found.coverage,
+        everywhere,
+        found.body_distance >= 0,
+        margin,
+        _share(found),
+        -found.cost,
+    )
 
 
 def _share(found: CellDesign) -> float:

@@ -90,7 +90,11 @@ class CellPotentials:
         both, away, h = np.zeros(n * (1 + r)), np.zeros(n), np.zeros(r)
         q_ref, n_T = both[:n], both[n:].reshape(r, n)
         dT, turned, moved = np.zeros((k, N)), np.zeros(r * N), np.zeros((r, N))
-        whole, X, bent = np.zeros((r, k + along.shape[1])), np.zeros((r, m)), np.zeros((r, n))
+        whole, X, bent = (
+            np.zeros((r, k + along.shape[1])),
+            np.zeros((r, m)),
+            np.zeros((r, n)),
+        )
         D, beside = whole[:, :k], whole[:, k:]
         by_terms = turned.reshape(r, N)
         take, multiply, subtract, add, dot, dT_T = (

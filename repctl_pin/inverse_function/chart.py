@@ -67,7 +67,12 @@ class Chart:
         return self.monomials.differentiated(self.coefficients)
 
     def solve(
-        self, U: Array, s: Array, Q: Array | None = None, *, iterations: int = _ITERATIONS
+        self,
+        U: Array,
+        s: Array,
+        Q: Array | None = None,
+        *,
+        iterations: int = _ITERATIONS,
     ) -> Points:
         """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
 
@@ -111,7 +116,9 @@ class Chart:
             J_V = np.concatenate([J, np.swapaxes(n_ref[on], 1, 2)], axis=1)
             return solved(J_V, np.concatenate([e, g], axis=1))
 
-        Q, size = newton_rows(correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations)
+        Q, size = newton_rows(
+            correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations
+        )
         p, R, J = placed(cell.task, Q)
         e = cell.errors(p_goal, R_goal, p, R)
         found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
@@ -153,7 +160,9 @@ class Chart:
         J_V, E = np.concatenate([at.J, n_T], axis=1), self.cell.twists(at.U, at.R)
         onto = np.zeros((len(J_V), m + r, r))
         onto[:, m:] = np.eye(r)
-        both = solved(J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2))
+        both = solved(
+            J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2)
+        )
         return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
 
 

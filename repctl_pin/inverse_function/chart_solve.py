@@ -81,19 +81,29 @@ class CompiledChain:
         Q = np.array(Q, float, order="C")
         R, J = np.empty((K, 3, 3)), np.empty((K, self.m, n))
         residual, size = np.empty(K), np.empty(K)
-        limits = (ctypes.c_int(iterations), ctypes.c_double(longest), ctypes.c_double(tolerance))
+        limits = (
+            ctypes.c_int(iterations),
+            ctypes.c_double(longest),
+            ctypes.c_double(tolerance),
+        )
         self._run("chart_solve", K, *goal, *chart, *limits, Q, R, J, residual, size)
         return Q, R, J, residual, size
 
     def _run(self, name: str, count: int, *given: Any) -> None:
-        kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
+        kept = [
+            np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
+            for x in given
+        ]
         pointers = (
-            ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept
+            ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x
+            for x in kept
         )
         self.library[name](ctypes.byref(self.chain), ctypes.c_long(count), *pointers)
 
 
-_known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = weakref.WeakKeyDictionary()
+_known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = (
+    weakref.WeakKeyDictionary()
+)
 
 
 def compiled_chain(task: Task) -> CompiledChain | None:

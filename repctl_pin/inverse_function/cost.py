@@ -114,11 +114,21 @@ class Cost:
         *,
         weight: float = 0.0,
     ) -> None:
-        self.desired, self.chart, self.terms, self.weight = desired, chart, terms, weight
-        self.U, self.inner = np.concatenate([U, *(part.U for part in kept)]), slice(len(U))
+        self.desired, self.chart, self.terms, self.weight = (
+            desired,
+            chart,
+            terms,
+            weight,
+        )
+        self.U, self.inner = (
+            np.concatenate([U, *(part.U for part in kept)]),
+            slice(len(U)),
+        )
         ends = np.cumsum([len(U), *(len(part.U) for part in kept)])
         self.kept = [
-            (part, slice(a, b)) for part, a, b in zip(kept, ends, ends[1:], strict=False) if b > a
+            (part, slice(a, b))
+            for part, a, b in zip(kept, ends, ends[1:], strict=False)
+            if b > a
         ]
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
@@ -134,13 +144,17 @@ class Cost:
             points = self.chart.solve(self.U, s)
         if not points.found.all():
             return Value(np.inf, np.inf, np.nan, points, ds)
-        residual, _, desired_square = self._residual(points.chosen(self.inner), ds[self.inner])
+        residual, _, desired_square = self._residual(
+            points.chosen(self.inner), ds[self.inner]
+        )
         nearness = float((residual**2).sum() / len(residual))
         if not np.isfinite(nearness):
             return Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
-        penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
+        penalty = self.weight * sum(
+            float((hinge**2).sum() / len(hinge)) for hinge in hinges
+        )
         return Value(
             nearness + penalty,
             nearness,
@@ -159,13 +173,17 @@ class Cost:
         chart, r = self.chart, self.chart.cell.task.r
         points, ds = at.points.chosen(self.inner), at.ds[self.inner]
         residual, B, _ = self._residual(points, ds)
-        K, n, k = residual.shape  # here k counts the coordinates removed by a symmetry, too
+        K, n, k = (
+            residual.shape
+        )  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
         for j in range(r):
             step = _DIFFERENCE * np.eye(r)[j]
             ends = [
-                chart.solve(points.U, s + w * step, points.Q + w * B @ step, iterations=3)
+                chart.solve(
+                    points.U, s + w * step, points.Q + w * B @ step, iterations=3
+                )
                 for w in (1.0, -1.0)
             ]
             up, down = (self._residual(end, ds)[0] for end in ends)
@@ -176,7 +194,9 @@ class Cost:
         gram = np.zeros((len(self.U), r * (1 + k), r * (1 + k)))
         slope = np.zeros((len(self.U), r * (1 + k)))
         gram[self.inner] = np.swapaxes(flat, 1, 2) @ flat / K
-        slope[self.inner] = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
+        slope[self.inner] = (
+            np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
+        )
         features = np.zeros((len(self.U), self.T.shape[1], 1 + k))
         features[:, :, 0] = self.T
         features[self.inner, :, 1:] = self.dT[self.inner] @ self.C[:, : chart.cell.k]
@@ -185,20 +205,27 @@ class Cost:
             there = at.points.chosen(where)
             hinge = _hinge(part, there.Q)
             onto = chart.derivative(there, at.ds[where])[1]
-            D = -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]  # ∂hinge/∂s
+            D = (
+                -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]
+            )  # ∂hinge/∂s
             share = self.weight / len(hinge)
             gram[where, at_s[:, None], at_s] = share * np.swapaxes(D, 1, 2) @ D
             slope[where, at_s] = share * np.einsum("KPr,KP->Kr", D, hinge)
         N = features.shape[1]
         gradient = (
             2
-            * np.einsum("KNp,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True).ravel()
+            * np.einsum(
+                "KNp,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
+            ).ravel()
         )
         L = np.linalg.cholesky(
-            gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
+            gram
+            + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
         )
         L = L.reshape(-1, r, 1 + k, r * (1 + k))
-        rows = np.einsum("KNp,Krpz->KzNr", features, L, optimize=True).reshape(-1, N * r)
+        rows = np.einsum("KNp,Krpz->KzNr", features, L, optimize=True).reshape(
+            -1, N * r
+        )
         return gradient, 2 * rows.T @ rows
 
     def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
@@ -253,7 +280,9 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     enough
         Relative change of the cost in a step below which the iteration ends.
     """
-    found = levenberg_marquardt(_Problem(cost), a, _RULES, steps=_MOST, tolerance=enough)
+    found = levenberg_marquardt(
+        _Problem(cost), a, _RULES, steps=_MOST, tolerance=enough
+    )
     return Descent(found.at.x, found.at.data, found.start, found.steps)
 
 

@@ -101,15 +101,22 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
         where = cell.where(some[at])
         what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
         failures.append(
-            FailureReason("reach", share * float(short.mean()), cell._lifted(some[at]), what)
+            FailureReason(
+                "reach", share * float(short.mean()), cell._lifted(some[at]), what
+            )
         )
     if not short.all():
         at = int(np.argmin(np.where(short, np.inf, spans)))
         where = cell.where(some[at])
-        what = f"between the middle of the cell and {where} the arm passes a singularity"
+        what = (
+            f"between the middle of the cell and {where} the arm passes a singularity"
+        )
         failures.append(
             FailureReason(
-                "singularity", share * float((~short).mean()), cell._lifted(some[at]), what
+                "singularity",
+                share * float((~short).mean()),
+                cell._lifted(some[at]),
+                what,
             )
         )
     return failures
@@ -123,7 +130,9 @@ def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
     """
     if not len(U):
         return None
-    what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
+    what = (
+        f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
+    )
     return FailureReason("fold", share, cell._lifted(U[0]), what)
 
 

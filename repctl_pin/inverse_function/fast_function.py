@@ -139,13 +139,21 @@ def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], No
         first, second = [], []
         for alpha in monomials.exponents[part].tolist():
             left, taken = [0] * len(alpha), 0
-            for i, power in enumerate(alpha):  # factors of the first ``done`` degrees, and the rest
+            for i, power in enumerate(
+                alpha
+            ):  # factors of the first ``done`` degrees, and the rest
                 left[i] = min(power, done - taken)
                 taken += left[i]
             first.append(at[tuple(left)])
             second.append(at[tuple(a - b for a, b in zip(alpha, left, strict=True))])
         stages.append(
-            (np.array(first), np.array(second), np.empty(len(first)), np.empty(len(first)), T[part])
+            (
+                np.array(first),
+                np.array(second),
+                np.empty(len(first)),
+                np.empty(len(first)),
+                T[part],
+            )
         )
         done = following
     take, multiply = T.take, np.multiply
@@ -215,7 +223,9 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
         c = leaf
         aim(target, p, R)
         start = q_ref if leaf is None else q_ref + leaf @ n_T
-        q = newton(correction, start, longest=_STEP, tolerance=_ENOUGH, iterations=_MOST)
+        q = newton(
+            correction, start, longest=_STEP, tolerance=_ENOUGH, iterations=_MOST
+        )
         if q is None:
             raise OutsideError
         return q

@@ -12,7 +12,9 @@ from .sector import Sector
 
 _EDGE = 1e-9
 
-Located = tuple[Array, Array, Callable[[Array, Array], float], Callable[[Array, Array], None]]
+Located = tuple[
+    Array, Array, Callable[[Array, Array], float], Callable[[Array, Array], None]
+]
 
 
 def closures(cell: Sector) -> Located:
@@ -45,7 +47,12 @@ def closures(cell: Sector) -> Located:
         for i, k in enumerate(on):
             u[i] = every[k] / widths[k]
         inside = True
-        for k, joint, sign, most in turned:  # all of them: potentials are evaluated outside, too
+        for (
+            k,
+            joint,
+            sign,
+            most,
+        ) in turned:  # all of them: potentials are evaluated outside, too
             inside = inside and abs(every[k]) <= most
             shift[joint] = sign * every[k]
         return max([abs(every[k]) for k in held], default=0.0) if inside else np.inf
@@ -94,8 +101,15 @@ def _per_tilt(
     square = x * x + y * y
     theta = sqrt(square)
     a = 0.5 - square / 24 if theta < 1e-4 else (1 - cos(theta)) / square
-    b = 1 / 6 - square / 120 if theta < 1e-4 else (theta - sin(theta)) / (square * theta)
-    J = [[1 - b * y * y, b * x * y, -a * y], [b * x * y, 1 - b * x * x, a * x]]  # J_l, by columns
+    b = (
+        1 / 6 - square / 120
+        if theta < 1e-4
+        else (theta - sin(theta)) / (square * theta)
+    )
+    J = [
+        [1 - b * y * y, b * x * y, -a * y],
+        [b * x * y, 1 - b * x * x, a * x],
+    ]  # J_l, by columns
     own = R.T.dot(B.T)
     A = own.dot(_back(c, s).T.dot(C)).dot(np.array(J).T)
     return A.T.tolist(), own[:, 2].tolist()

@@ -184,7 +184,9 @@ class InverseFunction:
         C = np.where(good[:, None], CellPotentials(self.chart).values(Q), np.nan)
         return X, C
 
-    def _batch(self, U: Array, C: Array, threads: int, *, missing: bool = False) -> Array:
+    def _batch(
+        self, U: Array, C: Array, threads: int, *, missing: bool = False
+    ) -> Array:
         """Evaluate F (K, n) at coordinates U (K, k) inside the cell, on the leaves C (K, r).
 
         With ``missing``, rows without a configuration are NaN; otherwise they raise an InputError.
@@ -213,7 +215,9 @@ class InverseFunction:
     @cached_property
     def inverse(self) -> RepeatableInverse:
         """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
-        return RepeatableInverse(self.task, CellPotentials(self.chart), region=self.cell)
+        return RepeatableInverse(
+            self.task, CellPotentials(self.chart), region=self.cell
+        )
 
     def leaves(self, target: Placement) -> Array:
         """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
@@ -240,9 +244,15 @@ class InverseFunction:
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
         """Convert targets to coordinates U (K, k), and to their deviations (K,) from the cell in
         the coordinates of width 0."""
-        if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
+        if (
+            isinstance(targets, np.ndarray)
+            and targets.ndim != 3
+            and targets.shape[-1:] != (7,)
+        ):
             (U,) = as_matrices(
-                ("coordinates of this cell", targets, f"K {self.cell.k}"), exact=True, finite=False
+                ("coordinates of this cell", targets, f"K {self.cell.k}"),
+                exact=True,
+                finite=False,
             )
             return U, np.zeros(len(U))
         return self.cell.coordinates(*as_poses(self.task, targets))
@@ -259,18 +269,24 @@ class InverseFunction:
 
     def _leaf(self, leaf: ArrayLike) -> Array:
         array = as_numbers(leaf)
-        return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
+        return vector(
+            leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c"
+        )
 
     def _beyond(self, q: Array, target: pin.SE3) -> InputError:
         joint = int(np.argmin(self.task.limit_margin(q)))
         where = self.cell.where(self.cell.coordinates_of(target))
         name = self.task.joint_names[joint]
-        return InputError(f"at {where}, {name} = {q[joint]:.4g} would be outside its limits")
+        return InputError(
+            f"at {where}, {name} = {q[joint]:.4g} would be outside its limits"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), keep_limits=self.keep_limits), (self.chart,)
 
     def __repr__(self) -> str:
+        task = self.task
         return (
-            f"<InverseFunction of {self.task.robot.name} {self.task.frame} over {self.cell.size()}>"
+            f"<InverseFunction of {task.robot.name} {task.frame} "
+            f"over {self.cell.size()}>"
         )

@@ -30,14 +30,23 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
         return fast.placed(Q)
     drive, nv = task.drive, task.model.nv
     whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
-    p, R, full = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3)), np.empty((len(Q), 6, nv))
+    p, R, full = (
+        np.empty((len(Q), 3)),
+        np.empty((len(Q), 3, 3)),
+        np.empty((len(Q), 6, nv)),
+    )
     here, evaluate = task._data.oMf[task._frame_id], task._scratch.own.jacobian
-    position, rotation = here.translation, here.rotation  # views that follow every evaluation
+    position, rotation = (
+        here.translation,
+        here.rotation,
+    )  # views that follow every evaluation
     for k, q in enumerate(whole):
         full[k] = evaluate(q)
         p[k], R[k] = position, rotation
     if task.kind == "axis":
-        J = np.concatenate([full[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ full[:, 3:]], axis=1)
+        J = np.concatenate(
+            [full[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ full[:, 3:]], axis=1
+        )
     else:
         J = full if task.kind == "pose" else full[:, task.rows]
     return p, R, J if drive is None else J @ drive.S
@@ -79,7 +88,9 @@ def bases(J: Array, near: Array) -> tuple[Array, Array, Array]:
     """
     m = J.shape[1]
     U, s, Vt = np.linalg.svd(J, full_matrices=True)
-    G = np.swapaxes(Vt[:, :m], 1, 2) @ (np.swapaxes(U, 1, 2) / np.maximum(s, 1e-9)[:, :, None])
+    G = np.swapaxes(Vt[:, :m], 1, 2) @ (
+        np.swapaxes(U, 1, 2) / np.maximum(s, 1e-9)[:, :, None]
+    )
     return G, align(np.swapaxes(Vt[:, m:], 1, 2), near), s
 
 

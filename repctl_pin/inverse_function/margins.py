@@ -31,7 +31,9 @@ _NEARBY, _FAR, _APART = 12, 40, 0.06
 _HALVINGS = 6
 """Number of times that the spacing is halved around the leaf with the largest margin."""
 
-_LENGTHS = StepLengths(first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25)
+_LENGTHS = StepLengths(
+    first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25
+)
 """Step lengths of the search for small margins, in coordinates u of the cell."""
 
 _JUMP = 1.0
@@ -80,7 +82,9 @@ class Margin:
     def least(self, at: Points) -> Array:
         """Return the smallest of the P margins at each point (K,); infinite where the function does
         not exist."""
-        return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
+        return np.where(
+            at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf
+        )
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
@@ -88,7 +92,9 @@ class Margin:
         ``at`` are points of the candidate function.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
-        return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
+        return self.slopes(at.Q, candidate.derivative(at))[
+            np.arange(len(lowest)), lowest
+        ]
 
     def slopes(self, Q: Array, D: Array) -> Array:
         """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
@@ -99,50 +105,62 @@ class Margin:
         K, n, p = D.shape
         step = _DIFFERENCE * np.swapaxes(D, 1, 2)
         ends = [
-            np.minimum(self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS)
+            np.minimum(
+                self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS
+            )
             for w in (1.0, -1.0)
         ]
-        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (2 * _DIFFERENCE)
+        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (
+            2 * _DIFFERENCE
+        )
 
-    def attainable(self, chart: Chart, at: Points, *, far: bool = False) -> Array:
+    def attainable(
+        self, chart: Chart, at: Points, *, far: bool = False, enough: float = np.inf
+    ) -> Array:
         """Find the largest margin (K,) that self-motion attains at the poses of the given points.
 
         The configurations of each pose on nearby leaves are compared, along each component of the
         label s. The leaves lie within 0.7 rad of the points. With ``far`` they lie within 2.4 rad,
         which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and smaller
-        around the best leaf.
+        around the best leaf. At poses with a margin of at least ``enough`` no larger one is
+        searched for.
         """
-        r, most, best = at.n_ref.shape[2], self.least(at), at.Q
+        r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
         s = here.copy()
 
-        def look(label: Array, Q: Array) -> Array:
-            """Evaluate labels (K, r), and update the best label of each pose if its margin is
-            larger; return the configurations (K, n)."""
-            nonlocal most, best, s
-            points = chart.solve(at.U, label, Q, iterations=4)
+        def look(label: Array, Q: Array) -> None:
+            """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
+            update the best label of each pose if its margin is larger."""
+            on = np.flatnonzero(most < enough)
+            points = chart.solve(at.U[on], label[on], Q[on], iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
-            better = least > most
-            most = np.where(better, least, most)
-            best = np.where(better[:, None], points.Q, best)
-            s = np.where(better[:, None], label, s)
-            return points.Q
+            better, Q[on] = least > most[on], points.Q
+            rows = on[better]
+            most[rows], best[rows] = least[better], points.Q[better]
+            s[rows] = label[rows]
 
         ways = np.concatenate([np.eye(r), -np.eye(r)])
         for way in ways:
-            Q = at.Q
+            Q = at.Q.copy()
             for i in range(1, (_FAR if far else _NEARBY) + 1):
-                Q = look(here + i * _APART * way, Q)
+                look(here + i * _APART * way, Q)
         for i in range(1, _HALVINGS + 1):
             for way in ways:
-                look(s + 0.5**i * _APART * way, best)
+                look(s + 0.5**i * _APART * way, best.copy())
         return most
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
     """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m."""
     return Margin(
-        "joint limits", limited.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
+        "joint limits",
+        limited.limit_margin,
+        required,
+        0.4,
+        watched=4096,
+        starts=48,
+        violators=96,
     )
 
 
@@ -164,25 +182,36 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
     """Make the :class:`Margin` of singularities: σ_min of J."""
 
     def measure(Q: Array) -> Array:
-        return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
+        return np.asarray(
+            np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float
+        )
 
-    return Margin("singularities", measure, required, 0.25, watched=2048, starts=24, violators=96)
+    return Margin(
+        "singularities", measure, required, 0.25, watched=2048, starts=24, violators=96
+    )
 
 
-def lowest_distances(bodies: Bodies, Q: Array) -> tuple[Array, float]:
+def lowest_distances(
+    bodies: Bodies, Q: Array, *, quick: bool = False
+) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    The minimum is that of :meth:`Bodies.distances`. Where the convex hulls of bodies overlap, a
-    collision test of the bodies themselves takes forty times as long as the distance of the hulls.
-    So it is done only for the deepest overlaps, until no untested one can be a deeper collision,
-    and for a sample of the overlaps, which gives the fraction. At untested overlaps the distance is
-    set to 0.
+    The smallest of the K distances equals that of :meth:`Bodies.distances`. Where the convex hulls
+    of bodies overlap, a collision test of the bodies themselves takes forty times as long as the
+    distance of the hulls. So it is done only for the deepest overlaps, until no untested one can be
+    a deeper collision, and for a sample of the overlaps, which gives the fraction. At untested
+    overlaps the distance is set to 0. A quick evaluation only tests the deepest overlaps.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
     overlap = overlap[np.argsort(hulls[overlap])]
-    distances, tested = np.maximum(hulls, 0.0), np.unique(np.linspace(0, len(overlap) - 1, _TESTED))
+    distances, tested = (
+        np.maximum(hulls, 0.0),
+        np.unique(np.linspace(0, len(overlap) - 1, _TESTED)),
+    )
     some = overlap[tested.astype(int)] if len(overlap) else overlap
+    if quick:
+        some, overlap = overlap[:_AT_ONCE], overlap[:_AT_ONCE]
     distances[some] = bodies.distances(Q[some])
     for start in range(0, len(overlap), _AT_ONCE):
         rows = overlap[start : start + _AT_ONCE]

@@ -25,11 +25,15 @@ class Monomials:
 
     def __init__(self, k: int, degree: int) -> None:
         self.k, self.degree = k, degree
-        choices = [c for d in range(degree + 1) for c in combinations_with_replacement(range(k), d)]
+        choices = [
+            c
+            for d in range(degree + 1)
+            for c in combinations_with_replacement(range(k), d)
+        ]
         at = {c: i for i, c in enumerate(choices)}
-        self.exponents = np.array([[c.count(i) for i in range(k)] for c in choices]).reshape(
-            len(choices), k
-        )
+        self.exponents = np.array(
+            [[c.count(i) for i in range(k)] for c in choices]
+        ).reshape(len(choices), k)
         self.parent = np.array([at[c[:-1]] if c else 0 for c in choices])
         self.variable = np.array([c[-1] if c else 0 for c in choices])
         degrees = self.exponents.sum(axis=1)
@@ -70,7 +74,9 @@ class Monomials:
         lower = Monomials(self.k, max(self.degree - 1, 0))
         D = np.zeros((lower.size, *C.shape[1:], self.k))
         for j in range(self.k):
-            some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
+            some = np.flatnonzero(
+                self.exponents[:, j]
+            )  # each leads to another monomial
             weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
             D[self.lower[j, some], ..., j] = weight * C[some]
         return lower, D

@@ -16,7 +16,7 @@ from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
 
 _WEIGHTS = (1e2, 1e5)
-"""First and last weight of the penalties; the weight is multiplied by 10 in each round."""
+"""Smallest first, and last weight of the penalties; a round multiplies the weight by 10."""
 
 _LOW = 2
 """Degree of the first fit with penalties: with a higher degree, few penalised poses would cause
@@ -74,11 +74,15 @@ class ActiveConstraint:
         )
         worst = np.argsort(near)[: 4 * margin.violators]
         worst = worst[near[worst] < margin.required]
-        most = margin.attainable(candidate.chart, candidate.at(self.U[worst]))
+        enough = margin.required / (1 - _NEARLY)
+        at = candidate.at(self.U[worst])
+        most = margin.attainable(candidate.chart, at, enough=enough)
         asked = np.minimum(margin.required, most - _NEARLY * np.abs(most))
         short = asked - near[worst]
         edge = self.U[worst]
-        if not (short > np.maximum(margin.slack * asked, _NEARLY * margin.required)).any():
+        if not (
+            short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
+        ).any():
             return False
         chosen = np.argsort(-short)[: margin.violators]
         chosen = chosen[short[chosen] > 0]
@@ -87,6 +91,11 @@ class ActiveConstraint:
         )
         self.asked = np.concatenate([self.asked, asked[chosen]])[first]
         return True
+
+    def penalty(self, candidate: CandidateFunction) -> Penalty:
+        """Make the penalty on this margin, at the poses where a candidate function exists."""
+        there = candidate.at(self.edge).found
+        return Penalty(self.margin, self.edge[there], self.asked[there])
 
 
 class PenaltyMethod:
@@ -112,39 +121,66 @@ class PenaltyMethod:
         constraints: Sequence[ActiveConstraint],
         rounds: int,
     ) -> None:
-        self.desired, self.chart, self.nodes, self.constraints = desired, chart, nodes, constraints
-        self.rounds, self.weight = rounds, _WEIGHTS[0]
+        self.desired, self.chart, self.nodes, self.constraints = (
+            desired,
+            chart,
+            nodes,
+            constraints,
+        )
+        first = _WEIGHTS[1] / 10 ** max(rounds - 1, 0)
+        self.rounds, self.weight = rounds, max(first, _WEIGHTS[0])
 
     def kept(
-        self, descent: Descent, terms: Monomials, report: Callable[[str, float], None]
+        self,
+        descent: Descent,
+        terms: Monomials,
+        report: Callable[[str, float], None],
+        *,
+        enough: float = 1e-3,
+        guess: Array | None = None,
     ) -> Descent:
         """Minimise the cost with penalties, from the result of a minimisation without them.
 
         If no margin is too small there, that result is returned. Otherwise the cost is minimised
-        with the monomials ``terms``; if their degree is above 2, after a first fit of degree 2.
+        with the monomials ``terms``; if their degree is above 2, after a first fit of degree 2,
+        which begins at ``guess`` (N, r), coefficients of degree 2, if given. ``enough`` is the
+        relative change of the cost at which an iteration ends.
         """
         if not self.rounds or not self._short(terms, descent.a):
             return descent
         r, steps, a = descent.a.shape[1], descent.steps, descent.a
         if terms.degree > _LOW:
             low = Monomials(terms.k, _LOW)
-            free = descend(Cost(self.desired, self.chart, low, self.nodes), np.zeros((low.size, r)))
-            a = padded(self._rounds(free, low, report).a, terms)
-        found = self._rounds(replace(descent, a=a), terms, report)
+            if guess is None:
+                cost = Cost(self.desired, self.chart, low, self.nodes)
+                free = descend(cost, np.zeros((low.size, r)))
+            else:
+                free, self.weight = replace(descent, a=guess), _WEIGHTS[1] / 100
+            a = padded(self._rounds(free, low, report, enough).a, terms)
+        found = self._rounds(replace(descent, a=a), terms, report, enough)
         return replace(found, steps=steps + found.steps)
 
     def _rounds(
-        self, descent: Descent, terms: Monomials, report: Callable[[str, float], None]
+        self,
+        descent: Descent,
+        terms: Monomials,
+        report: Callable[[str, float], None],
+        enough: float,
     ) -> Descent:
         size = 0
         for i in range(self.rounds):
-            active = " and ".join(w.margin.name for w in self.constraints if len(w.edge))
+            active = " and ".join(
+                w.margin.name for w in self.constraints if len(w.edge)
+            )
             report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
             if not self._short(terms, descent.a) and i:
                 break
-            kept = [Penalty(w.margin, w.edge, w.asked) for w in self.constraints]
-            cost = Cost(self.desired, self.chart, terms, self.nodes, kept, weight=self.weight)
-            stiffer = descend(cost, descent.a, enough=1e-3)
+            candidate = CandidateFunction(self.chart, terms, descent.a)
+            kept = [w.penalty(candidate) for w in self.constraints]
+            cost = Cost(
+                self.desired, self.chart, terms, self.nodes, kept, weight=self.weight
+            )
+            stiffer = descend(cost, descent.a, enough=enough)
             if not np.isfinite(stiffer.value.cost):
                 break
             descent = replace(stiffer, steps=descent.steps + stiffer.steps)
@@ -157,7 +193,9 @@ class PenaltyMethod:
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r)."""
         candidate = CandidateFunction(self.chart, terms, a)
-        short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
+        short = [
+            watch.short(candidate) for watch in self.constraints
+        ]  # without short-circuit
         return any(short)
 
 

@@ -12,13 +12,14 @@ from ..arguments import Array, read_only, vector
 from ..errors import InputError
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.bodies import bodies_of
+from ..robot.random_configurations import random_configurations
 from ..solvers import newton_rows
 from ..strategies.strategy import Batched
 from .cell import Cell
 from .kinematics import bases, placed
 from .reference import SINGULAR, rays
 
-_STARTS, _KEPT, _OFFERED = 128, 24, 6
+_STARTS, _KEPT, _OFFERED = 128, 24, 4
 _TESTED = 3
 """Maximum number of ends of rays with overlapping convex hulls, per configuration in the middle, at
 which the bodies themselves are tested for collision."""
@@ -66,11 +67,15 @@ def reached(
         G, N, _ = bases(J, np.zeros((len(Q), task.n, task.r)))
         dQ = np.einsum("Knm,Km->Kn", G, e)
         if push:
-            back = np.maximum(0.0, task.lower + 0.1 - Q) - np.maximum(0.0, Q - task.upper + 0.1)
+            back = np.maximum(0.0, task.lower + 0.1 - Q) - np.maximum(
+                0.0, Q - task.upper + 0.1
+            )
             dQ += push * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
         return dQ
 
-    Q, _ = newton_rows(correction, Q, longest=_STEP, tolerance=0.0, iterations=iterations)
+    Q, _ = newton_rows(
+        correction, Q, longest=_STEP, tolerance=0.0, iterations=iterations
+    )
     p, R, _ = placed(task, Q)
     return Q, np.linalg.norm(cell.errors(*goal, p, R), axis=1)
 
@@ -102,7 +107,7 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 
 
 def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
-    """Search for configurations in the middle of the cell; return the best six, the best first.
+    """Search for configurations in the middle of the cell; return the best four, the best first.
 
     If some candidates are free of collisions, the others are dropped. From each remaining one, the
     arm moves along straight rays to the corners of the cell. The order is: most corners reached, no
@@ -117,10 +122,8 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
     """
     task, u = cell.task, np.zeros(cell.k)
     rng = np.random.default_rng(seed)
-    low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
-    high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)
     starts = np.concatenate(
-        [task.reference[None], low + (high - low) * rng.random((_STARTS, task.n))]
+        [task.reference[None], random_configurations(task, _STARTS, rng)]
     )
     Q, left = reached(cell, starts, u, push=0.3)
     Q = np.array([_unwound(cell, q) for q in Q])
@@ -132,7 +135,9 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
         )
     inside = there & (cell.limit_margin(Q).min(axis=1) > 0)
     if not inside.any():
-        best = int(np.argmax(np.where(there, cell.limit_margin(Q).min(axis=1), -np.inf)))
+        best = int(
+            np.argmax(np.where(there, cell.limit_margin(Q).min(axis=1), -np.inf))
+        )
         joint = task.joint_names[int(np.argmin(task.limit_margin(Q[best])))]
         beyond = -task.limit_margin(Q[best]).min()
         raise InputError(
@@ -141,17 +146,23 @@ def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
         )
     regular = inside & _regular(cell, Q)
     if not regular.any():
-        raise InputError(f"in the middle of the cell, {cell.where(u)}, {_SINGULAR_MIDDLE}")
+        raise InputError(
+            f"in the middle of the cell, {cell.where(u)}, {_SINGULAR_MIDDLE}"
+        )
     candidates = judged(desired, cell, _spread(Q[regular], _KEPT))
     for size in (0.3, 0.15, 0.07):
         q = chosen(candidates, task.reference).q
         N = bases(task.jacobian(q)[None], np.zeros((1, task.n, task.r)))[1][0]
         beside = q + size * np.concatenate([N.T, -N.T])
         Q, left = reached(cell, beside, u, iterations=8)
-        good = (left < 1e-9) & (cell.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
+        good = (
+            (left < 1e-9) & (cell.limit_margin(Q).min(axis=1) > 0) & _regular(cell, Q)
+        )
         candidates += judged(desired, cell, Q[good]) if good.any() else []
     first = chosen(candidates, task.reference)
-    candidates.sort(key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed))
+    candidates.sort(
+        key=lambda c: (-c.share, c.body_distance < 0, -min(c.margin, _ENOUGH), c.speed)
+    )
     return _apart([first, *(c for c in candidates if c is not first)], _OFFERED)
 
 
@@ -197,7 +208,10 @@ def judged(desired: Batched, cell: Cell, Q: Array) -> list[Candidate]:
     speeds, nearest = np.full(len(U), np.nan), np.full(len(U), np.inf)
     if good.any():
         _, R, J = placed(cell.task, ends.Q[good])
-        E, C = cell.twists(U[good], R), np.tile(cell.speeds(corners), (len(Q), 1, 1))[good]
+        E, C = (
+            cell.twists(U[good], R),
+            np.tile(cell.speeds(corners), (len(Q), 1, 1))[good],
+        )
         speeds[good] = ((desired.batch(ends.Q[good], J) @ E @ C) ** 2).sum(axis=(1, 2))
         nearest[good] = bodies.hull_distances(ends.Q[good])
     for i, at in enumerate(_parts(len(Q), K)):
@@ -238,7 +252,8 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     candidates = [c for c in candidates if min(c.margin, _ENOUGH) > best - _ALIKE]
     quick = _AS_QUICK * min(c.speed for c in candidates)
     return min(
-        (c for c in candidates if c.speed <= quick), key=lambda c: np.linalg.norm(c.q - reference)
+        (c for c in candidates if c.speed <= quick),
+        key=lambda c: np.linalg.norm(c.q - reference),
     )
 
 
@@ -266,7 +281,9 @@ def _apart(candidates: list[Candidate], count: int) -> list[Candidate]:
     """Return the first ``count`` candidates, without those close to an earlier one."""
     kept: list[Candidate] = []
     for c in candidates:
-        if len(kept) < count and all(np.linalg.norm(c.q - other.q) > 0.3 for other in kept):
+        if len(kept) < count and all(
+            np.linalg.norm(c.q - other.q) > 0.3 for other in kept
+        ):
             kept.append(c)
     return kept
 

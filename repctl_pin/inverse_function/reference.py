@@ -46,7 +46,9 @@ class Rays:
     least: Array
 
 
-def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16) -> Rays:
+def rays(
+    desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16
+) -> Rays:
     """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 
     The steps along a ray are ``Δq = G_d (x_next − f(q))``.
@@ -63,7 +65,9 @@ def rays(desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int 
         Number of points on each ray.
     """
     task, K = cell.task, len(U)
-    starts, ray = np.unique(np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True)
+    starts, ray = np.unique(
+        np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True
+    )
     Q = starts[ray]
     N = np.array([nullspace(task.jacobian(q)) for q in starts])[ray]
     reached, least = np.zeros(K), np.full(K, np.inf)
@@ -92,4 +96,6 @@ def fitted(cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:
     """Fit a chart: polynomials q_ref to configurations Q (K, n), and n_ref to null-space bases N
     (K, n, r), at the poses U (K, k)."""
     monomials = Monomials(cell.k, degree)
-    return Chart(cell, monomials, monomials.fit(U, np.concatenate([Q[:, :, None], N], axis=2)))
+    return Chart(
+        cell, monomials, monomials.fit(U, np.concatenate([Q[:, :, None], N], axis=2))
+    )

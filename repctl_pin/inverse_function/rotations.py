@@ -69,11 +69,15 @@ def tilts(R: Array, goal: Array) -> Array:
     of the rotation vector along the x and y axes of R (K, 3, 3). This is the batch form of
     :func:`repctl_pin.robot.chain_formulas.axis_turn`.
     """
-    aim = np.einsum("Kab,Ka->Kb", R, goal[..., :, 2])  # the goal's axis as the tool sees it
+    aim = np.einsum(
+        "Kab,Ka->Kb", R, goal[..., :, 2]
+    )  # the goal's axis as the tool sees it
     sine = np.hypot(aim[:, 0], aim[:, 1])
     angle = np.arctan2(sine, aim[:, 2])
     ratio = np.where(
-        sine > 1e-12, angle / np.maximum(sine, 1e-300), np.where(aim[:, 2] > 0, 1.0, 0.0)
+        sine > 1e-12,
+        angle / np.maximum(sine, 1e-300),
+        np.where(aim[:, 2] > 0, 1.0, 0.0),
     )
     turn = np.stack([-aim[:, 1], aim[:, 0]], axis=-1) * ratio[:, None]
     opposite = (sine <= 1e-12) & (aim[:, 2] < 0)

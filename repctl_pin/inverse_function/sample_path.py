@@ -51,7 +51,9 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
         """Evaluate the twist (v, ω), base axes, per unit of the path parameter s: (6,)."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
         rates = cell.spread(du[None])[0]
-        return np.asarray(cell._frame_twists(cell.spread(at(s)[None]))[0] @ rates, float)
+        return np.asarray(
+            cell._frame_twists(cell.spread(at(s)[None]))[0] @ rates, float
+        )
 
     return TaskPath(
         f"tour {seed} of the cell",

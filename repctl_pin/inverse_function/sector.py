@@ -119,7 +119,9 @@ class Sector(Cell):
         radius, height = as_half_width(radius, "radius", "m"), as_height(task, height)
         turns = as_tilts(task, half_angle)
         named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
-        round_about, about_tool = (as_turn(width, name) for name, width in named.values())
+        round_about, about_tool = (
+            as_turn(width, name) for name, width in named.values()
+        )
         symmetries = [axis_symmetry(task, line)]
         if task.kind == "pose" and not turns[2:].any():
             symmetries.append(tool_symmetry(task))
@@ -162,13 +164,17 @@ class Sector(Cell):
                 argument="radius",
                 remedy=f"keep it below {away:.3g}",
             )
-        if not np.delete(self.widths, [one.coordinate for one in self.symmetries]).any():
+        if not np.delete(
+            self.widths, [one.coordinate for one in self.symmetries]
+        ).any():
             raise InputError("a sector needs a radius, height or half_angle above 0")
 
     # ---- symmetries
     # --------------------------------------------------------------------------------
 
-    def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
+    def without(
+        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
+    ) -> Sector:
         """Return the sector with the coordinates of the given symmetries removed from u, at 0.
 
         ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
@@ -196,7 +202,10 @@ class Sector(Cell):
 
     def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the term (K, n) that the removed symmetries add to F at placements."""
-        return self._measured(np.asarray(p), np.asarray(R))[:, self._removed] @ self.along.T
+        return (
+            self._measured(np.asarray(p), np.asarray(R))[:, self._removed]
+            @ self.along.T
+        )
 
     def _split(self, U: Array) -> tuple[Array, Array]:
         """Convert coordinates U (K, ·) of :attr:`whole` to those of this sector (K, k).
@@ -204,7 +213,9 @@ class Sector(Cell):
         Return also the term (K, n) that the removed symmetries add to F there.
         """
         Y = self.whole.spread(U)
-        return Y[:, self._active] / self._active_widths, Y[:, self._removed] @ self.along.T
+        return Y[:, self._active] / self._active_widths, Y[
+            :, self._removed
+        ] @ self.along.T
 
     def _lifted(self, u: Array) -> Array:
         """Convert coordinates u (k,) to those of :attr:`whole`, with 0 for the removed ones."""
@@ -228,7 +239,9 @@ class Sector(Cell):
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
-            beyond = np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
+            beyond = (
+                np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
+            )
             margin[..., one.joint] += beyond
         return margin
 
@@ -291,22 +304,32 @@ class Sector(Cell):
             Y = np.concatenate([Y, t], axis=1)
         if self.task.m > 5:
             rest = exp3(-np.pad(t, ((0, 0), (0, 1)))) @ turned
-            Y = np.concatenate([Y, np.arctan2(rest[:, 1, 0], rest[:, 0, 0])[:, None]], axis=1)
+            Y = np.concatenate(
+                [Y, np.arctan2(rest[:, 1, 0], rest[:, 0, 0])[:, None]], axis=1
+            )
         return Y
 
     def _frame_twists(self, Y: ArrayLike) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
         coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
         Y = np.asarray(Y, float)
-        T, round_about = np.zeros((len(Y), 6, self.task.m)), exp3(Y[:, ANGLE, None] * self.axis[1])
+        T, round_about = (
+            np.zeros((len(Y), 6, self.task.m)),
+            exp3(Y[:, ANGLE, None] * self.axis[1]),
+        )
         outward, around, a = self.directions
         T[:, :3, RADIUS] = round_about @ outward
-        T[:, :3, ANGLE] = (self.middle[0] + Y[:, RADIUS])[:, None] * (round_about @ around)
+        T[:, :3, ANGLE] = (self.middle[0] + Y[:, RADIUS])[:, None] * (
+            round_about @ around
+        )
         T[:, 3:, ANGLE] = a
         if self.task.m > 2:
             T[:, :3, HEIGHT] = a
         if self.task.m > 3:
-            R, t = round_about @ self.placement.rotation, np.pad(Y[:, 3:5], ((0, 0), (0, 1)))
+            R, t = (
+                round_about @ self.placement.rotation,
+                np.pad(Y[:, 3:5], ((0, 0), (0, 1))),
+            )
             T[:, 3:, 3:5] = R @ left_jacobian(t)[:, :, :2]
         if self.task.m > 5:
             T[:, 3:, SPIN] = (R @ exp3(t))[:, :, 2]
@@ -337,7 +360,9 @@ class Sector(Cell):
         factors[[one.coordinate for one in self.symmetries]] = 1.0
         return self._changed(widths=self.widths * factors)
 
-    def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
+    def turned(
+        self, middles: Mapping[int, float], halves: Mapping[int, float]
+    ) -> Sector:
         """Return a sector whose middle is moved along symmetric coordinates.
 
         ``middles`` and ``halves`` are the offsets of the middle and the new half-widths, rad, by
@@ -363,7 +388,9 @@ class Sector(Cell):
     @property
     def coordinate_names(self) -> list[str]:
         """Name of each of the m task coordinates, those of width 0 included."""
-        return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][: self.task.m]
+        return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][
+            : self.task.m
+        ]
 
     @property
     def coordinate_units(self) -> list[str]:

@@ -23,7 +23,12 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     None is the vertical axis of the base. The axis must be normal to the plane of a planar task.
     """
     line = as_numbers(_VERTICAL if axis is None else axis)
-    if line is None or line.shape != (2, 3) or not np.isfinite(line).all() or not line[1].any():
+    if (
+        line is None
+        or line.shape != (2, 3)
+        or not np.isfinite(line).all()
+        or not line[1].any()
+    ):
         raise InputError(
             f"must be a point, m, and a direction, (2, 3) numbers; got {shown(axis)}",
             argument="axis",
@@ -50,7 +55,9 @@ def as_height(task: Task, height: float) -> float:
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
-            f": a {task.kind} task does not command it", argument="height", remedy="omit it"
+            f": a {task.kind} task does not command it",
+            argument="height",
+            remedy="omit it",
         )
     return height
 
@@ -63,7 +70,8 @@ def as_turn(angle: Angle, name: str) -> float:
     half = as_half_width(angle, name, "rad")
     if half > np.pi:
         raise InputError(
-            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'", argument=name
+            f"of ±{half:g} rad is more than a full turn; use at most π, or 'all'",
+            argument=name,
         )
     return half
 
@@ -81,7 +89,9 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
             )
         return np.zeros(2)
     third = array is not None and array.shape == (3,) and task.m > 5
-    each = "one per axis of the tool: x, y" + (", and z as an ordinary turn" if third else "")
+    each = "one per axis of the tool: x, y" + (
+        ", and z as an ordinary turn" if third else ""
+    )
     turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
     if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
         raise InputError(

@@ -80,7 +80,9 @@ def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
     last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > _ROTATION
     if (last & finite).any():
         at = int(np.argmax(last & finite))
-        raise InputError(f"the last row of target {at} must be 0, 0, 0, 1; got {X[at, 3].tolist()}")
+        raise InputError(
+            f"the last row of target {at} must be 0, 0, 0, 1; got {X[at, 3].tolist()}"
+        )
     if task.kind in ("pose", "axis"):
         off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
         for k in np.flatnonzero(finite & ((off > _ROTATION) | (np.linalg.det(R) < 0))):

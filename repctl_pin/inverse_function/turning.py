@@ -107,7 +107,9 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, Array]:
             return np.asarray(way * Q[:, joint : joint + 1], float)
 
         margin = Margin("joint", value, 0.0, 0.0, 0, _STARTS, 0)
-        found = candidate.at(searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]]))
+        found = candidate.at(
+            searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]])
+        )
         good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
         inside = found.Q[good, joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
@@ -141,7 +143,9 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
         found = (upper - lower, high - low, reach, most, nearly)
         turns.append(Turn(name, joint, *map(float, found)))
         if one.coordinate in sector.free and reach > 0:
-            away = (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
+            away = (
+                (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
+            )
             middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2
             coefficients[0, one.joint, 0] += away
     moved = sector.turned(middles, halves)
@@ -181,7 +185,9 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or ANGLE not in [one.coordinate for one in sector.removed]:
+    if not isinstance(sector, Sector) or ANGLE not in [
+        one.coordinate for one in sector.removed
+    ]:
         return None
     joint = next(one.joint for one in sector.removed if one.coordinate == ANGLE)
     others = np.flatnonzero(sector.moved > HEIGHT)

@@ -26,6 +26,7 @@ from .joint_motion import violations_of as violations_of
 from .leaf_lock import LeafLock as LeafLock
 from .least_motion import least_closed_motion as least_closed_motion
 from .least_start import least_start as least_start
+from .limits import Limits as Limits
 from .loop import Loop as Loop
 from .motion import Motion as Motion
 from .run import Run as Run

@@ -9,7 +9,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import MOST_STEPS, Array, as_int, read_only, require_choice, require_type
+from ..arguments import (
+    MOST_STEPS,
+    Array,
+    as_int,
+    read_only,
+    require_choice,
+    require_type,
+)
 from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
@@ -18,6 +25,7 @@ from ..robot.length import arm_length, joint_scale
 from ..robot.task import Task
 from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Batched
+from .fast_starts import fast_starts
 from .follow import follow
 from .joint_motion import violations_of
 from .leaf_lock import LeafLock
@@ -46,6 +54,9 @@ _BODY_POINTS = 32
 
 _DIRECTIONS = 8
 """Number of random directions of the self-motion for r > 1."""
+
+_RANDOM = 8
+"""Number of random starts, those of lowest joint speed, beside the starts along self-motions."""
 
 _LEAST_LEAF_MARGIN = 0.1
 """Leaf margin that suffices for a start to replace the given one, even if that one has more."""
@@ -90,7 +101,9 @@ class Candidate:
     @property
     def binds(self) -> str:
         """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``."""
-        return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
+        return min(
+            self.relative_margins, key=lambda margin: self.relative_margins[margin]
+        )
 
     @property
     def margin(self) -> float:
@@ -106,7 +119,9 @@ class Candidate:
         margins of the other joints.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
-        relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
+        relative_margins = np.rint(
+            np.sort(list(self.relative_margins.values())) / _ALIKE
+        )
         return -broken, *relative_margins.tolist(), self.margin
 
 
@@ -185,11 +200,11 @@ def best_leaf(
     by
         ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
         speed (rms) over the leaves without collisions that have at least half of the joint-limit
-        margin reached so.
+        margin reached so. It also tries random starts, on all self-motions of the first point.
     steps
         Number of steps per cycle.
     seed
-        Random seed of the directions for r > 1.
+        Random seed of the directions for r > 1, and of the random starts.
 
     Returns
     -------
@@ -210,7 +225,10 @@ def best_leaf(
     (3,)
     """
     require_type(
-        inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+        inverse,
+        RepeatableInverse,
+        "inverse",
+        "a repeatable inverse, such as design.inverse",
     )
     path = closed_path(path)
     require_choice(by, ("limits", "speed"), "criterion")
@@ -231,14 +249,20 @@ def best_leaf(
         nonlocal tried
         for q in starts:
             tried += 1
-            candidate = None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
+            candidate = (
+                None if q is None else _evaluated(inverse, G_d, path, q, region, steps)
+            )
             if candidate is None or candidate.motion.outside:
                 continue
-            if given is None or candidate.leaf_margin >= min(_LEAST_LEAF_MARGIN, given.leaf_margin):
+            if given is None or candidate.leaf_margin >= min(
+                _LEAST_LEAF_MARGIN, given.leaf_margin
+            ):
                 seen.append(candidate)
                 yield candidate
 
-    def refined(best: Candidate, better: Callable[[Candidate, Candidate], bool]) -> Candidate:
+    def refined(
+        best: Candidate, better: Callable[[Candidate, Candidate], bool]
+    ) -> Candidate:
         """Improve the best start by a pattern search along the null vectors."""
         size = _STRIDE / 2
         while size >= _FINEST:
@@ -250,9 +274,13 @@ def best_leaf(
         return best
 
     def clearer(one: Candidate, other: Candidate) -> bool:
-        return one.order > other.order and (given is None or one.limit_margin >= given.limit_margin)
+        return one.order > other.order and (
+            given is None or one.limit_margin >= given.limit_margin
+        )
 
-    for walk in self_motions(task, start, target, _directions(task, start, seed), _STRIDE):
+    for walk in self_motions(
+        task, start, target, _directions(task, start, seed), _STRIDE
+    ):
         for candidate in allowed(walk):
             best = candidate if best is None or clearer(candidate, best) else best
     if best is None:
@@ -269,13 +297,16 @@ def best_leaf(
             keeps = one.limit_margin >= least_margin and one.body_distance >= 0
             return keeps and one.motion.rms_speed < other.motion.rms_speed
 
-        for candidate in [*seen]:
+        beside = fast_starts(task, path, _RANDOM, margin=least_margin, seed=seed)
+        for candidate in [*seen, *allowed(beside)]:
             best = candidate if faster(candidate, best) else best
         best = refined(best, faster)
     return BestLeaf(best, given, tried)
 
 
-def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
+def _around(
+    task: Task, q: Array, target: Placement, size: float
+) -> Iterator[Array | None]:
     """Generate configurations one step from q along ± each null vector; None beyond limits."""
     N, L = nullspace(task.jacobian(q)), joint_scale(task, q)
     for n in N.T:
@@ -295,7 +326,8 @@ def _evaluated(
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
         motion = replace(
-            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)), region=region
+            follow(inverse, path, q0, cycles=1, steps=steps, integrator=LeafLock(2)),
+            region=region,
         )
         N = nullspace(task.jacobians(motion.q))
         G, G_d = inverse.batch(motion.q), desired.batch(motion.q)

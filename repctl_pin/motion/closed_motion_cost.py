@@ -66,7 +66,13 @@ class ClosedMotionCost:
 
     @classmethod
     def of(
-        cls, task: Task, path: TaskPath, grid: Array, *, free_start: bool, margin: float = 0.0
+        cls,
+        task: Task,
+        path: TaskPath,
+        grid: Array,
+        *,
+        free_start: bool,
+        margin: float = 0.0,
     ) -> ClosedMotionCost:
         """Create the cost at the points s = ``grid`` of a path, with multipliers 0."""
         targets = [path.placement(float(s)) for s in grid[:-1]]
@@ -130,7 +136,9 @@ class ClosedMotionCost:
         TN = T @ N
         own = w + np.roll(w, 1) + _DAMPING * self.share
         diagonal = own[first:, None, None] * np.eye(N.shape[2])
-        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ ((stiff * (beyond != 0))[:, :, None] * TN)
+        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ (
+            (stiff * (beyond != 0))[:, :, None] * TN
+        )
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))
         bent = np.swapaxes(N, 1, 2) @ bent @ N
@@ -147,7 +155,9 @@ def _inverses(J: Array) -> tuple[Array, Array]:
     """Evaluate J⁺ (K, n, m) and N (K, n, r) of Jacobians (K, m, n)."""
     m = J.shape[1]
     basis, R = row_factor(J, mode="complete")
-    inverse = np.swapaxes(np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2)
+    inverse = np.swapaxes(
+        np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2
+    )
     return inverse, basis[:, :, m:]
 
 
@@ -165,7 +175,9 @@ def on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
         return (pseudoinverse(task.jacobians(Q)) @ errors[:, :, None])[:, :, 0]
 
     try:
-        moved, last = newton_rows(correction, Q, longest=LONGEST, tolerance=1e-7, iterations=20)
+        moved, last = newton_rows(
+            correction, Q, longest=LONGEST, tolerance=1e-7, iterations=20
+        )
     except SingularityError:
         return None
     return moved if (last <= 1e-7).all() else None
@@ -224,4 +236,6 @@ def within_limits(cost: ClosedMotionCost, Q: Array) -> Array:
                 remedy="choose another start or a smaller path",
             )
         stiff = cost.stiffness * cost.share[:, None]
-        cost = replace(cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness)
+        cost = replace(
+            cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness
+        )

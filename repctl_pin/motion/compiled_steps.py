@@ -35,7 +35,10 @@ class _Law(ctypes.Structure):
     """Input of the C function: the struct Law of runge_kutta.c."""
 
     _fields_ = (
-        [(name, ctypes.c_int) for name in ("P", "n", "m", "stages", "steps", "r", "degree")]
+        [
+            (name, ctypes.c_int)
+            for name in ("P", "n", "m", "stages", "steps", "r", "degree")
+        ]
         + [(name, ctypes.c_double) for name in ("gain", "sufficient")]
         + [
             (name, ctypes.c_void_p)
@@ -83,13 +86,30 @@ def compiled_steps(
         return None
     scalars, own = parts
     reals = {name: getattr(chain, name) for name in ("R", "p", "axes", "S", "offset")}
-    reals |= {"posture": np.zeros(task.n), "tensor": np.zeros(1), "center": np.zeros(1)} | own
-    motion = {"nodes": tableau[0], "weights": tableau[1], "xdot": xdot, "h": h, "most": most}
-    held: dict[str, Any] = {k: np.ascontiguousarray(v, float) for k, v in (reals | motion).items()}
-    held |= {"revolute": chain.revolute.astype(np.intc), "rows": task.rows.astype(np.intc)}
+    reals |= {
+        "posture": np.zeros(task.n),
+        "tensor": np.zeros(1),
+        "center": np.zeros(1),
+    } | own
+    motion = {
+        "nodes": tableau[0],
+        "weights": tableau[1],
+        "xdot": xdot,
+        "h": h,
+        "most": most,
+    }
+    held: dict[str, Any] = {
+        k: np.ascontiguousarray(v, float) for k, v in (reals | motion).items()
+    }
+    held |= {
+        "revolute": chain.revolute.astype(np.intc),
+        "rows": task.rows.astype(np.intc),
+    }
     sizes = {"P": len(chain.axes), "n": task.n, "m": task.m}
     sizes |= {"stages": len(tableau[0]), "steps": len(held["h"])}
-    law = _Law(**sizes, **scalars, **{name: array.ctypes.data for name, array in held.items()})
+    law = _Law(
+        **sizes, **scalars, **{name: array.ctypes.data for name, array in held.items()}
+    )
 
     return functools.partial(_run, library, law, held)
 
@@ -125,7 +145,9 @@ def _parts_of(strategy: Strategy) -> tuple[dict[str, float], dict[str, Array]] |
     return None
 
 
-def _on_leaf(task: Task, potentials: object) -> tuple[dict[str, float], dict[str, Array]] | None:
+def _on_leaf(
+    task: Task, potentials: object
+) -> tuple[dict[str, float], dict[str, Array]] | None:
     tensor = potentials.homogeneous if isinstance(potentials, PolynomialMap) else None
     if tensor is None:
         return None

@@ -88,7 +88,9 @@ def csv_text(
                 for name in motions.joints
             ),
         ]
-        numbers = np.hstack([motions.t[:, None], motions.q, motions.qdot, motions.qddot])
+        numbers = np.hstack(
+            [motions.t[:, None], motions.q, motions.qdot, motions.qddot]
+        )
         rows = ([repr(float(v)) for v in row] for row in numbers)
     else:
         named = list(motions) if isinstance(motions, Iterable) else [("", motions)]
@@ -114,7 +116,9 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     """Format the rows of a motion as text: cycle, time, positions, velocities."""
     rows = rows_of(motion, most or motion.steps)
     q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
-    table = np.hstack([np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot])
+    table = np.hstack(
+        [np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]
+    )
     for values in table.tolist():
         yield [repr(v) if most is None else f"{v:.10g}" for v in values]
 
@@ -147,7 +151,9 @@ def read_motions(
     try:
         names = [name if name in known else name.strip() for name in next(lines, [])]
         joints = _joints(names, known, where)
-        clock = next((name for name in _CLOCKS if name in names and name not in known), None)
+        clock = next(
+            (name for name in _CLOCKS if name in names and name not in known), None
+        )
         columns = [names.index(name) for name in (*joints, *([clock] if clock else []))]
         groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
         for row in lines:
@@ -155,11 +161,19 @@ def read_motions(
                 continue
             line = f"{where}, line {lines.line_num}"
             if len(row) != len(names):
-                raise InputError(f"{line}: {len(row)} fields, but the header has {len(names)}")
+                raise InputError(
+                    f"{line}: {len(row)} fields, but the header has {len(names)}"
+                )
             key = row[names.index("strategy")] if "strategy" in names else ""
-            turn = _number(row[names.index("cycle")], "cycle", line) if "cycle" in names else None
+            turn = (
+                _number(row[names.index("cycle")], "cycle", line)
+                if "cycle" in names
+                else None
+            )
             values = [_number(row[k], names[k], line) for k in columns]
-            groups.setdefault(key or Path(file).stem, []).append((lines.line_num, turn, values))
+            groups.setdefault(key or Path(file).stem, []).append(
+                (lines.line_num, turn, values)
+            )
     except csv.Error as error:
         raise InputError(f"{where}, line {lines.line_num}: {error}") from None
     if not groups:
@@ -181,7 +195,9 @@ def _recorded(
     line, end, _ = rows[-1]
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
-        raise InputError(f"{where}, line {line}: the motion ends within a cycle, at {end:g} cycles")
+        raise InputError(
+            f"{where}, line {line}: the motion ends within a cycle, at {end:g} cycles"
+        )
     steps, rest = divmod(len(rows) - 1, count)
     if rest or not steps:
         raise InputError(
@@ -209,10 +225,16 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
     strange = [
-        n for n in names if n not in known and n not in beside and _SUFFIX.sub("", n) not in known
+        n
+        for n in names
+        if n not in known and n not in beside and _SUFFIX.sub("", n) not in known
     ]
     if strange or not joints:
-        what = f"the robot has no joint {strange[0]!r}" if strange else "there is no joint column"
+        what = (
+            f"the robot has no joint {strange[0]!r}"
+            if strange
+            else "there is no joint column"
+        )
         raise InputError(f"{where}: {what}; its joints are {', '.join(known)}")
     return joints
 
@@ -220,7 +242,9 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
 def _refuse_twice(names: Sequence[str], where: str) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{where}: two columns are named {twice[0]!r}; rename one of them")
+        raise InputError(
+            f"{where}: two columns are named {twice[0]!r}; rename one of them"
+        )
 
 
 def _number(text: str, name: str, line: str) -> float:

@@ -55,7 +55,11 @@ def fitting_circle(
     planes = (plane,) if plane is not None else planes_of(task)
     limit = 0.14 * arm_length(task, q0)
     sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
-    radii = (radius,) if radius is not None else [x for x in sizes if x <= max(limit, _RADII[-1])]
+    radii = (
+        (radius,)
+        if radius is not None
+        else [x for x in sizes if x <= max(limit, _RADII[-1])]
+    )
     strategy = control or Pseudoinverse(task)
     needed = 0.5 * dexterity_at(task, q0)
     touching: TaskPath | None = None
@@ -77,7 +81,9 @@ def fitting_circle(
     if touching is not None:
         return touching
     size_text = (
-        f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
+        f"of radius {radius:g} m"
+        if radius is not None
+        else f"of {100 * radii[-1]:g} cm or more"
     )
     where = "its joint limits" if region is None else "Ω and its joint limits"
     flat = " or ".join(planes)
@@ -87,12 +93,20 @@ def fitting_circle(
     )
 
 
-def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
+def circle_at(
+    task: Task, q0: Array, radius: float, plane: str, degrees: float
+) -> TaskPath:
     """Create a circle with its spec; the start lies at ``degrees`` from the plane's first axis."""
     path = circle(
-        task, q0, radius, normal=cast(Normal, plane), start_angle=float(np.deg2rad(degrees))
+        task,
+        q0,
+        radius,
+        normal=cast(Normal, plane),
+        start_angle=float(np.deg2rad(degrees)),
     )
-    return replace(path, spec=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane)
+    return replace(
+        path, spec=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane
+    )
 
 
 def dexterity_at(task: Task, q: Array) -> float:

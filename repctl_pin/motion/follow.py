@@ -143,7 +143,9 @@ def follow(
         require_choice(integrator, INTEGRATORS, "integrator")
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
     check_length(task, cycles, steps)
-    period = positive((path.period or 5.0) if period is None else period, "the period", "s")
+    period = positive(
+        (path.period or 5.0) if period is None else period, "the period", "s"
+    )
     feedback = positive(feedback, "the feedback gain", zero=True)
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))
     if gap > 1e-3 and not feedback and not isinstance(integrator, LeafLock):
@@ -160,7 +162,9 @@ def follow(
                 "the leaf lock corrects the task error itself"
             )
         if not isinstance(strategy, OnLeaves):
-            raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
+            raise InputError(
+                "a leaf lock requires a repeatable strategy, such as design.inverse"
+            )
         method = _locked(strategy, path, grid, q, period, integrator)
     else:
         method = _integrated(strategy, path, grid, q, period, integrator, feedback)
@@ -168,7 +172,12 @@ def follow(
     points = np.array([target.translation for target in targets])
     Q, Qdot, used = _run(method, task, path.name, points, q, cycles)
 
-    t = np.concatenate([(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]) * period
+    t = (
+        np.concatenate(
+            [(np.arange(cycles)[:, None] + grid[:-1]).ravel(), [float(cycles)]]
+        )
+        * period
+    )
     errors = task.errors(Q, targets * cycles + [end])
     linear = min(3, task.m)
     return Motion(
@@ -205,7 +214,9 @@ def _run(
     """Take all steps from q: positions and velocities (T + 1, n), and the maximum damping."""
     n_steps, used = len(points), 0.0
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
+    most_step = _JUMP * np.where(
+        task.revolute, 1.0, np.maximum(joint_scale(task, q), size)
+    )  # (n,)
     surely = float(most_step.min()) ** 2
     advance, in_c = method.advance, method.compiled(most_step)
     Q = np.empty((cycles * n_steps + 1, task.n))
@@ -257,7 +268,8 @@ def _integrated(
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
     places = sorted(set(nodes))
     inside = [
-        [min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places] for a, b in ends
+        [min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places]
+        for a, b in ends
     ]
     twists = [[path.twist(s) / period for s in row] for row in inside]
     turning = task.kind == "axis"
@@ -294,7 +306,9 @@ def _integrated(
         if turning or feedback:
             return None
         xdot = [[row[place] for _, place, _ in stages] for row in twists]
-        return compiled_steps(strategy, INTEGRATORS[integrator], xdot, np.diff(grid) * period, most)
+        return compiled_steps(
+            strategy, INTEGRATORS[integrator], xdot, np.diff(grid) * period, most
+        )
 
     return Method(advance, at_end, compiled)
 
@@ -313,7 +327,10 @@ def _locked(
         c = strategy.leaf(q)
     else:
         c = vector(lock.leaf, r, "the level c = h(q)", "one per potential")
-    targets, times = [path.placement(float(s)) for s in grid[1:]], np.diff(grid) * period
+    targets, times = (
+        [path.placement(float(s)) for s in grid[1:]],
+        np.diff(grid) * period,
+    )
     most = None
     if lock.velocity_limit is not None:  # shared by the corrections
         most = speeds(lock.velocity_limit, strategy.task.n) / corrections

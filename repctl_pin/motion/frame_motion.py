@@ -37,7 +37,9 @@ class FrameMotion(NamedTuple):
         """Evaluate the placement at a time from 0 to the duration."""
         C = self.C
         phi = ((((C[5] * t + C[4]) * t + C[3]) * t + C[2]) * t + C[1]) * t
-        return pin.SE3(pin.exp3(phi[3:]) @ self.start.rotation, self.start.translation + phi[:3])
+        return pin.SE3(
+            pin.exp3(phi[3:]) @ self.start.rotation, self.start.translation + phi[:3]
+        )
 
     def rates(self, t: float) -> tuple[Array, Array]:
         """Evaluate the twist ξ (6,) and its time derivative (6,), base axes."""
@@ -73,7 +75,9 @@ def brake(start: pin.SE3, twist: Array, rate: Array, time: float) -> FrameMotion
     return FrameMotion(start, C, time)
 
 
-def landing(start: pin.SE3, twist: Array, rate: Array, way: Array, time: float) -> FrameMotion:
+def landing(
+    start: pin.SE3, twist: Array, rate: Array, way: Array, time: float
+) -> FrameMotion:
     """Create a motion that comes to rest after a displacement ``way`` (6,): quintic in time."""
     D = way - time * twist - time**2 / 2 * rate
     V, A = -twist - time * rate, -rate
@@ -119,5 +123,9 @@ def _angular(w: Array, w1: Array, w2: Array) -> tuple[Array, Array]:
 
 def _cross(x: Array, y: Array) -> Array:
     return np.array(
-        [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+        [
+            x[1] * y[2] - x[2] * y[1],
+            x[2] * y[0] - x[0] * y[2],
+            x[0] * y[1] - x[1] * y[0],
+        ]
     )

@@ -13,9 +13,9 @@ from ..paths.task_path import TaskPath
 from ..strategies import Strategy
 from ..strategies.repeatable import RepeatableInverse
 from .governor import Governor
+from .limits import Limits, presumed_acceleration
 from .loop import STEP, Loop
 from .status import Status
-from .timing import presumed_acceleration
 
 _RUN_UP = 0.4
 """Time before the start of the path at which the simulation begins, s; within it, the governor
@@ -70,7 +70,9 @@ class GovernedLoop(Loop):
         before = self._inverse.solve(self._targets[-run_up], start)
         super()._begin(before)
         self._governor = Governor(
-            self._inverse, self.dt, velocity=self._speeds, acceleration=self._accelerations
+            self._inverse,
+            self.dt,
+            Limits(velocity=self._speeds, acceleration=self._accelerations),
         )
         self._governor.start(before)
         self._start, self._at = start, self.steps - run_up
@@ -81,10 +83,15 @@ class GovernedLoop(Loop):
         """Advance the target for the governor, which the other controllers follow."""
         ahead = (self._at + 1) % self.steps
         place = self._targets[ahead]
-        q, status = self._governor.step(pin.SE3(place.rotation, place.translation + offset))
+        q, status = self._governor.step(
+            pin.SE3(place.rotation, place.translation + offset)
+        )
         here = self.task.placement(q)
         found = [self._next(k, here) for k in range(len(self.strategies) - 1)]
-        kept = [old if new is None else new for new, old in zip(found, self.q[:-1], strict=True)]
+        kept = [
+            old if new is None else new
+            for new, old in zip(found, self.q[:-1], strict=True)
+        ]
         self.q, self.offset, self._at = [*kept, q], offset, ahead
         self._stopped = status in _STOPPED or any(new is None for new in found)
         return True

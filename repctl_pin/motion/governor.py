@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_numbers, positive, require_type, row, shown
+from ..arguments import Array, as_numbers, moved, positive, require_type, row, shown
 from ..errors import InputError, SingularityError
 from ..robot.chain_formulas import Placement, as_placement, is_rotation
 from ..robot.task import Task
@@ -26,9 +26,9 @@ from .governor_law import (
 )
 from .governor_plans import STRIDE, Planner
 from .leaf_direction import leaf_direction
+from .limits import LIMITS_MOVED, Limits, joint_limits
 from .status import Status as Status
 from .target_joints import TargetJoints
-from .timing import limits_of
 
 _SLOWER, _FASTER, _SLOWEST = 0.7, 1.1, 1e-3
 """Factor of the speed after a plan that violates a limit, factor after a plan that does not, and
@@ -76,12 +76,9 @@ class Governor:
         region Ω, the arm stops before its edge.
     dt
         Time step of the loop, s.
-    velocity : float or (n,) array, optional
-        Speed limits, rad/s (m/s); by default the URDF's.
-    acceleration : float, (n,) array or str
-        Acceleration limits, rad/s² (m/s²), or a name such as ``"panda"``, as in :func:`timed`.
-    jerk : float, (n,) array or str, optional
-        Jerk limits, rad/s³ (m/s³), or a name: ``"panda"``, ``"fr3"``. By default not limited.
+    limits
+        Limits of acceleration and, if given, of speed and jerk, as for :func:`timed`; a governor
+        takes none of torque or the tool's speed.
     margin
         Distance kept from the joint limits, rad (m).
 
@@ -99,7 +96,7 @@ class Governor:
 
     Examples
     --------
-    >>> governor = rp.Governor(design.inverse, 0.001, acceleration=5.0, jerk=500.0)
+    >>> governor = rp.Governor(design.inverse, 0.001, rp.Limits(acceleration=5.0, jerk=500.0))
     >>> governor.start(q0)
     >>> for _ in range(1000):
     ...     q, status = governor.step(task.placement(q0 + 0.02))  # send q to the robot
@@ -107,14 +104,13 @@ class Governor:
     'OK'
     """
 
+    @moved(LIMITS_MOVED)
     def __init__(
         self,
         inverse: RepeatableInverse,
         dt: float,
+        limits: Limits,
         *,
-        velocity: ArrayLike | None = None,
-        acceleration: ArrayLike | str | None = None,
-        jerk: ArrayLike | str | None = None,
         margin: float = 0.0,
     ) -> None:
         self._inverse = require_type(
@@ -125,19 +121,36 @@ class Governor:
         )
         self._task = task = _own_joints(inverse.task)
         dt = positive(dt, "dt", "s")
-        limits = limits_of(task, velocity, acceleration, jerk=jerk)
-        if not np.isfinite(limits.velocity).all():
-            name = task.joint_names[int(np.argmax(~np.isfinite(limits.velocity)))]
-            raise InputError(f"velocity= is missing: the URDF has no speed limit of {name!r}")
-        jerks = np.full(task.n, np.inf) if limits.jerk is None else limits.jerk
+        kept = joint_limits(task, limits)
+        for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
+            if value is not None:
+                raise InputError(
+                    ": a governor does not keep it",
+                    argument=name,
+                    remedy=f"omit {name}= of limits",
+                )
+        if not np.isfinite(kept.velocity).all():
+            name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
+            raise InputError(
+                f"velocity= is missing in limits: the URDF has no speed limit of {name!r}"
+            )
+        jerks = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
         margin = positive(margin, "margin", "rad (m)", zero=True)
         lower, upper = task.lower + margin, task.upper - margin
         if not (lower < upper).all():
             name = task.joint_names[int(np.argmax(lower >= upper))]
-            raise InputError(f"margin = {margin:g} leaves no range of {name!r}; give a smaller one")
+            raise InputError(
+                f"margin = {margin:g} leaves no range of {name!r}; give a smaller one"
+            )
         self._margin, self._stride = margin, max(int(STRIDE / dt + 0.5), 1)
         self._bounds = Bounds(
-            limits.velocity, limits.acceleration, jerks, lower, upper, dt, self._stride * dt
+            kept.velocity,
+            kept.acceleration,
+            jerks,
+            lower,
+            upper,
+            dt,
+            self._stride * dt,
         )
         self._planner = Planner(inverse, self._bounds)
         self._joints = TargetJoints(inverse, self._bounds)
@@ -249,7 +262,9 @@ class Governor:
 
     def _started(self) -> Planner:
         if not self._on:
-            raise InputError("the governor has not started; call start(q) with the robot's joints")
+            raise InputError(
+                "the governor has not started; call start(q) with the robot's joints"
+            )
         return self._planner
 
     # ---- the law -------------------------------------------------------------------------------
@@ -265,7 +280,9 @@ class Governor:
         if target is not None:
             return self._approach(now, target)
         rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
-        return self._drive(now, Goal(frame_twist(now.task, now.place, rate), 1.0, False))
+        return self._drive(
+            now, Goal(frame_twist(now.task, now.place, rate), 1.0, False)
+        )
 
     def _approach(self, now: Now, target: pin.SE3) -> Status:
         """Plan the next motion towards a target, or the stop at it, and return the status."""
@@ -295,7 +312,9 @@ class Governor:
         if tries and planner.land(now, way, g, a):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
-        self._exhausted = planner.solver.left < 0  # by the landing: the next tick is for a stride
+        self._exhausted = (
+            planner.solver.left < 0
+        )  # by the landing: the next tick is for a stride
         goal = Goal(way, approach_speed(1.0, a, 2 * self._bounds.stride), True)
         status = self._drive(now, goal)
         slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
@@ -364,7 +383,11 @@ class Governor:
     def _reached(self, now: Now, twist: Array) -> Status:
         """Compare the frame's twist with the requested one: OK if equal, else SLOWED."""
         away = np.abs(now.joint_rates(twist - now.twist))
-        return Status.OK if (away <= _REACHED * self._bounds.velocity).all() else Status.SLOWED
+        return (
+            Status.OK
+            if (away <= _REACHED * self._bounds.velocity).all()
+            else Status.SLOWED
+        )
 
 
 def _own_joints(task: Task) -> Task:
@@ -386,7 +409,8 @@ def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
     rates = as_numbers(twist)
     if rates is None or rates.shape != (6,):
         raise InputError(
-            f"must be 6 numbers (v, ω), m/s and rad/s; got {shown(twist)}", argument="twist"
+            f"must be 6 numbers (v, ω), m/s and rad/s; got {shown(twist)}",
+            argument="twist",
         )
     return goal, rates.copy()
 

@@ -142,7 +142,9 @@ def free_acceleration(bounds: Bounds, now: Now) -> Array:
 def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
     """Compute the maximum speeds along a displacement ``way`` (6,) of the frame."""
     g, ahead = np.abs(now.joint_rates(way)), np.abs(now.joint_rates_ahead(way))
-    space = np.where(now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower)
+    space = np.where(
+        now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower
+    )
     lag = 2 * bounds.stride
     speeds = [
         approach_speed(d, BRAKING * a, lag)
@@ -208,7 +210,11 @@ def shares_used(
         (third / (bounds.jerk * dt**3)).max(axis=1),
     )
     later = np.arange(1, len(rest) + 1) * dt > begin
-    return float(rest[~later].max(initial=speed)), float(rest[later].max(initial=0.0)), inside
+    return (
+        float(rest[~later].max(initial=speed)),
+        float(rest[later].max(initial=0.0)),
+        inside,
+    )
 
 
 def approach_speed(distance: float, a: float, lag: float) -> float:

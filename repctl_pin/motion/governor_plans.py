@@ -121,15 +121,21 @@ class Planner:
         if np.isfinite(jerk).all():
             release = float((np.abs(now.joint_rates(rate)) / (JERK * jerk)).max())
             release = max(release, self._bounds.dt)
-            motion = change_of_acceleration(motion.placement(T), twist, rate, np.zeros(6), release)
-            if not self.solver.add(plan, motion, LONG if release > 5 * STRIDE else SHORT):
+            motion = change_of_acceleration(
+                motion.placement(T), twist, rate, np.zeros(6), release
+            )
+            if not self.solver.add(
+                plan, motion, LONG if release > 5 * STRIDE else SHORT
+            ):
                 return self.solver.failure()
             twist, rate = motion.rates(release)
         else:
             rate = np.zeros(6)
         return self._stop(plan, now, motion.placement(motion.duration), twist, rate)
 
-    def _stop(self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array) -> Status:
+    def _stop(
+        self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array
+    ) -> Status:
         """Add the shortest possible stop to a plan, and follow the plan if it is valid.
 
         The stop begins at a placement with a twist and its derivative ``rate``. Returns OK, or why
@@ -171,7 +177,10 @@ class Planner:
             T, longer = 2 / closing, _BRAKES
         else:
             peak = sqrt(a + closing**2 / 2)
-            if peak > fastest(bounds, now, way).by_speed or np.abs(g).max() > _SHORT_WAY:
+            if (
+                peak > fastest(bounds, now, way).by_speed
+                or np.abs(g).max() > _SHORT_WAY
+            ):
                 return False
             T, longer = (2 * peak - closing) / a, _LONGER
         T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
@@ -179,7 +188,9 @@ class Planner:
         T = max(T * longer[self._turn], 3 * bounds.dt)
         plan = Plan(now.q, now.qdot, lands=True)
         motion = landing(now.place, now.twist, now.rate, way, T)
-        if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(plan.q, now):
+        if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(
+            plan.q, now
+        ):
             return False
         if not self._affords(plan):
             return False
@@ -195,7 +206,9 @@ class Planner:
             there = regularity(self._task.jacobian(q), self._inverse(q))
         except SingularityError:
             return False
-        return there >= REGULAR or there >= regularity(self._task.jacobian(now.q), now.G)
+        return there >= REGULAR or there >= regularity(
+            self._task.jacobian(now.q), now.G
+        )
 
     def _add(self, plan: Plan, motion: FrameMotion, travel: float) -> bool:
         """Append a motion to a plan, by polynomials as long as those that were last possible.

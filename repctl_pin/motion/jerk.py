@@ -14,16 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
-from scipy.sparse import csr_array
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .profile import STAGES, Limits, Segment, fastest, most_used
+from .profile import STAGES, JointLimits, Segment, fastest, most_used
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _GROWTH = 1.5
 """Ratio of the lengths of successive intervals next to rest, where x″ is not bounded."""
@@ -97,10 +98,17 @@ class JerkSegment(Segment):
         u = np.clip(self.speed[i] * tau * S + slope / 2 * tau**2 * C, 0.0, h)
         x = self.x[i] + slope * u + self.bend[i] * u**2 / 2
         rate = np.sqrt(np.maximum(x, 0.0))
-        found = self.s[i] + u, rate, (slope + self.bend[i] * u) / 2, self.bend[i] * rate / 2
+        found = (
+            self.s[i] + u,
+            rate,
+            (slope + self.bend[i] * u) / 2,
+            self.bend[i] * rate / 2,
+        )
         for k, rest, sign in ((0, 0.0, 1.0), (len(self.s) - 2, self.s[-1], -1.0)):
             rows, T = i == k, self.t[k + 1] - self.t[k]
-            since = np.clip((tau if sign > 0 else T - tau)[rows], 0.0, T)  # since rest, or until it
+            since = np.clip(
+                (tau if sign > 0 else T - tau)[rows], 0.0, T
+            )  # since rest, or until it
             jerk = 6 * h[rows] / T**3
             cubic = (
                 rest + sign * jerk * since**3 / 6,
@@ -114,15 +122,19 @@ class JerkSegment(Segment):
 
     def between(self) -> Array:
         """Times at which limits are checked between the stages, s from the segment's start."""
-        return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
+        return (
+            self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)
+        ).ravel()
 
-    def used(self, limits: Limits) -> Array:
+    def used(self, limits: JointLimits) -> Array:
         """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,)."""
         _, _, push, jerk = self.derivatives(self.between())
-        share = np.maximum(np.abs(push) / limits.acceleration, np.abs(jerk) / limits.jerk)
+        share = np.maximum(
+            np.abs(push) / limits.acceleration, np.abs(jerk) / limits.jerk
+        )
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
-    def excess(self, limits: Limits) -> float:
+    def excess(self, limits: JointLimits) -> float:
         """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
         return most_used(limits, *self.derivatives(self.between()))
 
@@ -135,12 +147,14 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
     grown = np.minimum(safe, 300.0)  # beyond the interval's end, which is clipped
     S = np.where(z > 0, np.sinh(grown), np.sin(safe)) / safe
     C = np.where(z > 0, np.sinh(grown / 2), np.sin(safe / 2)) ** 2 * 2 / safe**2
-    return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(small, 0.5 + z / 24 + z**2 / 720, C)
+    return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(
+        small, 0.5 + z / 24 + z**2 / 720, C
+    )
 
 
 def fastest_with_jerk(
     Q: Array,
-    limits: Limits,
+    limits: JointLimits,
     stages: float = STAGES,
     seams: tuple[int, ...] = (),
     weight: float = 1.0,
@@ -185,7 +199,9 @@ def fastest_with_jerk(
                 "no speed along this joint path is within the jerk limits: the path is too rough"
             )
         bend = np.diff(slope) / np.diff(s)
-        found = JerkSegment(first.curve, s, np.sqrt(x), t, _passed(knots, s, t), x, bend)
+        found = JerkSegment(
+            first.curve, s, np.sqrt(x), t, _passed(knots, s, t), x, bend
+        )
         used = found.used(limits)
         if used.max() < _WELL_KEPT:
             break
@@ -195,7 +211,7 @@ def fastest_with_jerk(
 
 def _converged(
     path: _Path,
-    limits: Limits,
+    limits: JointLimits,
     x: Array,
     slope: Array,
     ties: tuple[int, ...],
@@ -209,7 +225,8 @@ def _converged(
         if np.isfinite(took):
             shares = np.linspace(0, 1, 21)
             times = [
-                weights @ _times(path.s, x + a * (new - x), slope + a * (new_slope - slope))
+                weights
+                @ _times(path.s, x + a * (new - x), slope + a * (new_slope - slope))
                 for a in shares
             ]
             a = shares[int(np.argmin(times))]
@@ -229,11 +246,13 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
     passed[early] = t[1] * np.cbrt(knots[early] / s[1])
-    passed[late] = t[-1] - (t[-1] - t[-2]) * np.cbrt((s[-1] - knots[late]) / (s[-1] - s[-2]))
+    passed[late] = t[-1] - (t[-1] - t[-2]) * np.cbrt(
+        (s[-1] - knots[late]) / (s[-1] - s[-2])
+    )
     return passed
 
 
-def _graded(grid: Array, curve: Any, limits: Limits) -> Array:
+def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
     """Adapt the stages next to rest; up to the first one the joints move with constant jerk.
 
     The first stage is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches
@@ -245,13 +264,17 @@ def _graded(grid: Array, curve: Any, limits: Limits) -> Array:
     def stages(way: Array, slope: Array) -> Array:
         used = np.maximum(np.abs(slope), 1e-12)
         reached = float(
-            np.min(limits.acceleration / used) ** 3 / np.min(limits.jerk / used) ** 2 / 12
+            np.min(limits.acceleration / used) ** 3
+            / np.min(limits.jerk / used) ** 2
+            / 12
         )
         h, most = way[0], way[min(_MERGED, len(way) // 8)]
         if reached >= h:
             return way[way >= min(reached, most) * (1 - 1e-9)]
         begin = max(reached, _FINEST * h)
-        more = begin * _GROWTH ** np.arange(max(1, int(np.log(h / begin) / np.log(_GROWTH))))
+        more = begin * _GROWTH ** np.arange(
+            max(1, int(np.log(h / begin) / np.log(_GROWTH)))
+        )
         return np.concatenate([more[more < h * (1 - 1e-9)], way])
 
     half = len(grid) // 2
@@ -284,7 +307,7 @@ class _Path:
     curve: Any
 
     @classmethod
-    def of(cls, curve: Any, s: Array, limits: Limits) -> _Path:
+    def of(cls, curve: Any, s: Array, limits: JointLimits) -> _Path:
         h = np.diff(s)
         points = []
         for share in (0.0, 0.5, 1.0):
@@ -292,10 +315,12 @@ class _Path:
             slope, bend = curve(u, 1), curve(u, 2)
             points.append((share, slope, bend, _torques(limits, curve(u), slope, bend)))
         middle = s[:-1] + h / 2
-        most, most_between = (limits.most_rate(curve(u), curve(u, 1)) ** 2 for u in (s, middle))
+        most, most_between = (
+            limits.most_rate(curve(u), curve(u, 1)) ** 2 for u in (s, middle)
+        )
         return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
 
-    def from_rest(self, limits: Limits) -> Array:
+    def from_rest(self, limits: JointLimits) -> Array:
         """Evaluate x at the stages for constant jerk J/|q′| from rest at either end: (K,).
 
         It is ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|; the smaller value of both ends counts.
@@ -309,7 +334,7 @@ class _Path:
 
 
 def _torques(
-    limits: Limits, Q: Array, slope: Array, bend: Array
+    limits: JointLimits, Q: Array, slope: Array, bend: Array
 ) -> tuple[Array, Array, Array] | None:
     """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited."""
     if limits.torque is None or limits.dynamics is None:
@@ -333,7 +358,10 @@ def _times(s: Array, x: Array, slope: Array) -> Array:
     z[[0, -1]] = 0.0
     root = np.sqrt(np.abs(z))
     safe = np.where(root < 1e-2, 1.0, root)
-    curved = np.where(z > 0, np.arctanh(np.where(safe < 1, safe, np.nan)), np.arctan(safe)) / safe
+    curved = (
+        np.where(z > 0, np.arctanh(np.where(safe < 1, safe, np.nan)), np.arctan(safe))
+        / safe
+    )
     t = 2 * h / mean * np.where(root < 1e-2, 1 + z / 3 + z**2 / 5, curved)
     t[[0, -1]] *= 1.5  # constant jerk: t = 3 h / v
     return t
@@ -341,7 +369,7 @@ def _times(s: Array, x: Array, slope: Array) -> Array:
 
 def _solved(
     path: _Path,
-    limits: Limits,
+    limits: JointLimits,
     near: Array,
     near_slope: Array,
     ties: tuple[int, ...],
@@ -369,9 +397,13 @@ def _solved(
     # x is a parabola between stages, x = c s^4/3 next to rest, and the same at both ends of a
     # period
     i = np.arange(m - 1)
-    within = np.stack([-np.ones(m - 1), np.ones(m - 1), -h[inner] / 2, -h[inner] / 2], axis=1)
+    within = np.stack(
+        [-np.ones(m - 1), np.ones(m - 1), -h[inner] / 2, -h[inner] / 2], axis=1
+    )
     equal = [
-        within * scales[cols := np.stack([i, i + 1, m + i, m + i + 1], axis=1)] / x0[:-1, None]
+        within
+        * scales[cols := np.stack([i, i + 1, m + i, m + i + 1], axis=1)]
+        / x0[:-1, None]
     ]
     where = [cols]
     for k, step in ((0, h[0]), (m - 1, -h[-1])):
@@ -380,12 +412,16 @@ def _solved(
     if ties:
         a, b = (k - 1 for k in ties)
         where.append(np.array([[a, b, a, a], [m + a, m + b, a, a]]))
-        equal.append(np.array([[1, -x0[b] / x0[a], 0, 0], [1, -unit[b] / unit[a], 0, 0]]))
+        equal.append(
+            np.array([[1, -x0[b] / x0[a], 0, 0], [1, -unit[b] / unit[a], 0, 0]])
+        )
     A_eq = _sparse(np.concatenate(equal), np.concatenate(where), 2 * m)
 
     most = np.minimum(path.most[inner], 3 * x0) / x0
     for k, (end, step) in enumerate(((0, h[0]), (-1, -h[-1]))):
-        most[end] = min(most[end], _most_beside_rest(path, limits, -k, step) / tight[-k] / x0[end])
+        most[end] = min(
+            most[end], _most_beside_rest(path, limits, -k, step) / tight[-k] / x0[end]
+        )
     limits_of_unknowns = np.array(
         [*([1e-9, value] for value in most), *([-np.inf, np.inf] for _ in range(m))]
     )
@@ -396,10 +432,12 @@ def _solved(
     guess = np.concatenate([np.ones(m), near_slope[inner] / unit])
     active = np.zeros(len(bounds), bool)
     for _ in range(_ROUNDS):
-        active |= (coefficients * guess[columns]).sum(axis=1) > bounds - _NEARLY_USED * np.abs(
-            bounds
+        active |= (coefficients * guess[columns]).sum(
+            axis=1
+        ) > bounds - _NEARLY_USED * np.abs(bounds)
+        guess = _optimum(
+            cost, (coefficients, columns, bounds), active, A_eq, limits_of_unknowns
         )
-        guess = _optimum(cost, (coefficients, columns, bounds), active, A_eq, limits_of_unknowns)
         broken = (coefficients * guess[columns]).sum(axis=1) > bounds + _SLACK
         if not (broken & ~active).any():
             break
@@ -428,8 +466,12 @@ def _optimum(
     most: Array,
 ) -> Array:
     """Solve ``min cost·z`` with ``A z ≤ b`` in the active rows, ``A_eq z = 0`` and bounds on z."""
+    from scipy.optimize import linprog  # slow to import
+
     A = _sparse(rows[0][active], rows[1][active], len(cost))
-    found = linprog(cost, A, rows[2][active], A_eq, np.zeros(A_eq.shape[0]), most, method="highs")
+    found = linprog(
+        cost, A, rows[2][active], A_eq, np.zeros(A_eq.shape[0]), most, method="highs"
+    )
     if found.x is None:
         raise InputError(
             "no speed along this joint path is within the limits together with those of jerk"
@@ -438,7 +480,7 @@ def _optimum(
 
 
 def _rows(
-    path: _Path, limits: Limits, near: Array, tight: Array
+    path: _Path, limits: JointLimits, near: Array, tight: Array
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
     """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk.
 
@@ -455,7 +497,8 @@ def _rows(
         """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4)."""
         k = bend / h - share * (1 - share) / 2 * h * x
         return np.stack(
-            [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k], axis=-1
+            [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k],
+            axis=-1,
         ).reshape(-1, 4)
 
     whole = 1 / path.most_between[1:-1, None]
@@ -480,7 +523,7 @@ def _rows(
                 yield sign * A + tangent, columns, np.full(len(A), 1.5)
 
 
-def _most_beside_rest(path: _Path, limits: Limits, end: int, step: float) -> float:
+def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
     """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
 
     ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at
@@ -501,6 +544,8 @@ def _most_beside_rest(path: _Path, limits: Limits, end: int, step: float) -> flo
 
 def _sparse(coefficients: Array, columns: NDArray[np.intp], width: int) -> csr_array:
     """Create a sparse matrix from rows of four coefficients; those in the same column are added."""
+    from scipy.sparse import csr_array
+
     ends = np.arange(0, coefficients.size + 1, 4)
     return csr_array(
         (coefficients.ravel(), columns.ravel(), ends), shape=(len(coefficients), width)

@@ -88,7 +88,10 @@ class JointMotion:
         """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``."""
         times = np.diff(self.t)
         return float(
-            np.sqrt(np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times) / times.sum())
+            np.sqrt(
+                np.sum(np.sum(np.diff(self.q, axis=0) ** 2, axis=1) / times)
+                / times.sum()
+            )
         )
 
     @property
@@ -167,7 +170,9 @@ class JointMotion:
         """
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 
-    def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
+    def _first(
+        self, broken: NDArray[np.bool_], margins: Array
+    ) -> tuple[float, str] | None:
         """Find the first violation: time in cycles, joint with the smallest margin; or None."""
         if not broken.any():
             return None
@@ -218,7 +223,9 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
     """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included."""
-    cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
+    cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(
+        np.intp
+    )[:-1]
     return np.append(
         (np.arange(motion.cycles)[:, None] * motion.steps + cycle).ravel(),
         motion.cycles * motion.steps,
@@ -251,7 +258,9 @@ class Violation:
         return f"{names} collide {where if self.moment else 'at the start'}"
 
 
-def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tuple[Violation, ...]:
+def violations_of(
+    motion: JointMotion, bodies: JointMotion | None = None
+) -> tuple[Violation, ...]:
     """List the first limit violation and the first collision of a motion, in order of time.
 
     Parameters
@@ -262,10 +271,13 @@ def violations_of(motion: JointMotion, bodies: JointMotion | None = None) -> tup
         The same motion at fewer points, for fewer collision checks.
     """
     beyond, touch = motion.first_violation, (bodies or motion).first_touch
-    found: list[tuple[float, tuple[str, ...]]] = [(beyond[0], beyond[1:])] if beyond else []
+    found: list[tuple[float, tuple[str, ...]]] = (
+        [(beyond[0], beyond[1:])] if beyond else []
+    )
     found += [touch] if touch else []
     return tuple(
-        Violation(moment, cycle_of(moment, motion.cycles), names) for moment, names in sorted(found)
+        Violation(moment, cycle_of(moment, motion.cycles), names)
+        for moment, names in sorted(found)
     )
 
 
@@ -279,4 +291,6 @@ def refuse_violations(motion: JointMotion, remedy: str) -> None:
     """
     found = violations_of(motion)
     if found:
-        raise InputError(f"{'; '.join(map(str, found))}: no trajectory was written; {remedy}")
+        raise InputError(
+            f"{'; '.join(map(str, found))}: no trajectory was written; {remedy}"
+        )

@@ -56,7 +56,9 @@ def nodes_of(degree: int) -> Nodes:
             np.vstack([known, slope]).T, share[j] ** np.arange(j + 1)
         )
     u = 2 * share - 1
-    return Nodes(share, ahead, np.asarray(np.linalg.inv(np.vander(u, increasing=True)), float))
+    return Nodes(
+        share, ahead, np.asarray(np.linalg.inv(np.vander(u, increasing=True)), float)
+    )
 
 
 NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..errors import InputError
 from ..strategies.repeatable import RepeatableInverse
-from .profile import Limits
+from .profile import JointLimits
 
 _PIECE = 0.1
 """Maximum motion of a joint per call, from rest to rest, rad or m; a stop takes effect after it."""
@@ -26,7 +26,11 @@ _ALLOWED = 0.98
 
 
 def leaf_change(
-    inverse: RepeatableInverse, q: ArrayLike, leaf: ArrayLike, limits: Limits, dt: float
+    inverse: RepeatableInverse,
+    q: ArrayLike,
+    leaf: ArrayLike,
+    limits: JointLimits,
+    dt: float,
 ) -> Array:
     """Sample a self-motion towards another leaf: f(q) constant, h(q) on a straight line to c.
 
@@ -80,7 +84,9 @@ def leaf_change(
     return Q[1:]
 
 
-def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) -> Array:
+def _refined(
+    inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array
+) -> Array:
     """Solve for the next sample by Newton's method, from the previous one."""
     for _ in range(_STEPS):
         last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
@@ -89,7 +95,7 @@ def _refined(inverse: RepeatableInverse, place: pin.SE3, q: Array, leaf: Array) 
     raise InputError("the motion to the leaf has a gap")
 
 
-def _least_ticks(travel: Array, limits: Limits, dt: float) -> int:
+def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:
     """Compute the number of time steps in which a quintic over ``travel`` (n,) keeps the limits."""
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     times = [
@@ -100,7 +106,7 @@ def _least_ticks(travel: Array, limits: Limits, dt: float) -> int:
     return max(int(np.ceil(max(times) / dt)), 4)
 
 
-def _share_used(Q: Array, limits: Limits, dt: float) -> float:
+def _share_used(Q: Array, limits: JointLimits, dt: float) -> float:
     """Evaluate the largest fraction of a limit that samples use, with rest at both ends."""
     Q = np.concatenate([np.tile(Q[0], (3, 1)), Q, np.tile(Q[-1], (3, 1))])
     bounds = (limits.velocity, limits.acceleration, limits.jerk)

@@ -39,7 +39,9 @@ def leaf_direction(inverse: RepeatableInverse, q: Array, goal: Array) -> Array:
     if here >= ALONG:
         return d
     steps = q + _STEP * np.eye(len(q))
-    slope = _tangent(V, np.array([_regularity(inverse, x) - here for x in steps]) / _STEP)
+    slope = _tangent(
+        V, np.array([_regularity(inverse, x) - here for x in steps]) / _STEP
+    )
     square = max(float(slope @ slope), TINY)
     push = PUSH * (1 - here / ALONG) * sqrt(square * float(d @ d)) - float(slope @ d)
     return np.asarray(d + max(push, 0.0) / square * slope, float)

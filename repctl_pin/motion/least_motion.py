@@ -82,16 +82,22 @@ def least_closed_motion(
     """
     path = closed_path(path)
     steps = as_int(steps, "steps", 8, MOST_STEPS)
-    period = positive((path.period or 5.0) if period is None else period, "the period", "s")
+    period = positive(
+        (path.period or 5.0) if period is None else period, "the period", "s"
+    )
     free_start = flag(free_start, "free_start")
     margin = positive(limit_margin, "limit_margin", "rad", zero=True)
-    start = solve_ik(task, require_task(task).check(q0, "the start"), path.placement(0.0))
+    start = solve_ik(
+        task, require_task(task).check(q0, "the start"), path.placement(0.0)
+    )
     grid = path_grid(path, steps)
     cost = ClosedMotionCost.of(task, path, grid, free_start=free_start, margin=margin)
     if guess is None:
         Q = _closed(cost, _plain(cost, start), grid)
     else:
-        Q = _sampled(cost, require_type(guess, Motion, "guess", "a motion"), start, grid)
+        Q = _sampled(
+            cost, require_type(guess, Motion, "guess", "a motion"), start, grid
+        )
     Q = within_limits(cost, Q)
     return closed_motion(task, path, Q, grid * period)
 
@@ -120,20 +126,26 @@ def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
-    raise InputError("the motion of J⁺ cannot be closed", remedy="pass one that closes as guess=")
+    raise InputError(
+        "the motion of J⁺ cannot be closed", remedy="pass one that closes as guess="
+    )
 
 
 def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -> Array:
     """Sample the first cycle of a motion at the points of the path: (K, n)."""
     cycle, t = guess.cycle(0), guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
-        raise InputError(f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess")
+        raise InputError(
+            f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess"
+        )
     s = (t - t[0]) / (t[-1] - t[0])
     Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
     Q[: cost.first] = start
     on_path = cost.moved(Q)
     if on_path is None:
-        raise InputError(": it is too far from the path", argument="guess", remedy="omit it")
+        raise InputError(
+            ": it is too far from the path", argument="guess", remedy="omit it"
+        )
     return on_path
 
 
@@ -141,7 +153,9 @@ def closed_motion(task: Task, path: TaskPath, Q: Array, t: Array) -> Motion:
     """Create the motion of one closed cycle, Q (K, n); its velocities are means over the steps."""
     Q = np.vstack([Q, Q[:1]])
     qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]
-    errors = task.errors(Q, [path.placement(float(s)) for s in (t - t[0]) / (t[-1] - t[0])])
+    errors = task.errors(
+        Q, [path.placement(float(s)) for s in (t - t[0]) / (t[-1] - t[0])]
+    )
     linear = min(3, task.m)
     return Motion(
         task=task,

@@ -59,7 +59,12 @@ class Loop:
     tick = STEP
 
     def __init__(
-        self, strategies: Sequence[Strategy], path: TaskPath, q0: ArrayLike, *, period: float
+        self,
+        strategies: Sequence[Strategy],
+        path: TaskPath,
+        q0: ArrayLike,
+        *,
+        period: float,
     ) -> None:
         self.strategies, self.task = tuple(strategies), strategies[0].task
         self.steps = max(round(period / self.tick), 8)
@@ -67,7 +72,8 @@ class Loop:
         self._targets = [path.placement(k / self.steps) for k in range(self.steps)]
         start = self.task.check(q0, "the start")
         self._leaves = [
-            control.leaf(start) if isinstance(control, OnLeaves) else None for control in strategies
+            control.leaf(start) if isinstance(control, OnLeaves) else None
+            for control in strategies
         ]
         self._begin(start)
         first = [list(self.q)]
@@ -81,7 +87,9 @@ class Loop:
         self._start = start
         self.q = [start.copy() for _ in self.strategies]
         self.offset, self._at, self._rest = np.zeros(3), 0, 0.0
-        self._trail: deque[tuple[list[Array], Array, int]] = deque(maxlen=4 * self.steps)
+        self._trail: deque[tuple[list[Array], Array, int]] = deque(
+            maxlen=4 * self.steps
+        )
         self.out_of_reach = False
         self._free = 0  # steps since the last failed step
         self._back, self._stride = (
@@ -148,7 +156,11 @@ class Loop:
         ahead = (self._at + 1) % self.steps
         place = self._targets[ahead]
         target = pin.SE3(place.rotation, place.translation + offset)
-        found = [q for k in range(len(self.strategies)) if (q := self._next(k, target)) is not None]
+        found = [
+            q
+            for k in range(len(self.strategies))
+            if (q := self._next(k, target)) is not None
+        ]
         if len(found) < len(self.strategies):
             return False
         self._trail.append((self.q, self.offset, self._at))
@@ -161,7 +173,10 @@ class Loop:
         try:
             if isinstance(control, OnLeaves):
                 new = control.step(
-                    control.step(q, target, self.dt, leaf=leaf), target, self.dt, leaf=leaf
+                    control.step(q, target, self.dt, leaf=leaf),
+                    target,
+                    self.dt,
+                    leaf=leaf,
                 )
             else:
                 e = self.task.error(q, target)

@@ -51,7 +51,7 @@ class Motion(JointMotion):
     Examples
     --------
     >>> motion.q.shape, motion.drift.shape
-    ((201, 3), (2,))
+    ((101, 3), (2,))
     >>> bool(motion.tracking_error.max() < 1e-6)  # m
     True
     >>> bool(motion.limit_margin.min() > 0)  # rad
@@ -66,18 +66,26 @@ class Motion(JointMotion):
     region: Bounded | None = None
 
     def __repr__(self) -> str:
-        task, cycles = self.task, "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles"
+        task, cycles = (
+            self.task,
+            "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles",
+        )
         drift = " … ".join(
             f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1]))
         )
         return (
-            f"<Motion of {task.robot.name} {task.frame}: {self.path.name}, {cycles}, drift {drift}>"
+            f"<Motion of {task.robot.name} {task.frame}: "
+            f"{self.path.name}, {cycles}, drift {drift}>"
         )
 
     @property
     def outside(self) -> float | None:
         """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω."""
-        return None if self.region is None else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
+        return (
+            None
+            if self.region is None
+            else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
+        )
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:
@@ -87,7 +95,9 @@ class Motion(JointMotion):
 
         It is on the path while the errors are at most 0.001 arm lengths and 0.001 rad."""
         length = arm_length(self.task, self.q[0]) or 1.0
-        off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
+        off = ~(
+            (self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH)
+        )
         if not off.any():
             return None
         when = int(np.argmax(off)) / self.steps
@@ -99,7 +109,9 @@ class Motion(JointMotion):
         It applies to controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
         """
         factor = positive(factor, "the factor")
-        return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
+        return replace(
+            self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor
+        )
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
         """Slow the motion down wherever a joint exceeds its speed limit, on the same joint path.
@@ -128,7 +140,9 @@ class Motion(JointMotion):
         q, qdot = self.joints(self.q), self.joints(self.qdot)
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
-        between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(axis=1)  # (T,)
+        between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(
+            axis=1
+        )  # (T,)
         stretch = np.maximum(np.maximum(at_ends[1:], at_ends[:-1]), between)
         t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
         return replace(self, t=t, qdot=self.qdot / at_ends[:, None])

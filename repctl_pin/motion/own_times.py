@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PPoly
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .profile import Limits, Segment, most_used
+from .profile import JointLimits, Segment, most_used
+
+if TYPE_CHECKING:
+    pass
 
 _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""
@@ -55,13 +57,19 @@ class OwnTimes(Segment):
         """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
         return self.at(t), self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
-    def excess(self, limits: Limits) -> float:
+    def excess(self, limits: JointLimits) -> float:
         """Return 1: time is not stretched, because the smoothing makes the limits hold."""
         return 1.0
 
 
 def with_own_times(
-    Q: Array, clock: Array, limits: Limits, *, added: int, most: float, joints: Sequence[str]
+    Q: Array,
+    clock: Array,
+    limits: JointLimits,
+    *,
+    added: int,
+    most: float,
+    joints: Sequence[str],
 ) -> OwnTimes:
     """Time a smooth joint path by its own times, smoothed as little as the limits allow.
 
@@ -87,6 +95,8 @@ def with_own_times(
         If the motion's own times do not keep the limits.
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    from scipy.interpolate import CubicSpline  # slow to import
+
     curve = CubicSpline(s, Q, bc_type="not-a-knot")
     own = clock - clock[0]
     D = float(own[-1])
@@ -125,7 +135,9 @@ def with_own_times(
     return found
 
 
-def _worst(limits: Limits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
+def _worst(
+    limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]
+) -> str:
     """Describe the limit that is exceeded most, and when."""
     found = []
     for what, values, limit in zip(
@@ -147,7 +159,10 @@ def _worst(limits: Limits, moved: tuple[Array, ...], t: Array, joints: Sequence[
         used = limits.tool(moved[0], moved[1])
         k = int(np.argmax(used))
         found.append(
-            (float(used[k]), f"the tool would need {used[k]:.4g} times its speed at {t[k]:.3g} s")
+            (
+                float(used[k]),
+                f"the tool would need {used[k]:.4g} times its speed at {t[k]:.3g} s",
+            )
         )
     share, words = max(found)
     return words if share > 1 else "a torque would exceed its limit"
@@ -176,6 +191,8 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> OwnTime
     way = np.concatenate(
         [[0.0], np.cumsum(speed[:-1] * dt + push[:-1] * dt**2 / 2 + jerk * dt**3 / 6)]
     )
+    from scipy.interpolate import PPoly
+
     smooth = PPoly(np.stack([jerk / 6, push[:-1] / 2, speed[:-1], way[:-1]]), breaks)
     t = own + h
     t[[0, -1]] = 0.0, T

@@ -31,7 +31,7 @@ LEAST_STAGES = 50
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Limits:
+class JointLimits:
     """Limits of the joints (n,) and of the tool.
 
     Attributes
@@ -87,15 +87,24 @@ class Segment:
     def at(self, t: Array) -> Array:
         """Find s at times (T,) from the segment's start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
-        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
+        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
+            2 * (self.s[i + 1] - self.s[i])
+        )
         tau = t - self.t[i]
         return self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
-        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
-        return self.at(t), self.speed[i] + push * (t - self.t[i]), push, np.zeros(len(t))
+        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
+            2 * (self.s[i + 1] - self.s[i])
+        )
+        return (
+            self.at(t),
+            self.speed[i] + push * (t - self.t[i]),
+            push,
+            np.zeros(len(t)),
+        )
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
@@ -104,7 +113,7 @@ class Segment:
         q, q1, q2, q3 = _spline(self.curve, s)
         return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
-    def excess(self, limits: Limits) -> float:
+    def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
 
         They are checked at the stages and halfway between them.
@@ -113,11 +122,18 @@ class Segment:
         factor = 1.0
         for share in (0.0, 0.5, 1.0):
             s = self.s[:-1] + share * np.diff(self.s)
-            x = (1 - share) * self.speed[:-1] ** 2 + share * self.speed[1:] ** 2  # linear in s
+            x = (1 - share) * self.speed[:-1] ** 2 + share * self.speed[
+                1:
+            ] ** 2  # linear in s
             slope, bend = self.curve(s, 1), self.curve(s, 2)
-            qdot, qddot = slope * np.sqrt(x)[:, None], bend * x[:, None] + slope * u[:, None]
+            qdot, qddot = (
+                slope * np.sqrt(x)[:, None],
+                bend * x[:, None] + slope * u[:, None],
+            )
             factor = max(factor, float((np.abs(qdot) / limits.velocity).max()))
-            factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
+            factor = max(
+                factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max()))
+            )
             factor = max(factor, _torque_used(limits, self.curve(s), qdot, qddot))
             if limits.tool is not None:
                 factor = max(factor, float(limits.tool(self.curve(s), qdot).max()))
@@ -128,10 +144,17 @@ def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
     """Evaluate a cubic spline and its three derivatives at s: (K, n) each."""
     i = np.clip(np.searchsorted(curve.x, s, side="right") - 1, 0, len(curve.x) - 2)
     u, (d, c, b, a) = (s - curve.x[i])[:, None], curve.c[:, i]
-    return a + u * (b + u * (c + u * d)), b + u * (2 * c + 3 * u * d), 2 * c + 6 * u * d, 6 * d
+    return (
+        a + u * (b + u * (c + u * d)),
+        b + u * (2 * c + 3 * u * d),
+        2 * c + 6 * u * d,
+        6 * d,
+    )
 
 
-def most_used(limits: Limits, Q: Array, qdot: Array, qddot: Array, qdddot: Array) -> float:
+def most_used(
+    limits: JointLimits, Q: Array, qdot: Array, qddot: Array, qdddot: Array
+) -> float:
     """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
 
     The motion is given by (T, n) arrays.
@@ -145,7 +168,7 @@ def most_used(limits: Limits, Q: Array, qdot: Array, qddot: Array, qdddot: Array
     return max(factor, _torque_used(limits, Q, qdot, qddot))
 
 
-def _torque_used(limits: Limits, Q: Array, qdot: Array, qddot: Array) -> float:
+def _torque_used(limits: JointLimits, Q: Array, qdot: Array, qddot: Array) -> float:
     """Compute the factor by which time must be stretched to keep a motion's torque limits.
 
     The motion is given by (T, n) arrays; without torque limits the factor is 1.
@@ -157,7 +180,9 @@ def _torque_used(limits: Limits, Q: Array, qdot: Array, qddot: Array) -> float:
         weight = limits.dynamics(q, 0 * v, 0 * v)
         moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
         available = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
-        factor = max(factor, float(np.sqrt((np.abs(moving) / np.maximum(available, 1e-9)).max())))
+        factor = max(
+            factor, float(np.sqrt((np.abs(moving) / np.maximum(available, 1e-9)).max()))
+        )
     return factor
 
 
@@ -182,7 +207,7 @@ class Profile:
         stays: list[float],
         stops: list[int],
         ends: list[int],
-        limits: Limits,
+        limits: JointLimits,
     ) -> None:
         self.runs = runs
         took = np.array([run.t[-1] for run in runs])
@@ -211,7 +236,9 @@ class Profile:
         Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
         for j in np.unique(which):
             rows, run = which == j, self.runs[j]
-            Q[rows] = run.curve(run.at(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1])))
+            Q[rows] = run.curve(
+                run.at(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
+            )
         return Q
 
     def derivatives(self, clock: Array) -> Array:
@@ -290,14 +317,16 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list
 
 def _tangent(points: Array) -> Array:
     """Compute the unit tangent (n,) of a curve at the first of a few points (k, n)."""
-    x = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    x = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    )
     if x[-1] == 0:
         return np.zeros(points.shape[1])
     slope = np.linalg.solve(np.vander(x / x[-1], increasing=True), points)[1]
     return slope / max(np.linalg.norm(slope), 1e-300)
 
 
-def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
+def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
     """Compute the time-optimal profile of a smooth joint path (T, n), from rest to rest.
 
     It has at least ``stages`` stages.
@@ -324,14 +353,22 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
     grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
     velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
     if limits.tool is not None:
-        velocity = JointVelocityConstraintVarying(lambda s: _speeds_at(limits, curve, s))
+        velocity = JointVelocityConstraintVarying(
+            lambda s: _speeds_at(limits, curve, s)
+        )
     constraints = [velocity, JointAccelerationConstraint(limits.acceleration)]
     if limits.torque is not None:
         torque = np.stack([-limits.torque, limits.torque], axis=1)
-        constraints.append(JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque))))
+        constraints.append(
+            JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque)))
+        )
         constraints[-1].set_discretization_type(1)
     solver = TOPPRA(
-        constraints, curve, grid, solver_wrapper="seidel", parametrizer="ParametrizeConstAccel"
+        constraints,
+        curve,
+        grid,
+        solver_wrapper="seidel",
+        parametrizer="ParametrizeConstAccel",
     )
     _, speed, _ = solver.compute_parameterization(0.0, 0.0)
     if speed is None or not np.isfinite(speed).all() or not (speed[1:-1] > 0).all():
@@ -346,9 +383,11 @@ def fastest(Q: Array, limits: Limits, stages: float = STAGES) -> Segment:
     return Segment(curve.cspl, grid, speed, t, t[::finer])
 
 
-def _speeds_at(limits: Limits, curve: Any, s: float) -> Array:
+def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:
     """Compute the joint speed bounds (n, 2) at s that keep the tool's speed limit, too."""
     slope = curve(np.array([s]), 1)
     rate = limits.most_rate(curve(np.array([s])), slope)
-    speeds = np.minimum(np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12)
+    speeds = np.minimum(
+        np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12
+    )
     return np.stack([-speeds, speeds], axis=1)

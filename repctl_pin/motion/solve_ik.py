@@ -139,7 +139,9 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) 
     q = start = np.asarray(q0, float)
     for s in np.union1d(np.linspace(0, 1, points), path.breaks):
         try:
-            q = solve_ik(task, q, path.placement(float(s)), tolerance=_THERE, limits=False)
+            q = solve_ik(
+                task, q, path.placement(float(s)), tolerance=_THERE, limits=False
+            )
         except InputError as error:
             raise _with_corner(error, task, start, q, path, float(s)) from None
 
@@ -154,7 +156,9 @@ def _with_corner(
     corner = int(np.searchsorted(knots, s))
     where, what = path.corners[corner], str(error)
     if corner > 0:
-        shortfalls = [_shortfall(task, near, path.placement(knots[corner])) for near in (q, start)]
+        shortfalls = [
+            _shortfall(task, near, path.placement(knots[corner])) for near in (q, start)
+        ]
         if "" in shortfalls:
             where = f"between {path.corners[corner - 1]} and {where}"
         else:

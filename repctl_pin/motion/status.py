@@ -26,7 +26,7 @@ class Status(IntEnum):
 
     Examples
     --------
-    >>> governor = rp.Governor(design.inverse, 0.001, acceleration=5.0)
+    >>> governor = rp.Governor(design.inverse, 0.001, rp.Limits(acceleration=5.0))
     >>> governor.start(q0)
     >>> q, status = governor.step(task.placement(q0))
     >>> status is rp.Status.OK

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import (
@@ -16,7 +15,7 @@ from ..arguments import (
     Array,
     as_int,
     flag,
-    per_joint,
+    moved,
     positive,
     read_only,
     require_choice,
@@ -24,63 +23,20 @@ from ..arguments import (
 )
 from ..errors import InputError
 from ..robot.bodies import bodies_of
-from ..robot.task import Task
-from ..urdf.rules import NO_EFFORT
 from .jerk import fastest_with_jerk
+from .limits import LIMITS_MOVED, Limits, joint_limits
 from .motion import CLOSED, Motion
 from .own_times import with_own_times
-from .profile import SHARP, STAGES, Limits, Profile, Segment, Trajectory, corners_of, fastest
-
-PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
-    "panda": (
-        (15, 7.5, 10, 12.5, 15, 20, 20),
-        "frankaemika.github.io/docs/control_parameters.html, limits for Panda",
-    ),
-    "fr3": (
-        (10,) * 7,
-        "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3",
-    ),
-    "ur": ((5,) * 6, "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml"),
-}
-"""Published acceleration limits of arms, rad/s² from the base outward, and their sources.
-
-Franka's controller stops beyond its limits; libfranka's ``rate_limiting.h`` has the same numbers
-(branch 0.8 for Panda, main for FR3). UR publishes only torque limits; the numbers here are those
-that its MoveIt configuration chooses, "conservatively". FR3's speed limits that depend on position
-are not included."""
-
-JERKS: dict[str, tuple[tuple[float, ...], str]] = {
-    "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), PRESETS["panda"][1]),
-    "fr3": ((5000,) * 7, "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on"),
-}
-"""Published jerk limits of arms, rad/s³ from the base outward, and sources; UR publishes none."""
-
-FULL_SPEED = 0.2
-"""Assumed time, s, in which a joint reaches its speed limit, if its acceleration limit is
-unknown."""
-
-_UNLIMITED = 10.0
-"""Assumed acceleration limit, rad/s² or m/s², of a joint that has no speed limit either."""
-
-
-def presumed_acceleration(task: Task) -> tuple[Array, str]:
-    """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
-
-    They are published ones if the arm has any, else each joint's speed limit divided by 0.2 s.
-    """
-    entry, names = task.robot.entry, task.robot_joints
-    if entry is not None and entry.acceleration is not None:
-        published = PRESETS[entry.acceleration][0]
-        if len(published) == len(names):
-            return np.array(published, float), f"published limits for {entry.acceleration}"
-    speed = task.joint_limits[2]
-    return np.where(
-        np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED
-    ), f"assumed: each joint reaches its speed limit in {FULL_SPEED:g} s"
-
-
-_DIFFERENCE = 1e-5
-"""Joint step of the finite differences of the frame's placement, rad or m."""
+from .profile import (
+    SHARP,
+    STAGES,
+    JointLimits,
+    Profile,
+    Segment,
+    Trajectory,
+    corners_of,
+    fastest,
+)
 
 _MOMENT = 1e-3
 """Half-width, s, of the central differences that give q̇ and q̈; the exact accelerations jump."""
@@ -122,7 +78,7 @@ class TimedMotion:
 
     Examples
     --------
-    >>> timed = rp.timed(motion, acceleration=5.0)
+    >>> timed = rp.timed(motion, rp.Limits(acceleration=5.0))
     >>> timed.q.shape == timed.qdot.shape == (len(timed.t), 3)
     True
     >>> bool(np.abs(timed.qdot[[0, -1]]).max() < 0.02)  # rad/s: from rest to rest
@@ -167,17 +123,19 @@ class TimedMotion:
                 f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"
             )
         rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
-        return self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows]
+        return (
+            self.t[rows] - self.starts[k],
+            self.q[rows],
+            self.qdot[rows],
+            self.qddot[rows],
+        )
 
 
+@moved(LIMITS_MOVED)
 def timed(
     motion: Motion,
+    limits: Limits,
     *,
-    acceleration: ArrayLike | str | None = None,
-    velocity: ArrayLike | None = None,
-    jerk: ArrayLike | str | None = None,
-    torque: bool = False,
-    tool_speed: ArrayLike | None = None,
     keep_times: bool = False,
     rate: float = 1000.0,
 ) -> TimedMotion:
@@ -192,19 +150,8 @@ def timed(
     ----------
     motion
         Result of :func:`follow`; its times are ignored, except for pauses and with ``keep_times``.
-    acceleration : float, (n,) array or str
-        Acceleration limits of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in
-        ``PRESETS``, published limits: ``panda``, ``fr3``, ``ur``.
-    velocity : float or (n,) array, optional
-        Speed limits, rad/s (m/s); by default the URDF's.
-    jerk : float, (n,) array or str, optional
-        Jerk limits of the robot's joints, rad/s³ or m/s³, or a name in ``JERKS``: ``panda``,
-        ``fr3``. By default not limited.
-    torque
-        Keep the URDF's effort limits too, by Pinocchio's inverse dynamics.
-    tool_speed : float or (2,) array, optional
-        Largest speed of the frame along the path, m/s; or of its linear and its angular speed, m/s
-        and rad/s.
+    limits
+        Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     keep_times
         Keep the motion's own times, such as those of a CSV file, and only add ramps at the ends, as
         short as the limits allow. At a sharp corner the arm has to stand still, but passes it at
@@ -219,28 +166,26 @@ def timed(
     Raises
     ------
     InputError
-        If a limit is missing or not above 0, no speed keeps them all, or the motion's own times do
+        If the limits do not fit the robot, no speed keeps them all, or the motion's own times do
         not.
 
     Examples
     --------
-    >>> timed = rp.timed(motion, acceleration=5.0)  # rad/s²
+    >>> timed = rp.timed(motion, rp.Limits(acceleration=5.0))  # rad/s²
     >>> bool(np.abs(timed.qddot).max() < 5.01)
     True
     """
     require_type(motion, Motion, "motion", "a motion, such as rp.follow makes")
-    limits = limits_of(
-        motion.task,
-        velocity,
-        acceleration,
-        jerk=jerk,
-        torque=flag(torque, "torque"),
-        tool_speed=tool_speed,
+    kept = joint_limits(motion.task, limits)
+    rate, keep_times = (
+        positive(rate, "rate", "samples per second"),
+        flag(keep_times, "keep_times"),
     )
-    rate, keep_times = positive(rate, "rate", "samples per second"), flag(keep_times, "keep_times")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
-    if (limits.jerk is not None or keep_times) and np.linalg.norm(once[-1] - once[0]) < CLOSED:
+    if (kept.jerk is not None or keep_times) and np.linalg.norm(
+        once[-1] - once[0]
+    ) < CLOSED:
         once = once + np.linspace(0.0, 1.0, steps + 1)[:, None] * (
             once[0] - once[-1]
         )  # jerk feels 1e-9 rad
@@ -253,120 +198,39 @@ def timed(
         cycles = min(cycles, 3)
         Q = repeated(cycles)
     if keep_times:
-        profile, stops = _profile(Q, motion, cycles, limits, keep_times=True)
+        profile, stops = _profile(Q, motion, cycles, kept, keep_times=True)
         timed = _sampled(
-            profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops
+            profile,
+            motion.task.robot_joints,
+            motion.cycles - cycles,
+            rate,
+            kept,
+            stops,
         )
         return replace(timed, motion=motion)
-    profile, stops = _profile(Q, motion, cycles, limits)
-    if motion.cycles > cycles and not profile.converged:  # speeding up takes longer than a cycle
+    profile, stops = _profile(Q, motion, cycles, kept)
+    if (
+        motion.cycles > cycles and not profile.converged
+    ):  # speeding up takes longer than a cycle
         cycles = motion.cycles
         Q = repeated(cycles)
-        profile, stops = _profile(Q, motion, cycles, limits)
-    if limits.jerk is not None:
+        profile, stops = _profile(Q, motion, cycles, kept)
+    if kept.jerk is not None:
         steady = motion.cycles - 2 if cycles == 3 and profile.converged else 0
-        profile, stops = _profile(Q, motion, cycles, limits, steady=steady)
-    timed = _sampled(profile, motion.task.robot_joints, motion.cycles - cycles, rate, limits, stops)
+        profile, stops = _profile(Q, motion, cycles, kept, steady=steady)
+    timed = _sampled(
+        profile, motion.task.robot_joints, motion.cycles - cycles, rate, kept, stops
+    )
     return replace(timed, motion=motion)
 
 
-def limits_of(
-    task: Task,
-    velocity: ArrayLike | None,
-    acceleration: ArrayLike | str | None,
-    *,
-    jerk: ArrayLike | str | None = None,
-    torque: bool = False,
-    tool_speed: ArrayLike | None = None,
-) -> Limits:
-    """Collect the limits of a task's joints, given by the user or else by the URDF.
-
-    Raises
-    ------
-    InputError
-        If accelerations are missing, a number is not above 0, or the URDF lacks efforts or masses
-        for torque limits.
-    """
-    names = task.robot_joints
-    if acceleration is None:
-        known = ", ".join(PRESETS)
-        also = "; jerk= requires it too" if jerk is not None else ""
-        raise InputError(
-            "acceleration= is missing, and a URDF has no acceleration limits; "
-            f"give rad/s² (prismatic: m/s²) per joint, or one of {known}{also}"
-        )
-    own = np.array(
-        [task.robot.velocity_limit[task.robot.joint_names.index(name)] for name in names]
-    )
-    speeds = own if velocity is None else per_joint(velocity, len(names), "velocity")
-    most = _published(acceleration, PRESETS, task, "acceleration")
-    jerks = None if jerk is None else _published(jerk, JERKS, task, "jerk")
-    tool = None if tool_speed is None else _tool_share(task, tool_speed)
-    limits = Limits(speeds, most, jerk=jerks, tool=tool)
-    if not torque:
-        return limits
-    if task.coordinates is not None:
-        raise InputError(
-            "torque limits are of the robot's own joints; follow the path with the original task"
-        )
-    model = task.robot.model
-    efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
-    if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
-        raise InputError(
-            "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
-        )
-    return replace(limits, torque=efforts, dynamics=task.dynamics())
-
-
-def _published(
-    given: ArrayLike | str, known: dict[str, tuple[tuple[float, ...], str]], task: Task, what: str
-) -> Array:
-    """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,)."""
-    n = len(task.robot_joints)
-    if isinstance(given, str):
-        if given not in known:
-            raise InputError(
-                f"no {what}s of {given!r} are known, only of {', '.join(known)}; give numbers"
-            )
-        given = np.array(known[given][0], dtype=float)
-        if len(given) != n:
-            moved = f"{task.frame!r} is moved by {n}: give {n} numbers"
-            raise InputError(f"these {what}s are of {len(given)} joints, but {moved}")
-    values = per_joint(given, n, what)
-    if not np.isfinite(values).all():
-        raise InputError(f"{what} must be finite numbers")
-    return values
-
-
-def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
-    """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame."""
-    v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
-    if np.size(np.asarray(most)) == 1:  # m/s alone
-        omega_max = np.inf
-
-    def placed(joints: Array) -> pin.SE3:
-        return task.placement(
-            joints if task.coordinates is None else task.coordinates.coordinates(joints)
-        )
-
-    def share(Q: Array, Qdot: Array) -> Array:
-        found = np.zeros(len(Q))
-        for k, (q, qdot) in enumerate(zip(Q, Qdot, strict=True)):
-            size = float(np.linalg.norm(qdot))
-            if size > 0:
-                step = _DIFFERENCE / size
-                ahead, behind = placed(q + step * qdot), placed(q - step * qdot)
-                v = np.linalg.norm(ahead.translation - behind.translation) / (2 * step)
-                omega = np.linalg.norm(pin.log3(ahead.rotation @ behind.rotation.T)) / (2 * step)
-                found[k] = max(v / v_max, omega / omega_max)
-        return found
-
-    return share
-
-
-def rest_to_rest(Q: Array, joints: Sequence[str], rate: float, limits: Limits) -> TimedMotion:
+def rest_to_rest(
+    Q: Array, joints: Sequence[str], rate: float, limits: JointLimits
+) -> TimedMotion:
     """Time one smooth joint path (T, n) from rest to rest."""
-    segment = fastest(Q, limits) if limits.jerk is None else fastest_with_jerk(Q, limits)
+    segment = (
+        fastest(Q, limits) if limits.jerk is None else fastest_with_jerk(Q, limits)
+    )
     profile = Profile([segment], [0.0], [0, len(Q) - 1], [0, len(Q) - 1], limits)
     return _sampled(profile, tuple(joints), 0, rate, limits, 0)
 
@@ -375,7 +239,7 @@ def _profile(
     Q: Array,
     motion: Motion,
     cycles: int,
-    limits: Limits,
+    limits: JointLimits,
     *,
     steady: int = -1,
     keep_times: bool = False,
@@ -394,20 +258,28 @@ def _profile(
     place = np.cumsum(kept) - 1  # of every point among the kept
     stays = np.zeros(int(place[-1]) + 1)
     np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), cycles)[~moving])
-    breaks = np.rint(np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))).astype(int)
-    marks = [int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)]
+    breaks = np.rint(
+        np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))
+    ).astype(int)
+    marks = [
+        int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)
+    ]
     corners, stays_at = corners_of(Q[kept], marks), np.flatnonzero(stays).tolist()
     last = int(place[-1])
     ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
     if keep_times:
-        clock = np.append((t[:-1] + t[-1] * np.arange(cycles)[:, None]).ravel(), cycles * t[-1])[
-            kept
-        ]
+        clock = np.append(
+            (t[:-1] + t[-1] * np.arange(cycles)[:, None]).ravel(), cycles * t[-1]
+        )[kept]
         sharp = sorted({0, last, *corners_of(Q[kept], marks, SHARP), *stays_at})
-        runs, stops = _in_own_times(Q[kept], clock, stays, sharp, corners, limits, motion)
+        runs, stops = _in_own_times(
+            Q[kept], clock, stays, sharp, corners, limits, motion
+        )
     else:
         stops = sorted({0, last, *corners, *stays_at})
-        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))])
+        way = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))]
+        )
         density = STAGES * cycles / way[-1]
         seams = (ends[1], ends[2]) if steady > 0 and len(stops) == 2 else ()
         known: dict[bytes, Segment] = {}  # cycles have the same parts
@@ -422,7 +294,9 @@ def _profile(
                 known[key] = fastest_with_jerk(part, limits, stages, seams, steady)
             runs.append(known[key])
     count = sum(0 < k < ends[1] for k in stops)
-    return Profile(runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits), count
+    return Profile(
+        runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits
+    ), count
 
 
 def _in_own_times(
@@ -431,7 +305,7 @@ def _in_own_times(
     stays: Array,
     stops: list[int],
     corners: list[int],
-    limits: Limits,
+    limits: JointLimits,
     motion: Motion,
 ) -> tuple[list[Segment], list[int]]:
     """Time a joint path in its own times, from stop to stop.
@@ -439,7 +313,10 @@ def _in_own_times(
     Where the limits require it, the arm stops at gentler corners, too. Returns the segments and the
     indices of all stops.
     """
-    period, joints = float(motion.t[motion.steps] - motion.t[0]), motion.task.robot_joints
+    period, joints = (
+        float(motion.t[motion.steps] - motion.t[0]),
+        motion.task.robot_joints,
+    )
 
     def segment(a: int, b: int) -> Segment:
         own = clock[a : b + 1].copy()
@@ -465,7 +342,12 @@ def _in_own_times(
 
 
 def _sampled(
-    profile: Profile, joints: tuple[str, ...], more: int, rate: float, limits: Limits, stops: int
+    profile: Profile,
+    joints: tuple[str, ...],
+    more: int,
+    rate: float,
+    limits: JointLimits,
+    stops: int,
 ) -> TimedMotion:
     """Sample a profile at even time steps, with its second cycle repeated ``more`` times."""
     dt = 1.0 / rate
@@ -493,7 +375,10 @@ def _sampled(
     back, before, q, after, beyond = (
         profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2)
     )
-    qdot, qddot = (after - before) / (2 * moment), (beyond - 2 * q + back) / (4 * moment**2)
+    qdot, qddot = (
+        (after - before) / (2 * moment),
+        (beyond - 2 * q + back) / (4 * moment**2),
+    )
     begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
     steady_rows = np.tile(np.arange(begin, begin + period), more)
     rows = np.concatenate(
@@ -517,7 +402,9 @@ def _sampled(
         acceleration=limits.acceleration,
         stops=stops,
         jerk=limits.jerk,
-        trajectory=Trajectory(profile, factor, lead * dt, float(marks[1]), period * dt, more),
+        trajectory=Trajectory(
+            profile, factor, lead * dt, float(marks[1]), period * dt, more
+        ),
     )
 
 
@@ -525,15 +412,13 @@ _LOOKED_AT = 101
 """Number of points of an approach at which collisions are checked."""
 
 
+@moved(LIMITS_MOVED)
 def approach(
     q_now: ArrayLike,
     motion: Motion,
+    limits: Limits,
     *,
     to: Literal["start", "nearest"] = "start",
-    acceleration: ArrayLike | str | None = None,
-    velocity: ArrayLike | None = None,
-    jerk: ArrayLike | str | None = None,
-    torque: bool = False,
     rate: float = 1000.0,
     bodies: bool = True,
 ) -> TimedMotion:
@@ -548,17 +433,13 @@ def approach(
         Current configuration, rad (m for prismatic joints).
     motion
         Motion to approach.
+    limits
+        As :func:`timed` takes them.
     to
         The goal: ``start``, the motion's first configuration, or ``nearest``, the one of its first
         cycle that is nearest to q_now; from there :class:`Run` goes on.
-    acceleration : float or (n,) array, or str
-        rad/s² (m/s²), as :func:`timed` takes it.
-    velocity : float or (n,) array, optional
-        rad/s (m/s); by default the URDF's.
-    jerk : float, (n,) array or str, optional
-        Jerk limits, rad/s³ (m/s³), as :func:`timed` takes them.
-    torque, rate
-        As :func:`timed` takes them.
+    rate
+        Samples per second, Hz.
     bodies
         Check for collisions of the robot with itself or its surroundings on the way.
 
@@ -571,26 +452,39 @@ def approach(
     ------
     InputError
         If q_now or the goal is outside the joint limits, the arm is at the goal already or would
-        collide, or a limit is invalid.
+        collide, or the limits do not fit the robot.
 
     Examples
     --------
-    >>> way = rp.approach(q0 + 0.2, motion, acceleration=5.0)
+    >>> way = rp.approach(q0 + 0.2, motion, rp.Limits(acceleration=5.0))
     >>> np.allclose(way.q[-1], motion.q[0])
     True
     """
-    task = require_type(motion, Motion, "motion", "a motion, such as rp.follow makes").task
+    task = require_type(
+        motion, Motion, "motion", "a motion, such as rp.follow makes"
+    ).task
     bodies = flag(bodies, "bodies")
-    limits = limits_of(task, velocity, acceleration, jerk=jerk, torque=flag(torque, "torque"))
+    kept = joint_limits(task, limits)
     now, goal = task.check(q_now, "q_now"), motion.q[0]
     if require_choice(to, ("start", "nearest"), "goal") == "nearest":
         goal = motion.q[
-            np.argmin(np.linalg.norm(motion.joints(motion.q[: motion.steps + 1] - now), axis=1))
+            np.argmin(
+                np.linalg.norm(
+                    motion.joints(motion.q[: motion.steps + 1] - now), axis=1
+                )
+            )
         ]
-    ends = [now, task.check(goal, f"the motion's {'start' if to == 'start' else 'nearest point'}")]
+    ends = [
+        now,
+        task.check(
+            goal, f"the motion's {'start' if to == 'start' else 'nearest point'}"
+        ),
+    ]
     begin, end = motion.joints(np.array(ends))
     if np.linalg.norm(end - begin) < 1e-9:
-        where = "at the start of the motion" if to == "start" else "on the motion's path"
+        where = (
+            "at the start of the motion" if to == "start" else "on the motion's path"
+        )
         raise InputError(f"the arm is {where} already; there is nothing to approach")
     share = np.linspace(0, 1, _LOOKED_AT)[:, None]
     if bodies:
@@ -606,5 +500,5 @@ def approach(
             )
     line = begin + share * (end - begin)
     return rest_to_rest(
-        line, task.robot_joints, positive(rate, "rate", "samples per second"), limits
+        line, task.robot_joints, positive(rate, "rate", "samples per second"), kept
     )

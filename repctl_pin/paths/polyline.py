@@ -68,7 +68,12 @@ class Waypoints:
 
 
 def polygon(
-    task: Task, q0: ArrayLike, corners: ArrayLike, *, blend: float = 0.0, name: str = "polygon"
+    task: Task,
+    q0: ArrayLike,
+    corners: ArrayLike,
+    *,
+    blend: float = 0.0,
+    name: str = "polygon",
 ) -> TaskPath:
     """Create a closed polygon that starts at the frame's position at q0, at constant speed.
 
@@ -114,7 +119,9 @@ def polygon(
     aside = start.translation - path.point(0.0)
     if not aside.any():
         return path
-    return TaskPath(name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks)
+    return TaskPath(
+        name, lambda s: path.point(s) + aside, path.slope, path.rotation, path.breaks
+    )
 
 
 def waypoints(
@@ -206,31 +213,48 @@ def waypoints(
             f"not {len(corners)}"
         )
     size = max(float(np.ptp(corners, axis=0).max()), 1e-3)
-    gap, turned = float(np.linalg.norm(corners[-1] - corners[0])), pin.log3(turns[0].T @ turns[-1])
+    gap, turned = (
+        float(np.linalg.norm(corners[-1] - corners[0])),
+        pin.log3(turns[0].T @ turns[-1]),
+    )
     if gap > 1e-6 * size or np.linalg.norm(turned) > 1e-6:
-        by = f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
+        by = (
+            f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
+        )
         raise InputError(f"the path is open by {by}; repeat the first point at the end")
     corners = np.vstack([corners[:-1], corners[0]])
-    return _polyline(corners, turns[0] if len(turns) == 1 else turns, times, blend, name)
+    return _polyline(
+        corners, turns[0] if len(turns) == 1 else turns, times, blend, name
+    )
 
 
 def _polyline(
-    corners: Array, rotation: Array | list[Array], times: ArrayLike | None, blend: float, name: str
+    corners: Array,
+    rotation: Array | list[Array],
+    times: ArrayLike | None,
+    blend: float,
+    name: str,
 ) -> TaskPath:
     """Create a path through corners (P, 3), the last equal to the first.
 
     ``rotation`` is one orientation (3, 3), or a list of P orientations to interpolate.
     """
     if len(corners) - 1 > MOST_POINTS:
-        raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
+        raise InputError(
+            f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}"
+        )
     turns = np.zeros(len(corners) - 1)
     if isinstance(rotation, list):
-        turns = np.array([np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)])
+        turns = np.array(
+            [np.linalg.norm(pin.log3(a.T @ b)) for a, b in pairwise(rotation)]
+        )
     edges = np.diff(corners, axis=0)
     sizes = np.hypot(np.linalg.norm(edges, axis=1), _PER_RADIAN * turns)
     stays = sizes < 1e-9
     if stays.all():
-        raise InputError(f"{name}: all points are the same; give at least two different points")
+        raise InputError(
+            f"{name}: all points are the same; give at least two different points"
+        )
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
         raise InputError(
@@ -380,7 +404,12 @@ def _rounded(
     across = np.linalg.norm(inward, axis=1)
     phi = np.arctan2(across, np.einsum("ij,ij->i", units, before))
     moving = lengths > 1e-9
-    phi[~(moving & np.roll(moving, 1)) | (phi > np.pi - 1e-3) | (phi < 1e-9) | (radius == 0)] = 0.0
+    phi[
+        ~(moving & np.roll(moving, 1))
+        | (phi > np.pi - 1e-3)
+        | (phi < 1e-9)
+        | (radius == 0)
+    ] = 0.0
     cut = radius * np.tan(phi / 2)  # length cut off both edges of corner i
     straight = lengths - cut - np.roll(cut, -1)
     if (straight < -1e-12).any():
@@ -400,7 +429,9 @@ def _rounded(
         bend = bends[i]
         if bend is not None:
             start, length = corners[i] - cut[i] * before[i], bend.length(cut[i])
-            pieces.append(_bend(bend, start, before[i], inward[i] / across[i], length, begin))
+            pieces.append(
+                _bend(bend, start, before[i], inward[i] / across[i], length, begin)
+            )
             took.append(length / 2)
 
     for i, edge in enumerate(edges):

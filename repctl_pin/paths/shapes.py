@@ -69,7 +69,10 @@ def circle(
     >>> round(path.length, 3)  # m
     1.257
     """
-    radius, start_angle = positive(radius, _RADIUS, "m"), finite(start_angle, "start_angle", "rad")
+    radius, start_angle = (
+        positive(radius, _RADIUS, "m"),
+        finite(start_angle, "start_angle", "rad"),
+    )
     here, e1, e2, plane = _frame(task, q0, normal)
 
     def around(angle: float) -> Array:
@@ -95,7 +98,11 @@ def circle(
     target = vector(rotation, 3, "rotation, as a point to face,")
     R, spin = facing(target, point, slope, here.rotation)
     return TaskPath(
-        f"{name}, facing ({', '.join(f'{v:g}' for v in target)})", point, slope, R, spin=spin
+        f"{name}, facing ({', '.join(f'{v:g}' for v in target)})",
+        point,
+        slope,
+        R,
+        spin=spin,
     )
 
 
@@ -138,7 +145,10 @@ def figure_eight(
     >>> np.allclose(begin.translation, half.translation)  # it crosses itself at the start
     True
     """
-    radius, start_angle = positive(radius, _RADIUS, "m"), finite(start_angle, "start_angle", "rad")
+    radius, start_angle = (
+        positive(radius, _RADIUS, "m"),
+        finite(start_angle, "start_angle", "rad"),
+    )
     here, e1, e2, plane = _frame(task, q0, normal)
     along = np.cos(start_angle) * e1 + np.sin(start_angle) * e2
     across = -np.sin(start_angle) * e1 + np.cos(start_angle) * e2
@@ -149,13 +159,20 @@ def figure_eight(
             here.translation
             + radius * (np.sin(turn * s) * along + 0.5 * np.sin(2 * turn * s) * across)
         ),
-        lambda s: radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across),
+        lambda s: (
+            radius * turn * (np.cos(turn * s) * along + np.cos(2 * turn * s) * across)
+        ),
         here.rotation,
     )
 
 
 def rose(
-    task: Task, q0: ArrayLike, radius: float = 0.1, *, petals: int = 3, normal: Normal = "z"
+    task: Task,
+    q0: ArrayLike,
+    radius: float = 0.1,
+    *,
+    petals: int = 3,
+    normal: Normal = "z",
 ) -> TaskPath:
     """Create a rose, ρ = radius · sin(petals · φ) in polar coordinates around the start.
 
@@ -207,7 +224,9 @@ def rose(
 
     return TaskPath(
         f"rose of {petals} petals, {radius:g} m, in {plane}",
-        lambda s: here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s),
+        lambda s: (
+            here.translation + radius * np.sin(petals * np.pi * s) * ray(np.pi * s)
+        ),
         slope,
         here.rotation,
     )
@@ -216,7 +235,10 @@ def rose(
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
     """Compute the start's placement, the two unit axes of the path's plane, and its name."""
     normal = require_type(
-        normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"
+        normal,
+        str,
+        "normal",
+        "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'",
     )
     bare = normal.removeprefix("-")
     meant = _NORMALS.get(bare, bare)

@@ -51,7 +51,9 @@ def read_waypoints(file: str | Path) -> Waypoints:
     return _read(file_name(file))
 
 
-def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], TaskPath]:
+def waypoint_path(
+    file: str, blend: float = 0.0
+) -> Callable[[Task, ArrayLike], TaskPath]:
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
     Without quaternions in the file, the frame keeps its orientation at q0.
@@ -66,8 +68,12 @@ def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], 
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
     def through(rotation: ArrayLike) -> TaskPath:
-        path = waypoints(table.points, rotation, times=table.times, blend=blend, name=name)
-        return replace(path, spec=file + (f":blend={blend:.15g}" if blend else ""), corners=corners)
+        path = waypoints(
+            table.points, rotation, times=table.times, blend=blend, name=name
+        )
+        return replace(
+            path, spec=file + (f":blend={blend:.15g}" if blend else ""), corners=corners
+        )
 
     known = through(
         np.eye(3) if table.rotations is None else table.rotations
@@ -80,20 +86,28 @@ def waypoint_path(file: str, blend: float = 0.0) -> Callable[[Task, ArrayLike], 
 def _read(file: Path) -> Waypoints:
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     try:
-        rows = [(number, row) for number, row in enumerate(lines, 1) if any(map(str.strip, row))]
+        rows = [
+            (number, row)
+            for number, row in enumerate(lines, 1)
+            if any(map(str.strip, row))
+        ]
     except csv.Error as error:
         raise InputError(f"cannot read waypoints from {file}: {error}") from None
     names: tuple[str, ...] = _POINT + _TURN if rows and len(rows[0][1]) == 7 else _POINT
     if rows and _is_header(rows[0][1]):
         names = _columns(rows.pop(0)[1], file)
     if not rows:
-        raise InputError(f"{file} contains no waypoints; write x, y, z in m, one point per line")
+        raise InputError(
+            f"{file} contains no waypoints; write x, y, z in m, one point per line"
+        )
     if len(rows) - 1 > MOST_POINTS:
         raise InputError(
             f"{file} contains {len(rows)} waypoints; reduce them to at most {MOST_POINTS}"
         )
     numbers = tuple(line for line, _ in rows)
-    values = np.array([_numbers(row, names, f"{file}, line {line}") for line, row in rows])
+    values = np.array(
+        [_numbers(row, names, f"{file}, line {line}") for line, row in rows]
+    )
     column = {name: values[:, i] for i, name in enumerate(names)}
     rotations = None
     if "qw" in column:
@@ -105,31 +119,39 @@ def _read(file: Path) -> Waypoints:
                 f"{file}, line {numbers[at]}: the quaternion has length {sizes[at]:.3g}; "
                 "normalise it, in the order qx, qy, qz, qw"
             )
-        rotations = np.array([pin.Quaternion(q).normalized().matrix() for q in quaternions])
+        rotations = np.array(
+            [pin.Quaternion(q).normalized().matrix() for q in quaternions]
+        )
     times = column.get("time")
     if times is not None and (late := np.diff(times) <= 0).any():
         raise InputError(
             f"{file}, line {numbers[int(np.argmax(late)) + 1]}: "
             "the time must increase from line to line"
         )
-    return Waypoints(np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers)
+    return Waypoints(
+        np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers
+    )
 
 
 def _is_header(row: list[str]) -> bool:
     """Test whether a line of the file is a header: words instead of numbers."""
     return all(
-        cell.lstrip("#\"' \t")[:1].isalpha() and not np.isfinite(number(cell)) for cell in row
+        cell.lstrip("#\"' \t")[:1].isalpha() and not np.isfinite(number(cell))
+        for cell in row
     )
 
 
 def _columns(row: list[str], file: Path) -> tuple[str, ...]:
     """Read the column names, in the order of the header, and check that the set is known."""
     names = tuple(
-        {"t": "time"}.get(name, name) for name in (cell.strip("#\"' \t").lower() for cell in row)
+        {"t": "time"}.get(name, name)
+        for name in (cell.strip("#\"' \t").lower() for cell in row)
     )
     if not any(sorted(names) == sorted(layout) for layout in _LAYOUTS):
         if any(";" in name for name in row):
-            raise InputError(f"{file}: separate the columns by commas, and use decimal points")
+            raise InputError(
+                f"{file}: separate the columns by commas, and use decimal points"
+            )
         called = f"the columns are named {', '.join(map(str.strip, row))}"
         meant = "x, y, z (m), and optionally qx, qy, qz, qw and time (s)"
         raise InputError(f"{file}: {called}; name them {meant}")
@@ -143,7 +165,9 @@ def _numbers(row: list[str], names: tuple[str, ...], where: str) -> list[float]:
         return values
     wrong = f"{where}: {text!r} is not {_COUNT[len(names)]}"
     if ";" in text or len(text.split()) == len(names) > len(row):
-        raise InputError(f"{wrong} numbers; separate them by commas, and use decimal points")
+        raise InputError(
+            f"{wrong} numbers; separate them by commas, and use decimal points"
+        )
     raise InputError(f"{wrong} finite numbers {', '.join(names)}")
 
 

@@ -6,7 +6,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, as_numbers, require_type, shown, vector
+from ..arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    require_type,
+    shown,
+    vector,
+)
 from ..errors import InputError, SingularityError
 from ..robot.model import frame_id
 from ..robot.task import Task, require_task
@@ -80,7 +87,9 @@ class ArmAngle(PotentialBasis):
         )
         self._ids = [frame_id(task.model, name) for name in self.frames]
         self.reference = _unit(reference, "the reference direction")
-        self.singular = None if singular is None else _unit(singular, "the singular direction")
+        self.singular = (
+            None if singular is None else _unit(singular, "the singular direction")
+        )
         if self.singular is not None:
             across = self.singular - self.reference * (self.reference @ self.singular)
             if np.linalg.norm(across) < 0.1:
@@ -103,7 +112,10 @@ class ArmAngle(PotentialBasis):
     def values(self, Q: ArrayLike) -> Array:
         """Evaluate ψ at every row of Q (K, n): (K, 1), rad, from −π to π."""
         return np.array(
-            [[self._angle(q)[0]] for q in as_configurations(Q, self.task.n, "an arm angle")]
+            [
+                [self._angle(q)[0]]
+                for q in as_configurations(Q, self.task.n, "an arm angle")
+            ]
         ).reshape(-1, 1)
 
     def gradients(self, Q: ArrayLike) -> Array:
@@ -124,7 +136,13 @@ class ArmAngle(PotentialBasis):
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Evaluate elbow and wrist relative to the shoulder (3,), each with its Jacobian (3, n)."""
         model, data = self.task.model, self.task._data
-        J = [pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy() for i in self._ids]
+        q, drive = self.task._vector(q), self.task.drive
+        J = [
+            pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy()
+            for i in self._ids
+        ]
+        if drive is not None:
+            J = [one @ drive.S for one in J]
         pin.framesForwardKinematics(model, data, q)
         p = [data.oMf[i].translation.copy() for i in self._ids]
         return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])
@@ -147,7 +165,11 @@ class ArmAngle(PotentialBasis):
                 "the arm angle is singular: the arm is straight, or the wrist points "
                 "in a singular direction"
             )
-        ds = np.cross(y, e) @ dw_hat + np.cross(e, w_hat) @ dy_q + np.cross(w_hat, y) @ J_e
+        ds = (
+            np.cross(y, e) @ dw_hat
+            + np.cross(e, w_hat) @ dy_q
+            + np.cross(w_hat, y) @ J_e
+        )
         dc = e @ dy_q + y @ J_e
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
@@ -155,7 +177,9 @@ class ArmAngle(PotentialBasis):
         """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3)."""
         r, t = self.reference, self.singular
         if t is None:
-            return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(w_hat, r)
+            return r - w_hat * (w_hat @ r), -(w_hat @ r) * np.eye(3) - np.outer(
+                w_hat, r
+            )
         # k = (ŵ − t) × r, and y = k × ŵ: perpendicular to ŵ, 0 only at ŵ = t
         k, dk = np.cross(w_hat - t, r), -pin.skew(r)
         return np.cross(k, w_hat), -pin.skew(w_hat) @ dk + pin.skew(k)
@@ -163,6 +187,13 @@ class ArmAngle(PotentialBasis):
 
 def _unit(value: ArrayLike, what: str) -> Array:
     v = as_numbers(value)
-    if v is None or v.shape != (3,) or not np.isfinite(v).all() or not np.linalg.norm(v) > 0:
-        raise InputError(f"{what} must be three finite numbers, not all 0; got {shown(value)}")
+    if (
+        v is None
+        or v.shape != (3,)
+        or not np.isfinite(v).all()
+        or not np.linalg.norm(v) > 0
+    ):
+        raise InputError(
+            f"{what} must be three finite numbers, not all 0; got {shown(value)}"
+        )
     return v / np.linalg.norm(v)

@@ -133,7 +133,9 @@ class Joined(PotentialBasis):
 
     def weighted(self, A: ArrayLike) -> SumMap:
         """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
-        maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
+        maps = [
+            part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)
+        ]
         curved = [part for part in maps if isinstance(part, CurvedPotentials)]
         return CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
 
@@ -141,9 +143,8 @@ class Joined(PotentialBasis):
         return " + ".join(map(str, self.parts))
 
     def __repr__(self) -> str:
-        return (
-            f"<{' + '.join(repr(part).strip('<>') for part in self.parts)}: {self.size} potentials>"
-        )
+        parts = " + ".join(repr(part).strip("<>") for part in self.parts)
+        return f"<{parts}: {self.size} potentials>"
 
 
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:

@@ -52,7 +52,10 @@ class CustomPotentials(PotentialBasis):
         names: Sequence[str] | None = None,
     ) -> None:
         require_type(
-            functions, Sequence, "functions", "a list of functions q → h, or of pairs (h, gradient)"
+            functions,
+            Sequence,
+            "functions",
+            "a list of functions q → h, or of pairs (h, gradient)",
         )
         pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
         if not pairs:
@@ -68,11 +71,18 @@ class CustomPotentials(PotentialBasis):
                 )
         self._functions = [pair[0] for pair in pairs]
         self._gradients = [pair[1] for pair in pairs]
-        given = () if names is None else list_of_names(names, "names", "one name per potential")
+        given = (
+            ()
+            if names is None
+            else list_of_names(names, "names", "one name per potential")
+        )
         if names is not None and len(given) != len(pairs):
             raise InputError(f"{len(given)} names for {len(pairs)} potentials")
         own = [getattr(f, "__name__", "h") for f in self._functions]
-        own = [f"h_{i + 1}" if name in ("<lambda>", "h") else name for i, name in enumerate(own)]
+        own = [
+            f"h_{i + 1}" if name in ("<lambda>", "h") else name
+            for i, name in enumerate(own)
+        ]
         self._names = given or tuple(own)
 
     @property
@@ -96,9 +106,9 @@ class CustomPotentials(PotentialBasis):
     def values(self, Q: ArrayLike) -> Array:
         """Evaluate the potentials at every row of Q (K, n): (K, N)."""
         Q = as_configurations(Q, None, "this basis")
-        return np.array([[self._value(j, q) for j in range(self.size)] for q in Q]).reshape(
-            len(Q), self.size
-        )
+        return np.array(
+            [[self._value(j, q) for j in range(self.size)] for q in Q]
+        ).reshape(len(Q), self.size)
 
     def gradients(self, Q: ArrayLike) -> Array:
         """Evaluate the gradients at every row of Q (K, n): (K, n, N), per rad or m."""

@@ -59,7 +59,9 @@ def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
 
     def slope(q: Array) -> None:
         here[:] = q
-        with np.errstate(over="ignore", invalid="ignore"):  # the solve tests for what is not finite
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # the solve tests for what is not finite
             V_T[:] = potentials.gradient(here).T
 
     def gap(leaf: Array) -> None:
@@ -110,7 +112,11 @@ class Homogeneous:
     """
 
     def __init__(
-        self, center: Array, scale: Array, degree: int, terms: dict[tuple[int, ...], Array]
+        self,
+        center: Array,
+        scale: Array,
+        degree: int,
+        terms: dict[tuple[int, ...], Array],
     ) -> None:
         n, r = len(center), len(next(iter(terms.values())))
         S = np.zeros((r, *(n + 1,) * degree))
@@ -122,7 +128,9 @@ class Homogeneous:
                 coefficient / np.prod(scale ** np.array(beta)),
             )
         self.center, self.degree, self.n, self.r = center, degree, n, r
-        self.tensor = np.ascontiguousarray((degree * S).reshape(r * (n + 1) ** (degree - 1), n + 1))
+        self.tensor = np.ascontiguousarray(
+            (degree * S).reshape(r * (n + 1) ** (degree - 1), n + 1)
+        )
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
@@ -145,7 +153,12 @@ class Homogeneous:
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
         z = np.ones(self.n + 1)
-        u, center, subtract, degree = z[1:], self.center, np.subtract, float(self.degree)
+        u, center, subtract, degree = (
+            z[1:],
+            self.center,
+            np.subtract,
+            float(self.degree),
+        )
         stages = []
         w = self.tensor
         while len(w) > self.r:

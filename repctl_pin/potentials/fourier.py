@@ -67,7 +67,9 @@ class Fourier(PotentialBasis):
         self.n = as_int(n, "the number of joints", 1, _MAX_SIZE)
         self.order = as_int(order, "the order of a Fourier basis", 1, _MAX_SIZE)
         self.cross = flag(cross, "cross")
-        self.period = per_joint(period, self.n, "the period of a Fourier basis", finite=True)
+        self.period = per_joint(
+            period, self.n, "the period of a Fourier basis", finite=True
+        )
         self.variables = as_joint_indices(variables, self.n)
         multiples, joints = range(-self.order, self.order + 1), len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
@@ -75,10 +77,16 @@ class Fourier(PotentialBasis):
                 f"order {order} in {joints} joints is too much",
                 remedy="lower it or choose variables",
             )
-        alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
+        alone = (
+            tuple(row)
+            for k in multiples
+            for row in (k * np.eye(joints, dtype=int)).tolist()
+        )
         every = product(multiples, repeat=joints) if self.cross else alone
         waves = [
-            k for k in every if next((x for x in k if x), 0) > 0 and sum(map(abs, k)) <= self.order
+            k
+            for k in every
+            if next((x for x in k if x), 0) > 0 and sum(map(abs, k)) <= self.order
         ]
         waves.sort(key=lambda k: (sum(map(abs, k)), tuple(-x for x in k)))
         self.waves = np.zeros((len(waves), self.n))  # (N / 2, n), rad per rad or m
@@ -114,7 +122,8 @@ class Fourier(PotentialBasis):
 
     def __str__(self) -> str:
         return (
-            f"{self.size} sines and cosines of order ≤ {self.order} in {len(self.variables)} joints"
+            f"{self.size} sines and cosines of order ≤ {self.order} "
+            f"in {len(self.variables)} joints"
         )
 
     def __repr__(self) -> str:
@@ -144,7 +153,9 @@ class FourierMap:
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
         phase = (np.asarray(Q, float) @ self.waves.T)[..., None]  # (K, N / 2, 1)
-        return self.waves.T @ (np.cos(phase) * self.sines - np.sin(phase) * self.cosines)
+        return self.waves.T @ (
+            np.cos(phase) * self.sines - np.sin(phase) * self.cosines
+        )
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""

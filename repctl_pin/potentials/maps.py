@@ -160,7 +160,9 @@ class PartialMap:
         Number of joints of the arm.
     """
 
-    def __init__(self, part: CurvedPotentials, variables: Sequence[int], n: int) -> None:
+    def __init__(
+        self, part: CurvedPotentials, variables: Sequence[int], n: int
+    ) -> None:
         self.part, self.variables, self.n = part, np.array(variables, int), int(n)
 
     def value(self, q: Array) -> Array:

@@ -91,7 +91,9 @@ class Polynomial(PotentialBasis):
         )
         if not cross:
             factors = (c for c in factors if len(set(c)) == 1)
-        self.exponents = np.array([[c.count(v) for v in range(n)] for c in factors])  # (N, n)
+        self.exponents = np.array(
+            [[c.count(v) for v in range(n)] for c in factors]
+        )  # (N, n)
         self.norms = np.sqrt(np.prod(2 * self.exponents + 1, axis=1))
         # Each potential is a product of at most d factors P_{order}(u_{variable}); shorter products
         # are padded with factors of order 0, which are 1.
@@ -128,8 +130,12 @@ class Polynomial(PotentialBasis):
         )  # (n, d + 1, K)
         K, n = P.shape[-1], len(P)
         gradients = np.zeros((K, n * self.size))
-        for s, (variable, order) in enumerate(zip(self._variable, self._order, strict=True)):
-            column = np.flatnonzero(order)  # the potentials that have a factor in this slot
+        for s, (variable, order) in enumerate(
+            zip(self._variable, self._order, strict=True)
+        ):
+            column = np.flatnonzero(
+                order
+            )  # the potentials that have a factor in this slot
             slope = dP[variable[column], order[column]]  # (·, K)
             for t in range(len(self._order)):
                 if t != s:
@@ -150,7 +156,8 @@ class Polynomial(PotentialBasis):
             return PartialMap(part, chosen, n)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
         to_power = [
-            np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k)) for k in range(d + 1)
+            np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k))
+            for k in range(d + 1)
         ]
         terms: dict[tuple[int, ...], Array] = {}
         for alpha, norm, a in zip(self.exponents, self.norms, A, strict=True):
@@ -167,7 +174,9 @@ class Polynomial(PotentialBasis):
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1)."""
-        u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
+        u = (
+            as_configurations(Q, self.n, "this polynomial basis") - self.center
+        ) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
         P[..., 1], dP[..., 0] = u, 0.0
         for k in range(1, self.degree):
@@ -202,7 +211,11 @@ class PolynomialMap:
     """
 
     def __init__(
-        self, center: Array, scale: Array, degree: int, terms: dict[tuple[int, ...], Array]
+        self,
+        center: Array,
+        scale: Array,
+        degree: int,
+        terms: dict[tuple[int, ...], Array],
     ) -> None:
         n = len(center)
         r = len(next(iter(terms.values())))
@@ -218,7 +231,9 @@ class PolynomialMap:
             )
         self._value = tensors
         # The gradient of degree d is d T_d u^(d−1), the derivative's axis first, then r.
-        slopes = (np.moveaxis(d * tensors[d], 1, 0).ravel() for d in range(1, degree + 1))
+        slopes = (
+            np.moveaxis(d * tensors[d], 1, 0).ravel() for d in range(1, degree + 1)
+        )
         self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
         self._shape, self.n = (n, r), n
         small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
@@ -247,7 +262,9 @@ class PolynomialMap:
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
         return (
-            plain(self, V_T, e) if self.homogeneous is None else self.homogeneous.in_place(V_T, e)
+            plain(self, V_T, e)
+            if self.homogeneous is None
+            else self.homogeneous.in_place(V_T, e)
         )
 
     def hessian(self, q: Array) -> Array:
@@ -262,7 +279,9 @@ class PolynomialMap:
             for _ in range(d - 2):
                 curvature = curvature @ u
             C += curvature
-        return np.moveaxis(C * np.outer(self._inverse_scale, self._inverse_scale), 0, -1)
+        return np.moveaxis(
+            C * np.outer(self._inverse_scale, self._inverse_scale), 0, -1
+        )
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""

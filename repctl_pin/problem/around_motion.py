@@ -99,7 +99,11 @@ def design_for(
             continue
         if best is None or _merit(solved) < _merit(best):
             best = solved
-        if "start" in tried.given or tried._violates or _merit(solved) <= (0, HIGH_SPEED):
+        if (
+            "start" in tried.given
+            or tried._violates
+            or _merit(solved) <= (0, HIGH_SPEED)
+        ):
             break
     if best is not None:
         return _noted(best), best.design
@@ -177,7 +181,12 @@ def _in_region(problem: Problem, make: Make) -> Design:
 
 
 def _solved(
-    problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
+    problem: Problem,
+    desired: Inverse,
+    make: Make,
+    width: float | None,
+    seed: int,
+    say: Say,
 ) -> _Solved:
     """Design around the motion from the problem's start, and evaluate the design's first cycle."""
     design = _around_motion(problem, desired, make, width, seed, say)
@@ -206,7 +215,12 @@ def _noted(solved: _Solved) -> Problem:
 
 
 def _around_motion(
-    problem: Problem, desired: Inverse, make: Make, width: float | None, seed: int, say: Say
+    problem: Problem,
+    desired: Inverse,
+    make: Make,
+    width: float | None,
+    seed: int,
+    say: Say,
 ) -> Design:
     """Design in a tube around the motion, at first that of a design of degree 1.
 

@@ -10,7 +10,15 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array
 from ..errors import InputError, RepctlError, SingularityError, unknown
-from ..motion import ClosedPath, Motion, TaskPath, check_reach, closed_path, follow, reach_start
+from ..motion import (
+    ClosedPath,
+    Motion,
+    TaskPath,
+    check_reach,
+    closed_path,
+    follow,
+    reach_start,
+)
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
 from ..robot.task import Task
@@ -54,7 +62,9 @@ class Start(NamedTuple):
     violates: bool = False
 
 
-def starts(task: Task, start: ArrayLike | str | None, draw: PathOf | None) -> Iterator[Start]:
+def starts(
+    task: Task, start: ArrayLike | str | None, draw: PathOf | None
+) -> Iterator[Start]:
     """Generate the usable starts, the best first.
 
     Parameters
@@ -160,7 +170,9 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
     """Raise SingularityError if J is nearly singular at a start."""
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
-            f"the start is at a singularity of {task.frame!r}, {task.kind}", remedy=remedy, at=q0
+            f"the start is at a singularity of {task.frame!r}, {task.kind}",
+            remedy=remedy,
+            at=q0,
         )
 
 

@@ -29,6 +29,9 @@ def at_minimum_speed(problem: Problem) -> Problem:
     if saved > 0:
         note = f"the start was moved along the self-motion, to {100 * saved:.0f} % less joint speed"
     freeze(
-        other, start=found.best.q[0], given=problem.given | {"start"}, moved=(*problem.moved, note)
+        other,
+        start=found.best.q[0],
+        given=problem.given | {"start"},
+        moved=(*problem.moved, note),
     )
     return other

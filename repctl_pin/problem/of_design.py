@@ -50,7 +50,11 @@ def problem_of(
     if path is False:
         begin = region.center if start is None else start
         problem = Problem(task, start=begin, path=False, region=region)
-        return problem if start is not None else problem._with(start_is="the centre of the region")
+        return (
+            problem
+            if start is not None
+            else problem._with(start_is="the centre of the region")
+        )
     if path is not None or plane is not None or cycle is None:
         center = region.center if cycle is None else cycle.start
         begin = center if start is None else start
@@ -95,8 +99,12 @@ def _of_cell(
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
     draw = inside if path is None and plane is None else path
     if draw is inside and isinstance(design.cell, Sector):
-        draw = tour(design.cell)  # the orientation turns with the angle, which no circle does
-    problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(region=design.cell)
+        draw = tour(
+            design.cell
+        )  # the orientation turns with the angle, which no circle does
+    problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(
+        region=design.cell
+    )
     if start is not None or path is False:
         return problem
     q0 = design.function(problem.cycle.placement(0.0))

@@ -16,7 +16,9 @@ SHARE = 0.9
 """Maximum fraction of a speed limit that a cycle uses, if its period is increased."""
 
 
-def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
+def choose_period(
+    usual: float, motions: Mapping[str, Motion | None]
+) -> tuple[float, list[str]]:
     """Choose a period in which the first cycle of every motion keeps the speed limits.
 
     The joint path does not depend on the speed. A motion that leaves its path in the first cycle is

@@ -153,10 +153,14 @@ class Problem:
             return Box(self.start, asked)
         if callable(asked):
             made = asked(self.task, self.start)
-            return require_type(made, Region, "the result of region", "a region of joint space")
+            return require_type(
+                made, Region, "the result of region", "a region of joint space"
+            )
         if asked is not None:
             return asked
-        return tube_around(follow(Pseudoinverse(self.task), self.cycle, self.start, cycles=1))
+        return tube_around(
+            follow(Pseudoinverse(self.task), self.cycle, self.start, cycles=1)
+        )
 
     @property
     def cycle(self) -> TaskPath:
@@ -168,7 +172,9 @@ class Problem:
             If the problem has no path.
         """
         if self.path is None:
-            raise InputError("this problem has no path", remedy="make it without path=False")
+            raise InputError(
+                "this problem has no path", remedy="make it without path=False"
+            )
         return self.path
 
     @property
@@ -197,12 +203,17 @@ class Problem:
         begin = row(self.start) if self.start_is == GIVEN else self.start_is
         region = "" if self._asked is None else f", Ω {self.region}"
         return (
-            f"<Problem of {task.robot.name} {task.frame}, {task.kind}: {path} from {begin}{region}>"
+            f"<Problem of {task.robot.name} {task.frame}, {task.kind}: "
+            f"{path} from {begin}{region}>"
         )
 
     def _begin(self, start: Start) -> None:
         """Set the start, the path from there, and the note on a moved start."""
-        moved = ("the start was moved to the first point of the path",) if start.moved else ()
+        moved = (
+            ("the start was moved to the first point of the path",)
+            if start.moved
+            else ()
+        )
         freeze(self, start=start.q0, start_is=start.name, path=start.path, moved=moved)
         freeze(self, _violates=start.violates)
 
@@ -225,7 +236,9 @@ def _task_of(robot: Robot | Task, frame: str | None, kind: str | None) -> Task:
         return choose_task(robot, frame, kind)
     for name, value in (("frame", frame), ("kind", kind)):
         if value is not None:
-            raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
+            raise InputError(
+                ": a task has its own", argument=name, remedy=f"omit {name}="
+            )
     return robot
 
 

@@ -74,8 +74,12 @@ def inner_limits(task: Task) -> tuple[Array, Array]:
 
     A missing limit is replaced by one at least 3 rad or m from 0 and from the reference pose.
     """
-    low = np.where(np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0))
-    high = np.where(np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0))
+    low = np.where(
+        np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0)
+    )
+    high = np.where(
+        np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0)
+    )
     return low + 0.1 * (high - low), high - 0.1 * (high - low)
 
 
@@ -85,7 +89,9 @@ def _redundant(robot: Robot, task: Task) -> Task:
         return task
     others = redundant_kinds(robot, task.frame)
     names = ", ".join(f"{kind} (r = {r})" for kind, r in others.items() if r >= 1)
-    remedy = f"redundant here: {names}" if names else "no kind of task is redundant here"
+    remedy = (
+        f"redundant here: {names}" if names else "no kind of task is redundant here"
+    )
     sizes = f"n = {task.n} joints move it and the task has m = {task.m} coordinates"
     why = f"{sizes}, so r = {task.r}"
     if task.r >= 1:

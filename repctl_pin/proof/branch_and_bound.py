@@ -99,7 +99,9 @@ def bound_leaf_margin(
 class _Search:
     """State of branch and bound: the undecided boxes, and the minimum bound of all others."""
 
-    def __init__(self, problem: LeafMargin, low: Array, high: Array, goal: float | None) -> None:
+    def __init__(
+        self, problem: LeafMargin, low: Array, high: Array, goal: float | None
+    ) -> None:
         self.problem, self.goal = problem, goal
         self.low, self.high = low.copy(), high.copy()
         self.bound, self.sigma = np.zeros(len(low)), np.zeros(len(low))
@@ -148,7 +150,9 @@ class _Search:
         self.split = np.concatenate([self.split[stays], found.split[left]])
         small = left & (half.max(axis=1) < _SMALLEST)
         if small.any() and not self.reason:
-            self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
+            self._stop(
+                Q, half, int(np.argmax(small)), "a box too small to halve is undecided"
+            )
 
     def _halved(self, take: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the lower and upper corners of the halves of the boxes with indices ``take``.
@@ -182,7 +186,9 @@ class _Search:
             self._stop(Q, half, least, f"the leaf margin there is {self.upper:.4g}")
         return self.goal
 
-    def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _still_short(
+        self, enough: float, stays: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
         """Count waiting boxes as decided if their bound now reaches ``enough``.
 
         ``stays`` marks the boxes that were not in the last batch. Returns the mask of all boxes but
@@ -194,7 +200,9 @@ class _Search:
             self.settled_sigma = min(self.settled_sigma, float(self.sigma[ready].min()))
         return np.asarray(~ready)
 
-    def _settle(self, found: Bounds, done: NDArray[np.bool_], Q: Array, half: Array) -> None:
+    def _settle(
+        self, found: Bounds, done: NDArray[np.bool_], Q: Array, half: Array
+    ) -> None:
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
         if found.leaf_margin[least] < self.decided:
@@ -203,6 +211,8 @@ class _Search:
         self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
 
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
+        if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
+            why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
     def outcome(self) -> Outcome:
@@ -212,9 +222,27 @@ class _Search:
         if len(self.low):
             least = int(np.argmin(self.bound))
             Q, half = _centered(self.low[least, None], self.high[least, None])
-            worst = self.worst if self.reason and "stopped" not in self.reason else (Q[0], half[0])
-            bound, sigma = min(bound, float(self.bound[least])), min(sigma, float(self.sigma.min()))
+            worst = (
+                self.worst
+                if self.reason and "stopped" not in self.reason
+                else (Q[0], half[0])
+            )
+            bound, sigma = (
+                min(bound, float(self.bound[least])),
+                min(sigma, float(self.sigma.min())),
+            )
+            if self.reason.startswith("stopped"):
+                worst = self._named(worst)
         return Outcome(bound, sigma, self.boxes, *worst, self.reason)
+
+    def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Name an arm angle as the reason if it may be singular in the smallest undecided box."""
+        small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
+        Q, half = _centered(self.low[small, None], self.high[small, None])
+        if not self.problem.undefined(Q, half)[0]:
+            return worst
+        self.reason += "; the arm angle may be singular near the worst box"
+        return Q[0], half[0]
 
 
 def _centered(low: Array, high: Array) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ typedef struct {
   const Problem *chain;
   Space space;
   int w, terms, F, turning, angled, spun;  /* n (1 + r), monomials of the chart, and what moves the pose */
+  int turned, slides;                      /* first column of R that the task controls, 3: none; base axes left free */
   double tool, columns;                    /* the tool's distance, the largest column of S */
   const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
   const int *fourth;                       /* F 4: variables of the products of degree 4 */
@@ -15,6 +16,7 @@ typedef struct {
   const double *farthest;                  /* n: largest values of the joints */
   const double *o, *a, *d, *R0, *D, *Omega, *angle, *spin; /* 3, 3, 3, 3 3, 3 k, 3 k, k, k: the poses */
   const double *bases;                     /* P 3 3: rotations whose third columns are the axes */
+  const double *tips;                      /* P: distances from the frame */
 } Cell;
 
 typedef struct {
@@ -24,92 +26,73 @@ typedef struct {
 
 static double norm3(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
-/* The leaf margin on a box where J_V is known to first order in k variables, to first order. */
-static int margin_of(const Problem *g, int k, const double *h, const double *A_, const double *X_, double X_norm,
-                     const double *D_, const double *R_, const double *along_, const double *V_, const double *dV_,
-                     const double *rest_, double beta, double *leaf, double *sigma) {
-  int n = g->n, N = g->N, r = g->r;
-  const double(*A)[N] = (const double(*)[N])A_, (*X)[r] = (const double(*)[r])X_, (*R)[N] = (const double(*)[N])R_;
-  const double(*along)[N][N] = (const double(*)[N][N])along_, (*V)[n] = (const double(*)[n])V_;
-  const double(*dV)[n][k] = (const double(*)[n][k])dV_, (*rest)[n] = (const double(*)[n])rest_;
-  double eps = g->eps, slack = 1 + eps, D[N][N], F[N][N], Y[N][N], DY[N][N], below;
-  double loose[r][r], S[r][r], dS[r][r], K[r][r], dX[N][r], wide[n][r], defect = eps;
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) D[i][c] = D_[i * N + c];
+/* The leaf margin on a box where A J_V - I is known to first order in k variables of half-width 1: its slopes along, and
+   the bound R of all else. The last columns of A belong to V. */
+static int margin_of(const Problem *g, int k, double A[g->N][g->N], const double *R_, const double *along_,
+                     double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double beta, double *leaf,
+                     double *sigma) {
+  int n = g->n, N = g->N, r = g->r, split;
+  const double(*R)[N] = (const double(*)[N])R_, (*along)[N][N] = (const double(*)[N][N])along_;
+  double eps = g->eps, slack = 1 + eps, D[N][N], F[N][N], Y[N][N], DY[N][N], B[k][N][N], dN[k][N][r];
+  double X[n][r], T[n][r], e[n][r], first[N][r], rough[N][r], h[k], share[k], round[6 + r], defect = eps, below;
+  *leaf = *sigma = 0;
+  for (int i = 0; i < 6 + r; i++) round[i] = 0;
+  if (r > 1) turn_gauge(n, N, r, k, A, V, dV, rest, round);
+  for (int i = 0; i < n; i++)
+    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
-      double s = -(a == b), e = 0, both = 0;
-      for (int i = 0; i < n; i++) {
-        s += V[a][i] * V[b][i], e += rest[a][i] * fabs(V[b][i]);
-        both += fabs(X[i][a] * X[i][b]);
-      }
-      defect += fabs(s);
-      loose[a][b] = S[a][b] = e + fabs(s) + eps;
-      K[a][b] = eps * both;
+      double s = -(a == b), t = -(a == b);
+      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
+      defect += fabs(s) + fabs(t);
     }
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) D[i][c] = R[i][c];
+  for (int j = 0; j < k; j++) {
+    h[j] = 1, share[j] = 0;
+    for (int i = 0; i < N; i++) {
+      for (int c = 0; c < N; c++) {
+        double s = along[j][i][c];
+        for (int a = 0; c < n && a < r; a++) s -= A[i][6 + a] * dV[a][c][j];
+        B[j][i][c] = s, D[i][c] += fabs(s);
+        if (i < n) share[j] += fabs(s);
+      }
+      for (int a = 0; a < r; a++) {
+        double s = 0;
+        for (int c = 0; c < N; c++) s -= B[j][i][c] * A[c][6 + a];
+        dN[j][i][a] = s;
+      }
+    }
+  }
   for (int i = 0; i < N; i++) {
     for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + eps;
     for (int a = 0; a < r; a++) {
-      F[i][6 + a] = eps;
-      for (int c = 0; c < N; c++) F[i][6 + a] += R[i][c] * fabs(X[c][a]);
-      if (i < n) wide[i][a] = 0;
+      F[i][6 + a] = eps, first[i][a] = rough[i][a] = 0;
+      for (int j = 0; j < k; j++) first[i][a] += fabs(dN[j][i][a]);
+      for (int c = 0; c < N; c++) rough[i][a] += R[i][c] * fabs(A[c][6 + a]);
     }
   }
-  for (int j = 0; j < k; j++) {
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) {
-        dS[a][b] = 0;
-        for (int i = 0; i < n; i++) dS[a][b] += dV[a][i][j] * V[b][i];
-        S[a][b] += h[j] * fabs(dS[a][b]);
-      }
-    for (int i = 0; i < N; i++)
-      for (int b = 0; b < r; b++) {
-        double s = 0;
-        for (int c = 0; c < N; c++) s -= along[j][i][c] * X[c][b];
-        F[i][6 + b] += h[j] * fabs(s);
-        if (i < n) {
-          for (int a = 0; a < r; a++) s += X[i][a] * dS[a][b];
-          wide[i][b] += h[j] * fabs(s);
+  for (int i = 0; i < N; i++)
+    for (int a = 0; a < r; a++) {
+      for (int j = 0; j < k; j++)
+        for (int l = j; l < k; l++) {
+          double s = 0;
+          for (int c = 0; c < N; c++) s += B[j][i][c] * dN[l][c][a];
+          for (int c = 0; l > j && c < N; c++) s += B[l][i][c] * dN[j][c][a];
+          F[i][6 + a] += fabs(s);
         }
-        dX[i][b] = s;
-      }
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) {
-        double s = 0;
-        for (int i = 0; i < n; i++) s += X[i][a] * dX[i][b] + X[i][b] * dX[i][a];
-        K[a][b] += h[j] * fabs(s);
-      }
-  }
+      for (int c = 0; c < N; c++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
+    }
   if (!enclose(N, eps, D, F, Y, DY)) return 0;
-  double size = 0, square = 0, turned = 0, e[r];
+  double square = 0;
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < 6; j++) square += Y[i][j] * Y[i][j];
-    for (int b = 0; b < r; b++) {
-      e[b] = DY[i][6 + b];
-      for (int l = 0; l < N; l++) e[b] += R[i][l] * fabs(X[l][b]);
-      for (int a = 0; a < r; a++) e[b] += fabs(X[i][a]) * loose[a][b] + Y[i][6 + a] * S[a][b];
-    }
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++)
-        K[a][b] += fabs(X[i][a]) * e[b] + e[a] * fabs(X[i][b]) + (wide[i][a] + e[a]) * (wide[i][b] + e[b]);
+    for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
   }
-  for (int a = 0; a < r; a++) {
-    for (int b = 0; b < r; b++) turned += S[a][b] * S[a][b];
-    for (int i = 0; i < n; i++) {
-      double x = rest[a][i];
-      for (int j = 0; j < k; j++) x += h[j] * fabs(dV[a][i][j]);
-      size += x * x;
-    }
-  }
-  turned = sqrt(turned) * slack;
-  if (!(turned < 0.5) || !(defect < 0.01)) return 0;
-  size = size * slack / ((1 - turned) * (1 - turned));
-  double K_norm = (X_norm * X_norm + spectral(r, r, &K[0][0], &below)) * slack;
-  *leaf = (1 - eps) / (sqrt(K_norm * (1 + size * slack)) * (1 + 4 * defect) * slack);
-  *sigma = (1 - eps) / (sqrt(square) * slack * beta);
-  return 1;
+  compare(g, k, h, X, T, V, dV, rest, defect, dN, first, e, share, spectral(n, r, &X[0][0], &below), leaf, &split);
+  if (*leaf > 0) *sigma = (1 - eps) / (sqrt(square) * slack * beta);
+  return *leaf > 0;
 }
-
 
 /* ---- Taylor models of the chart, the poses and the chain ---- */
 
@@ -291,17 +274,26 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
   }
   apply_models(g, f->base, f->p, e);
   for (int i = 0; i < 3; i++) add(g, e + i, 1, f->o + i, e + i), add(g, e + i, -1, f->tip + i, e + i);
-  f->trace = all(0);
-  for (int i = 0; i < 3; i++) {
+  for (int i = 0; i < 3; i++)
+    if (s->slides >> i & 1) { /* no way along an axis of the base that is not controlled */
+      Model along, x;
+      constant(g, 0, &along);
+      for (int l = 0; l < 3; l++) product(g, &f->base[i][l], e + l, &x), add(g, &along, 1, &x, &along);
+      for (int l = 0; l < 3; l++) product(g, &f->base[i][l], &along, &x), add(g, e + l, -1, &x, e + l);
+    }
+  f->trace = all(s->turned < 3 ? 0 : 3);
+  for (int l = 0; l < 3; l++) constant(g, 0, f->xi + 3 + l);
+  for (int i = s->turned; i < 3; i++) {
     apply_models(g, f->base, f->x[i], y);
     cross_models(g, f->R[i], y, turned);
     for (int l = 0; l < 3; l++) {
       f->trace += f->R[i][l].p[0] * y[l].p[0];
-      if (i) add(g, f->xi + 3 + l, 1, turned + l, f->xi + 3 + l);
-      else f->xi[3 + l] = turned[l];
+      add(g, f->xi + 3 + l, 1, turned + l, f->xi + 3 + l);
     }
   }
-  for (int l = 0; l < 3; l++) scale(g, 0.5, f->xi + 3 + l);
+  if (s->turned == 2) f->trace = 1 + 2 * f->trace; /* the shortest rotation of one axis */
+  else
+    for (int l = 0; l < 3; l++) scale(g, 0.5, f->xi + 3 + l);
   cross_models(g, f->tip, f->xi + 3, y);
   f->sizes[0] = length_of(f->tip) + c->eps, f->sizes[1] = length_of(e) + c->eps;
   f->sizes[2] = length_of(f->xi + 3) + c->eps;
@@ -429,19 +421,21 @@ static int gauge(int n, int r, double V[r][n], double U[r][r], double G[r][r]) {
 }
 
 /* The margins along F, with |F - q_ref| <= Y. */
-static int along_function(const Cell *s, const Lane *at, const double *A, const double *D, const double *R,
-                          const double *reach, double *leaf, double *sigma) {
+static int along_function(const Cell *s, const Lane *at, const double *A, const double *R, const double *reach,
+                          double *leaf, double *sigma) {
   const Problem *g = s->chain;
   int n = g->n, N = g->N, P = g->P, r = g->r, k = s->space.k;
-  double V[r][n], U[r][r], G[r][r], X[N][r], below, dV[r][n][k], rest[r][n], h[k], theta[P], eta[P], t = s->tool;
+  double V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], theta[P], eta[P], t = s->tool;
   for (int f = 0; f < r; f++)
     for (int i = 0; i < n; i++) V[f][i] = at->n_c[i * r + f];
   if (!gauge(n, r, V, U, G)) return 0;
-  for (int i = 0; i < N; i++)
+  for (int i = 0; i < N; i++) { /* A, with its last columns in the gauge */
+    for (int c = 0; c < 6; c++) X[i][c] = A[i * N + c];
     for (int f = 0; f < r; f++) {
-      X[i][f] = 0;
-      for (int e = f; e < r; e++) X[i][f] += A[i * N + 6 + e] * U[f][e];
+      X[i][6 + f] = 0;
+      for (int e = f; e < r; e++) X[i][6 + f] += A[i * N + 6 + e] * U[f][e];
     }
+  }
   for (int f = 0; f < r; f++)
     for (int i = 0; i < n; i++) {
       rest[f][i] = 0;
@@ -451,23 +445,18 @@ static int along_function(const Cell *s, const Lane *at, const double *A, const 
         for (int a = 0; a < k; a++) dV[f][i][a] += at->dn[(i * r + e) * k + a] * G[e][f];
       }
     }
-  for (int a = 0; a < k; a++) h[a] = 1;
   angles_of(g, at->q, reach, theta, eta);
   for (int l = 0; l < P; l++)
     if (!g->revolute[l]) t += fabs(theta[l]) + eta[l];
-  double X_norm = spectral(n, r, &X[0][0], &below);
-  return margin_of(g, k, h, A, &X[0][0], X_norm, D, R, at->first, &V[0][0], &dV[0][0][0], &rest[0][0],
-                   (t + sqrt(t * t + 4)) / 2, leaf, sigma);
+  return margin_of(g, k, X, R, at->first, V, dV, rest, s->turned < 3 ? (t + sqrt(t * t + 4)) / 2 : 1, leaf, sigma);
 }
 
-/* Bound int J delta dt by Lambda |delta| for |delta| <= steps, and add |A| Lambda to D. */
-static int commutator(const Cell *s, const double *norms, const double *steps, double *D) {
+/* Lambda where both solutions close to one pose. */
+static int of_frames(const Cell *s, const double *step, const double *most, const double *o, double *linear,
+                     double *angular) {
   const Problem *g = s->chain;
-  int n = g->n, N = g->N, P = g->P;
-  double zero[n], o[P], step[P], most[P], H[P], W[P], linear[N], angular[N];
-  double before = 0, beyond = 0, V_2 = 0, sum = 0;
-  for (int i = 0; i < n; i++) zero[i] = 0;
-  angles_of(g, zero, steps, o, step), angles_of(g, zero, s->farthest, o, most);
+  int P = g->P;
+  double H[P], W[P], before = 0, beyond = 0, V_2 = 0, sum = 0;
   for (int l = 0; l < P; l++) {
     int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
     double H_R = 0, H_P = 0, L = g->reach[l];
@@ -482,15 +471,63 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
   double Omega = before + beyond, away = 1 - Omega, kappa = 0.5 / away;
   if (!(Omega < 0.9)) return 0;
   double tau = (1 + kappa * Omega) * sum + fmin(before, beyond);
-  for (int c = 0; c < N; c++) linear[c] = angular[c] = 0;
   for (int l = 0; l < P; l++)
     for (int t = g->first[l]; t < g->first[l + 1]; t++) {
       double f = fabs(g->S[t]) * (1 + 1e-9);
       linear[g->column[t]] += f * (kappa * V_2 * H[l] + tau / away * (0.5 * W[l] + kappa * V_2 * H[l]));
       angular[g->column[t]] += f * kappa * tau * H[l];
     }
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) D[i * N + c] += norms[2 * i] * linear[c] + norms[2 * i + 1] * angular[c];
+  return 1;
+}
+
+/* Lambda where both close to one position; loose is added to it in the rows of the free rotations. */
+static int of_points(const Cell *s, const double *step, double *linear, double *loose) {
+  const Problem *g = s->chain;
+  int P = g->P;
+  double Omega = 0;
+  for (int l = 0; l < g->k; l++)
+    if (g->revolute[l]) Omega += step[l];
+  if (!(Omega < 0.9)) return 0;
+  for (int l = 0; l < P; l++) {
+    if (g->level[l]) continue;
+    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
+    double H_R = 0, K = 0;
+    for (int p = from; p < to; p++)
+      if (g->revolute[p]) H_R += step[p];
+    if (g->revolute[l]) {
+      for (int p = l; p < P; p++)
+        if (!g->revolute[p]) K += step[p];
+        else if (p >= g->k) K += s->tips[p] * step[p];
+      K += s->tips[l] * H_R;
+    } else K = H_R;
+    for (int t = g->first[l]; t < g->first[l + 1]; t++) {
+      double f = fabs(g->S[t]) * (1 + 1e-9) * K;
+      linear[g->column[t]] += f * 0.5 * Omega / (1 - Omega), loose[g->column[t]] += f;
+    }
+  }
+  return 1;
+}
+
+/* Bound int J delta dt by Lambda |delta| for |delta| <= steps, and add |A| Lambda to D. */
+static int commutator(const Cell *s, const double *norms, const double *steps, double *D) {
+  const Problem *g = s->chain;
+  int n = g->n, N = g->N, P = g->P;
+  double zero[n], o[P], step[P], most[P], linear[N], angular[N], loose[N], turned = 0;
+  for (int i = 0; i < n; i++) zero[i] = 0;
+  angles_of(g, zero, steps, o, step), angles_of(g, zero, s->farthest, o, most);
+  for (int l = 0; l < P; l++)
+    if (g->revolute[l]) turned += step[l];
+  for (int l = 0; l < P; l++) /* the spin that closes an axis task */
+    if (!g->level[l] && g->revolute[l] && g->column[g->first[l]] >= n) step[l] = turned;
+  for (int c = 0; c < N; c++) linear[c] = angular[c] = loose[c] = 0;
+  if (!(s->turned < 3 ? of_frames(s, step, most, o, linear, angular) : of_points(s, step, linear, loose))) return 0;
+  for (int i = 0; i < N; i++) {
+    int free = 0;
+    for (int l = 0; l < P; l++)
+      if (g->level[l] && g->first[l] < g->first[l + 1]) free |= g->column[g->first[l]] == i;
+    for (int c = 0; c < N; c++)
+      D[i * N + c] += norms[2 * i] * (linear[c] + free * loose[c]) + norms[2 * i + 1] * angular[c];
+  }
   return 1;
 }
 
@@ -524,7 +561,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, const d
     reach[i] = (at->wide[i] + Y[i]) * (1 + eps) + 9e-16 * fabs(at->q[i]);
     limit = fmin(limit, fmin(at->q[i] - reach[i] - s->lower[i], s->upper[i] - at->q[i] - reach[i]));
   }
-  if (!along_function(s, at, A, D, R, reach, out->leaf + box, out->sigma + box)) return;
+  if (!along_function(s, at, A, R, reach, out->leaf + box, out->sigma + box)) return;
   for (int i = 0; i < n; i++) out->reach[box * n + i] = reach[i];
   out->limit[box] = limit;
 }

@@ -7,31 +7,23 @@ from __future__ import annotations
 
 import ctypes
 import warnings
-from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array
 from ..c_library import VECTOR_FLAGS, NoCompilerError, loaded_library
 from ..inverse_function.monomials import Monomials
+from .c_struct import Space, filled, space_of
 from .cell_bounds import CellBounds
+from .chain import FREE
+from .commutator import slides_of, tips
 from .leaf_margin_bounds import _Problem
-from .taylor import ORDER, products
-from .taylor_chain import basis
+from .taylor import ORDER
+from .taylor_chain import TURNED, basis
 
 SOURCES = ("leaf_margin_bounds.c", "taylor.c", "cell_bounds.c")
-
-
-class _Space(ctypes.Structure):
-    """The struct Space of taylor.c."""
-
-    _fields_ = [
-        *((name, ctypes.c_int) for name in ("k", "M")),
-        *((name, ctypes.c_void_p) for name in ("left", "right", "first", "starts")),
-    ]
 
 
 class _Cell(ctypes.Structure):
@@ -39,8 +31,14 @@ class _Cell(ctypes.Structure):
 
     _fields_ = [
         ("chain", ctypes.c_void_p),
-        ("space", _Space),
-        *((name, ctypes.c_int) for name in ("w", "terms", "F", "turning", "angled", "spun")),
+        ("space", Space),
+        *(
+            (name, ctypes.c_int)
+            for name in (
+                *("w", "terms", "F", "turning", "angled", "spun"),
+                *("turned", "slides"),
+            )
+        ),
         *((name, ctypes.c_double) for name in ("tool", "columns")),
         *(
             (name, ctypes.c_void_p)
@@ -48,6 +46,7 @@ class _Cell(ctypes.Structure):
                 *("parent", "variable", "used", "fourth", "parts", "rest", "blur"),
                 *("near", "lower", "upper", "farthest"),
                 *("o", "a", "d", "R0", "D", "Omega", "angle", "spin", "bases"),
+                "tips",
             )
         ),
     ]
@@ -86,7 +85,9 @@ def library() -> ctypes.CDLL | None:
 def source() -> str:
     """Return the C source of the kernel: its three files, joined."""
     folder = files(__package__)
-    return "\n".join(folder.joinpath(name).read_text(encoding="ascii") for name in SOURCES)
+    return "\n".join(
+        folder.joinpath(name).read_text(encoding="ascii") for name in SOURCES
+    )
 
 
 class Kernel:
@@ -97,7 +98,7 @@ class Kernel:
         self._run.restype = ctypes.c_int
         chain = proof.chain
         row, column = np.nonzero(chain.S)
-        self._chain = _filled(
+        self._chain = filled(
             _Problem,
             {
                 "revolute": chain.revolute,
@@ -105,26 +106,20 @@ class Kernel:
                 "first": np.searchsorted(row, np.arange(len(chain.S) + 1)),
                 "column": column,
             },
-            {name: getattr(chain, name) for name in ("R", "p", "a", "shift", "reach", "o")}
+            {
+                name: getattr(chain, name)
+                for name in ("R", "p", "a", "shift", "reach", "o")
+            }
             | {"S": chain.S[row, column]},
             {"P": len(chain.S), "k": chain.middle, "n": chain.n, "N": chain.N}
             | {"r": chain.N - 6, "eps": proof.eps},
         )
-        pairs, poses, parts = products(proof.cell.k), proof.poses, proof.polynomials
-        k, terms = proof.cell.k, proof.chart.monomials.size
+        poses, parts = proof.poses, proof.polynomials
+        k, terms, kind = proof.cell.k, proof.chart.monomials.size, proof.task.kind
+        slide = slides_of(chain, proof.farthest)
         monomials = Monomials(k, max(proof.chart.monomials.degree, ORDER))
-        self._space = _filled(
-            _Space,
-            {
-                "left": pairs.left,
-                "right": pairs.right,
-                "first": np.append(pairs.first, len(pairs.left)),
-                "starts": pairs.starts,
-            },
-            {},
-            {"k": k, "M": int(pairs.starts[-1])},
-        )
-        self._cell = _filled(
+        self._space = space_of(k)
+        self._cell = filled(
             _Cell,
             {
                 "parent": monomials.parent,
@@ -141,11 +136,14 @@ class Kernel:
                 "upper": proof.upper,
                 "farthest": proof.farthest,
                 "bases": [basis(axis) for axis in chain.a],
+                "tips": tips(chain, slide),
             }
             | {name: getattr(poses, name) for name in type(poses).__dataclass_fields__},
             {"w": proof.blur.size, "terms": terms, "F": len(parts.fourth)}
             | {"turning": int(poses.Omega.any()), "angled": int(poses.angle.any())}
             | {"spun": int(poses.spin.any()), "tool": proof.tool}
+            | {"turned": TURNED.get(kind, 3)}
+            | {"slides": sum(1 << "xyz".index(axis) for axis in FREE[kind][0])}
             | {"columns": float(np.abs(chain.S).sum(axis=0).max())}
             | {"chain": ctypes.addressof(self._chain[0]), "space": self._space[0]},
         )
@@ -173,20 +171,3 @@ class Kernel:
         if not done:
             raise MemoryError("no memory for the Taylor models of a cell")
         return CellBounds(leaf, sigma, limit, away, split), Q, reach
-
-
-def _filled(
-    struct: type[ctypes.Structure],
-    ints: Mapping[str, ArrayLike],
-    reals: Mapping[str, ArrayLike],
-    scalars: Mapping[str, Any],
-) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Create a C struct with pointers to arrays.
-
-    Returns the struct, and the list of these arrays, which must live as long as the struct.
-    """
-    held: dict[str, NDArray[np.generic]] = {}
-    held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
-    held |= {name: np.ascontiguousarray(values, float) for name, values in reals.items()}
-    pointers = {name: values.ctypes.data for name, values in held.items()}
-    return struct(**scalars, **pointers), list(held.values())

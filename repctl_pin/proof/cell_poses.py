@@ -62,7 +62,10 @@ class Poses:
         else:
             rows = cell.task.rows[: len(cell.half_width)]
             ways = {i: np.eye(3)[row] for i, row in enumerate(rows)}
-            tilts = {len(rows) + i: np.eye(3)[i] for i in range(len(cell.widths) - len(rows))}
+            about = np.eye(3) if cell.task.kind == "pose" else R0.T
+            tilts = {
+                len(rows) + i: about[i] for i in range(len(cell.widths) - len(rows))
+            }
             o, a = np.zeros(3), np.array([0.0, 0.0, 1.0])
         for i, which in enumerate(cell.moved):
             width = cell.widths[which]
@@ -90,7 +93,10 @@ class Poses:
             R = _columns([x * c + y * s, y * c - x * s, R[:, 2]])
         if self.angle.any():
             s, c = self._linear(self.angle[None], Uc, half).sine_cosine()
-            p, R = self._turned(p, s, c), _columns([self._turned(R[:, i], s, c) for i in range(3)])
+            p, R = (
+                self._turned(p, s, c),
+                _columns([self._turned(R[:, i], s, c) for i in range(3)]),
+            )
         return p + TaylorModel.constant(Uc.shape[1], np.tile(self.o, (len(Uc), 1))), R
 
     def _turned(self, x: TaylorModel, s: TaylorModel, c: TaylorModel) -> TaylorModel:
@@ -118,7 +124,11 @@ class Poses:
         parts = []
         for i in range(3):
             along = omega.combined(self.R0[:, i][None])
-            x = c * fixed[:, i] + s * omega.combined(-skew(self.R0[:, i])) + d * (along * omega)
+            x = (
+                c * fixed[:, i]
+                + s * omega.combined(-skew(self.R0[:, i]))
+                + d * (along * omega)
+            )
             parts.append(x)
         return _columns(parts)
 

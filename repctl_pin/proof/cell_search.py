@@ -64,7 +64,11 @@ class CellOutcome:
 
 
 def bound_cell(
-    chart: Chart, leaf: float, limit: float, seconds: float, report: Callable[[str, float], None]
+    chart: Chart,
+    leaf: float,
+    limit: float,
+    seconds: float,
+    report: Callable[[str, float], None],
 ) -> CellOutcome:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
@@ -128,7 +132,9 @@ class _Search:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
+        return np.asarray(
+            (found.leaf_margin > self.leaf) & (found.limit_margin > self.limit)
+        )
 
     def volume(self) -> float:
         """Compute the share of the cell that is undecided."""
@@ -174,13 +180,23 @@ class _Search:
             ),
             (center_margin(points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
-            (-away.max(axis=1), "F is farther from q_ref there than d*, by {away:.2g} rad or m"),
-            ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
+            (
+                -away.max(axis=1),
+                "F is farther from q_ref there than d*, by {away:.2g} rad or m",
+            ),
+            (
+                (high - low).max(axis=1) - 2 * _SMALLEST,
+                "a box too small to halve is undecided",
+            ),
         ):
             where = int(np.argmin(short))
             if short[where] < 0:
                 least = float(short[where])
-                values = {"leaf": least + self.leaf, "limit": least + self.limit, "away": -least}
+                values = {
+                    "leaf": least + self.leaf,
+                    "limit": least + self.limit,
+                    "away": -least,
+                }
                 self.stop(where, low, high, name.format(**values))
                 return
 
@@ -191,8 +207,12 @@ class _Search:
 
     def outcome(self) -> CellOutcome:
         """Return the margins proved on the whole cell, or where and why the search stopped."""
-        leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
-        return CellOutcome(leaf, limit, sigma, self.boxes, *self.at, self.reason, self.problem.near)
+        leaf, sigma, limit = (
+            (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
+        )
+        return CellOutcome(
+            leaf, limit, sigma, self.boxes, *self.at, self.reason, self.problem.near
+        )
 
 
 def grid(counts: Array) -> tuple[Array, Array]:

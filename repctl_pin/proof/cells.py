@@ -2,9 +2,10 @@ r"""Existence, uniqueness and margins of a cell's function F, proved over boxes 
 
 F is the inverse kinematic function of the cell. On a box ``u_c ± h`` of the cell's coordinates u,
 Taylor models are computed of the chart's reference configuration q_ref(u) and null-space basis
-n_ref(u) and of the pose x(u). From these follow models, in the middle link's frame, of the joint
-screws J at q_ref(u) and of the displacement ξ(u) from f(q_ref(u)) to x(u). Let A be an
-approximation of J_V⁻¹ at the centre, and D, Y and g bounds on matrices and vectors, entry by entry.
+n_ref(u) and of the pose x(u); coordinates that the task leaves free are those of f(q_ref(u)). From
+these follow models, in the middle link's frame, of the joint screws J at q_ref(u) and of the
+displacement ξ(u) from f(q_ref(u)) to x(u). Let A be an approximation of J_V⁻¹ at the centre, and D,
+Y and g bounds on matrices and vectors, entry by entry.
 Then, for all q with ``|q − q_ref(u)| ≤ g``,
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
@@ -18,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..errors import InputError
 from ..inverse_function.cell import Cell
 from ..inverse_function.chart import Chart
 from ..inverse_function.sector import Sector
 from .cell_bounds import CellBounds
 from .cell_kernel import Kernel, library
 from .cell_poses import Poses
-from .chain import Chain, chain_of, tool_reach
+from .chain import Chain, chain_of, frame_change, tool_reach
 from .chart_bounds import Polynomials
 from .commutator import commutator
 from .leaf_margin_bounds import Expansion, enclosed, inverses, margins
@@ -49,22 +49,13 @@ class CellProof:
     Parameters
     ----------
     chart
-        Chart of the function; its cell is one of poses.
+        Chart of the function.
     compiled
         False to compute in NumPy even if there is a compiler.
-
-    Raises
-    ------
-    InputError
-        If the task is not a pose task.
     """
 
     def __init__(self, chart: Chart, compiled: bool = True) -> None:
         cell = chart.cell
-        if cell.task.kind != "pose":
-            raise InputError(
-                f"nothing can be proved of a cell of {cell.task.kind} tasks yet; use a pose task"
-            )
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials, self.poses = Polynomials.of(chart), Poses.of(cell)
         self.lower, self.upper = limits_of(cell)
@@ -74,7 +65,11 @@ class CellProof:
         value = self.polynomials.sizes
         self.blur = self.eps * (1 + chart.monomials.size / 64) * value  # (n, 1 + r)
         self.farthest = value[:, 0] + self.near
-        made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
+        made = [
+            whole.seen_from(k, way)
+            for k in range(1, len(whole.p))
+            for way in (0.0, 0.5, 1.0)
+        ]
         self.chain = min(made, key=self._size)
         self.tool = tool_reach(self.chain)
         kernel = library() if compiled else None
@@ -91,7 +86,11 @@ class CellProof:
         self.chain, self.tool = chain, tool_reach(chain)
         k = self.cell.k
         D = self._enclosure(np.zeros((1, k)), np.full((1, k), 0.1))[5][0]
-        return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
+        return (
+            float(np.abs(np.linalg.eigvals(D)).max())
+            if np.isfinite(D).all()
+            else np.inf
+        )
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
         """Bound the margins of F over boxes Uc ± half, (K, k) each.
@@ -111,9 +110,10 @@ class CellProof:
         q, reach, good, at, cost, _, center = self._enclosure(Uc, half)
         limit = np.minimum(q - reach - self.lower, self.upper - q - reach).min(axis=1)
         S = self.chain.S[~self.chain.revolute, : self.chain.n]
-        slides = np.abs(q @ S.T + self.chain.o[~self.chain.revolute]) + reach @ np.abs(S).T
-        t = self.tool + slides.sum(axis=1)
-        beta = (t + np.sqrt(t * t + 4)) / 2
+        slides = (
+            np.abs(q @ S.T + self.chain.o[~self.chain.revolute]) + reach @ np.abs(S).T
+        )
+        beta = frame_change(self.task.kind, self.tool + slides.sum(axis=1))
         leaf = margins(at, np.ones_like(Uc), self.chain.n, self.eps, beta)
         good = good & (leaf.leaf_margin > 0)
         found = CellBounds(
@@ -138,14 +138,20 @@ class CellProof:
         """
         chain, n, N, K = self.chain, self.chain.n, self.chain.N, len(Uc)
         reference, normals = self._models(Uc, half)
-        along = closure_of(chain, self.poses.at(Uc, half), reference, self.eps)
+        poses = self.poses.at(Uc, half)
+        along = closure_of(chain, self.task.kind, poses, reference, self.eps)
         q_c, n_c = reference.P[..., 0], normals.P[..., 0]  # (K, n), (K, n, r)
         theta = q_c @ chain.S[:, :n].T + chain.o
         xi, tip = screws(chain, theta)
         J_V = np.zeros((K, N, N))
-        J_V[:, :6], J_V[:, 6:, :n] = np.einsum("Klx,lc->Kxc", xi, chain.S), np.swapaxes(n_c, 1, 2)
+        J_V[:, :6], J_V[:, 6:, :n] = (
+            np.einsum("Klx,lc->Kxc", xi, chain.S),
+            np.swapaxes(n_c, 1, 2),
+        )
         A = inverses(J_V)
-        B = A[:, None, :, :6] @ np.swapaxes(slopes(chain, xi, tip), 2, 3)  # (K, j, N, N)
+        B = A[:, None, :, :6] @ np.swapaxes(
+            slopes(chain, xi, tip), 2, 3
+        )  # (K, j, N, N)
         first, rest = self._along_chart(A, along, normals)
 
         wide = reference.reach
@@ -157,7 +163,8 @@ class CellProof:
         held = held & (Y <= self.near).all(axis=1)
         norms = np.linalg.norm(A[..., :6].reshape(K, N, 2, 3), axis=3)
         separation = np.where(held[:, None], Y, near) + near
-        unique = D + norms @ commutator(chain, separation, self.farthest)
+        turns = commutator(chain, separation, self.farthest)[:, chain.loose.astype(int)]
+        unique = D + np.einsum("Kia,Kiac->Kic", norms, turns)
         regular = enclosed(unique, np.ones((K, N, 1)), self.eps)[2]
 
         R = rest + self._rest(A, B, theta, wide, Y)
@@ -167,7 +174,9 @@ class CellProof:
         good = held & regular
         at = self._orthonormal(A, R, first, normals)
         cost = np.abs(reference.P[..., 1 : 1 + Uc.shape[1]]).sum(axis=1)
-        reach = np.where(good[:, None], (wide + Y) * (1 + self.eps) + 8 * U * np.abs(q_c), np.nan)
+        reach = np.where(
+            good[:, None], (wide + Y) * (1 + self.eps) + 8 * U * np.abs(q_c), np.nan
+        )
         center = np.abs(np.einsum("Kix,Kx->Ki", A[..., :6], along.xi.P[..., 0]))[:, :n]
         return q_c, reach, good, at, cost, unique, center
 
@@ -179,7 +188,9 @@ class CellProof:
         both = TaylorModel(Uc.shape[1], np.moveaxis(P, 1, -1), r + self.blur)
         return both[..., 0], both[..., 1:]
 
-    def _along_chart(self, A: Array, along: Closure, normals: TaylorModel) -> tuple[Array, Array]:
+    def _along_chart(
+        self, A: Array, along: Closure, normals: TaylorModel
+    ) -> tuple[Array, Array]:
         """Expand ``A J_V − I`` at q_ref(u) in the variables of the boxes.
 
         Returns its slopes at the centre (K, k, N, N), and a bound on all other terms (K, N, N).
@@ -188,7 +199,10 @@ class CellProof:
         K, M = len(A), normals.P.shape[-1]
         P, r = np.zeros((K, N, N, M)), np.zeros((K, N, N))
         P[:, :6], r[:, :6] = along.J.P, along.J.r
-        P[:, 6:, :n], r[:, 6:, :n] = np.swapaxes(normals.P, 1, 2), np.swapaxes(normals.r, 1, 2)
+        P[:, 6:, :n], r[:, 6:, :n] = (
+            np.swapaxes(normals.P, 1, 2),
+            np.swapaxes(normals.r, 1, 2),
+        )
         AP = np.einsum("Kix,Kxcm->Kicm", A, P)
         rest = np.abs(AP[..., 0] - np.eye(N)) + np.abs(AP[..., 1 + k :]).sum(axis=-1)
         rest += np.abs(A) @ (r + self.eps * np.abs(P).sum(axis=-1))
@@ -204,16 +218,23 @@ class CellProof:
         S = np.abs(chain.S[:, :n]).T
         both, one = (remainders(chain, theta, eta @ S) for eta in (wide + g, wide))
         linear, angular = (
-            (x - y * (1 - 1e-12)) @ np.abs(chain.S) for x, y in zip(both, one, strict=True)
+            (x - y * (1 - 1e-12)) @ np.abs(chain.S)
+            for x, y in zip(both, one, strict=True)
         )
         R = np.einsum("Kjic,Kj->Kic", np.abs(B), g)
         R += np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * linear[:, None]
         R += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * angular[:, None]
         eta = (wide + g) @ S
         size = 1 + 2 * eta.sum(axis=1)
-        length = 1 + chain.reach.max() + (np.abs(theta) + eta)[:, ~chain.revolute].sum(axis=1)
+        length = (
+            1
+            + chain.reach.max()
+            + (np.abs(theta) + eta)[:, ~chain.revolute].sum(axis=1)
+        )
         columns = np.abs(chain.S).sum(axis=0).max()
-        rows = np.repeat(np.stack([columns * length * size, columns * size], axis=1), 3, axis=1)
+        rows = np.repeat(
+            np.stack([columns * length * size, columns * size], axis=1), 3, axis=1
+        )
         R += self.eps * np.einsum("Kia,Ka->Ki", np.abs(A[..., :6]), rows)[:, :, None]
         return np.asarray(R)
 
@@ -238,7 +259,9 @@ class CellProof:
         Y, _, solved = enclosed(D, load[..., None] * (1 + self.eps) + 1e-15, self.eps)
         return Y[:, : self.chain.n, 0] * (1 + self.eps), solved & along.near
 
-    def _turned(self, g: Array, theta: Array, wide: Array, sizes: Array) -> tuple[Array, Array]:
+    def _turned(
+        self, g: Array, theta: Array, wide: Array, sizes: Array
+    ) -> tuple[Array, Array]:
         """Bound the difference between ξ and the twist of the path of poses from f(q_ref) to x.
 
         The twist is seen from the middle link at any q within g of q_ref. Returns bounds on the
@@ -254,7 +277,9 @@ class CellProof:
         speeds = np.where(turning, chain.reach[before] + slides[:, None], 1.0)
         moved = (off[:, before] * speeds).sum(axis=1)
         p, e, w = sizes
-        more = np.where(w < 0.5, np.arcsin(np.minimum(w, 0.5)) / np.maximum(w, 1e-300), np.inf)
+        more = np.where(
+            w < 0.5, np.arcsin(np.minimum(w, 0.5)) / np.maximum(w, 1e-300), np.inf
+        )
         more = np.maximum(more, 1.0) * (1 + 1e-12)
         angle = w * more
         angular = (more - 1) * w + turned * angle
@@ -262,7 +287,9 @@ class CellProof:
         linear = linear + turned * (e + p * angle + e * angle) + moved * angle
         return linear, angular
 
-    def _orthonormal(self, A: Array, R: Array, first: Array, normals: TaylorModel) -> Expansion:
+    def _orthonormal(
+        self, A: Array, R: Array, first: Array, normals: TaylorModel
+    ) -> Expansion:
         """Expand J_V with ``n_ref M`` in place of n_ref.
 
         The constant matrix M (r, r) makes its columns orthonormal at the centre of each box.

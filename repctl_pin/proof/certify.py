@@ -61,8 +61,7 @@ def prove(
     Raises
     ------
     InputError
-        If the potentials or the region are functions of the user, of which no bounds are known, or
-        the task of a cell is not a pose task.
+        If the potentials or the region are functions of the user, of which no bounds are known.
 
     Examples
     --------
@@ -76,7 +75,11 @@ def prove(
             f"not a {type(what).__name__}"
         )
     goal = None if margin is None else _share(margin)
-    least = None if limit_margin is None else finite(limit_margin, "limit_margin", "rad or m")
+    least = (
+        None
+        if limit_margin is None
+        else finite(limit_margin, "limit_margin", "rad or m")
+    )
     seconds = positive(seconds, "seconds", "s")
     if not callable(progress):
         progress = flag(progress, "progress")
@@ -109,9 +112,14 @@ def _of_region(
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
     worst, half, reason = found.worst, found.half, found.reason
-    proved = found.leaf_margin > 0 and (goal is None or (found.leaf_margin >= goal and not reason))
+    proved = found.leaf_margin > 0 and (
+        goal is None or (found.leaf_margin >= goal and not reason)
+    )
     if least is not None and limit_bound < least:
-        worst, half = (low[nearest] + high[nearest]) / 2, (high[nearest] - low[nearest]) / 2
+        worst, half = (
+            (low[nearest] + high[nearest]) / 2,
+            (high[nearest] - low[nearest]) / 2,
+        )
         proved, reason = False, f"the limit margin there is {limit_bound:.4g}"
     return Proof(
         what=f"{task.robot.name} {task}, {design.region}",

@@ -80,6 +80,11 @@ class Chain:
         return self.S.shape[1]
 
     @property
+    def loose(self) -> NDArray[np.bool_]:
+        """True for the columns (N,) of the rotations that a position task leaves free."""
+        return np.asarray(self.S[self.level].any(axis=0))
+
+    @property
     def reach(self) -> Array:
         """Bound on the distance of each joint from the origin (P,), m, with prismatic joints at 0.
 
@@ -92,7 +97,8 @@ class Chain:
                 reach[joint] = np.linalg.norm(self.shift) + lengths[joint + 1 : k].sum()
             else:
                 reach[joint] = (
-                    np.linalg.norm(self.p[k] - self.shift) + lengths[k + 1 : joint + 1].sum()
+                    np.linalg.norm(self.p[k] - self.shift)
+                    + lengths[k + 1 : joint + 1].sum()
                 )
         return reach
 
@@ -104,7 +110,16 @@ class Chain:
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
         shift = np.asarray(half * ahead, float)
         return Chain(
-            self.R, self.p, self.a, self.revolute, self.level, self.S, self.o, self.n, middle, shift
+            self.R,
+            self.p,
+            self.a,
+            self.revolute,
+            self.level,
+            self.S,
+            self.o,
+            self.n,
+            middle,
+            shift,
         )
 
 
@@ -114,7 +129,10 @@ def chain_of(task: Task) -> Chain:
     frame = model.frames[task._frame_id]
     path = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
     neutral = pin.neutral(model)
-    local = [pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]] for j in path]
+    local = [
+        pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
+        for j in path
+    ]
     turns = [bool(np.linalg.norm(xi[3:]) > 0.5) for xi in local]
     axes = [xi[3:] if turn else xi[:3] for xi, turn in zip(local, turns, strict=True)]
     placements = [model.jointPlacements[j] for j in path]
@@ -162,4 +180,18 @@ def tool_reach(chain: Chain) -> float:
 
     It is the sum of the lengths of the link offsets between them.
     """
-    return float(np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1])
+    return float(
+        np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1]
+    )
+
+
+def frame_change(kind: str, distance: Array) -> Array:
+    """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a right inverse of all screws.
+
+    It is the norm of the change of a twist from the middle link to the frame, at a bound of its
+    distance from the origin, m. A task of positions has β = 1: its twists are those of the frame's
+    origin without rotation, and have no moment to change.
+    """
+    t = np.asarray(distance, float)
+    turns = kind in ("pose", "axis")
+    return np.asarray((t + np.sqrt(t * t + 4)) / 2 if turns else np.ones_like(t))

@@ -61,7 +61,8 @@ class Polynomials:
                 monomials, every[lower], int(derivatives.variable[i])
             )
         scaled = np.stack(
-            [every[tuple(a.tolist())] / _factorial(a) for a in derivatives.exponents], axis=1
+            [every[tuple(a.tolist())] / _factorial(a) for a in derivatives.exponents],
+            axis=1,
         )
         low = int(derivatives.starts[ORDER + 1])
         sizes = np.abs(scaled[:, :low]).sum(axis=(0, 1))
@@ -71,8 +72,13 @@ class Polynomials:
     @property
     def used(self) -> Array:
         """Number of leading terms that can be nonzero in each derivative ``∂^α``: (M,)."""
-        starts, degrees = self.chart.monomials.starts, Monomials(self.chart.monomials.k, ORDER)
-        left = np.maximum(self.chart.monomials.degree - degrees.exponents.sum(axis=1), -1)
+        starts, degrees = (
+            self.chart.monomials.starts,
+            Monomials(self.chart.monomials.k, ORDER),
+        )
+        left = np.maximum(
+            self.chart.monomials.degree - degrees.exponents.sum(axis=1), -1
+        )
         return np.asarray(starts[left + 1])
 
     def shifted(self, Uc: Array, half: Array) -> tuple[Array, Array]:
@@ -99,5 +105,7 @@ def _derivative(monomials: Monomials, C: Array, j: int) -> Array:
     out = np.zeros_like(C)
     powers = monomials.exponents[:, j]
     on = powers > 0
-    np.add.at(out, monomials.lower[j][on], C[on] * powers[on].reshape(-1, *[1] * (C.ndim - 1)))
+    np.add.at(
+        out, monomials.lower[j][on], C[on] * powers[on].reshape(-1, *[1] * (C.ndim - 1))
+    )
     return out

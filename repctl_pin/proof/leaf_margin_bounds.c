@@ -149,11 +149,12 @@ static double spectral(int n, int r, const double *X, double *below) {
   }
 }
 
-/* Evaluate V, its slopes and the bound of the rest, in a gauge with orthonormal columns. */
-static int potentials(const Problem *g, const double *q, const double *h, double V[g->r][g->n],
+/* Evaluate V, its slopes and the bound of the rest, in a gauge with orthonormal columns. What arm angles add to V, its
+   slopes, the rest and the rounding is given, if there are any: n, n n, n and 1 numbers for each potential. */
+static int potentials(const Problem *g, const double *q, const double *h, const double *arms, double V[g->r][g->n],
                       double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
   int n = g->n, r = g->r, F = g->F;
-  double z[g->Z + 1], phi[F];
+  double z[g->Z + 1], phi[F + 1];
   for (int s = 0; s < g->Z; s++) {
     z[s] = -g->z0[s];
     for (int i = 0; i < n; i++) z[s] += g->Zq[s * n + i] * q[i];
@@ -192,7 +193,16 @@ static int potentials(const Problem *g, const double *q, const double *h, double
           }
       rest[a][i] = 0.5 * e + g->E[a * n + i];
     }
-  for (int a = 0; a < r; a++) round[6 + a] = g->round[6 + a];
+  for (int a = 0; a < r; a++) {
+    round[6 + a] = g->round[6 + a];
+    if (!arms) continue;
+    const double *x = arms + a * (n * n + 2 * n + 1);
+    for (int i = 0; i < n; i++) {
+      V[a][i] += x[i], rest[a][i] += x[n + n * n + i];
+      for (int j = 0; j < n; j++) dV[a][i][j] += x[n + i * n + j];
+    }
+    round[6 + a] += x[2 * n + n * n];
+  }
   for (int a = 0; a < r; a++) { /* Gram-Schmidt twice, applied to all that belongs to V */
     for (int b = 0; b < 2 * a; b++) {
       const int one = b % a;
@@ -319,8 +329,8 @@ static void axes(int r, double G[r][r], double O[r][r]) {
 }
 
 /* Turn the gauge of V, and of all that belongs to it, so that T'T is diagonal, T = X - V at the centre. */
-static void turn_gauge(int n, int N, int r, double A[N][N], double V[r][n], double dV[r][n][n], double rest[r][n],
-                       double *round) {
+static void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k],
+                       double rest[r][n], double *round) {
   double G[r][r], O[r][r], x[r], y[r], z[r];
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
@@ -337,7 +347,7 @@ static void turn_gauge(int n, int N, int r, double A[N][N], double V[r][n], doub
     for (int a = 0; a < r; a++) x[a] = V[a][i], y[a] = rest[a][i], V[a][i] = rest[a][i] = 0;
     for (int a = 0; a < r; a++)
       for (int b = 0; b < r; b++) V[a][i] += O[b][a] * x[b], rest[a][i] += fabs(O[b][a]) * y[b];
-    for (int j = 0; j < n; j++) {
+    for (int j = 0; j < k; j++) {
       for (int a = 0; a < r; a++) z[a] = dV[a][i][j], dV[a][i][j] = 0;
       for (int a = 0; a < r; a++)
         for (int b = 0; b < r; b++) dV[a][i][j] += O[b][a] * z[b];
@@ -400,14 +410,16 @@ static void second_order(const Problem *g, const double *h, double A[g->N][g->N]
     }
 }
 
-/* From the slopes dN of the null space and those of V, across V_c: the bound of the leaf margin, and where to split.
+/* From the slopes dN of the null space and those of V in k variables, across V_c: the bound of the leaf margin, and
+   where to split.
    P = W'V (V_c'V)^-1 and T = W'N for the complement W of V_c; S = (T - P) (I + P'T)^-1. */
-static void compare(const Problem *g, const double *h, double X[g->n][g->r], double T[g->n][g->r], double V[g->r][g->n],
-                    double dV[g->r][g->n][g->n], double rest[g->r][g->n], double defect, double dN[g->n][g->N][g->r],
+static void compare(const Problem *g, int k, const double *h, double X[g->n][g->r], double T[g->n][g->r],
+                    double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double defect,
+                    double dN[k][g->N][g->r],
                     double first[g->N][g->r], double e[g->n][g->r], const double *share, double X_norm, double *bound,
                     int *split) {
   int n = g->n, r = g->r;
-  double eps = g->eps, slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[n];
+  double eps = g->eps, slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[k];
   double all[n][r], loose[n][r], wide[n][r], b[r][r], bent[r][r], K[r][r], sum = 0, size = 0, turned = 0, below;
   for (int a = 0; a < r; a++)
     for (int c = 0; c < r; c++) {
@@ -417,7 +429,7 @@ static void compare(const Problem *g, const double *h, double X[g->n][g->r], dou
     }
   for (int i = 0; i < n; i++)
     for (int a = 0; a < r; a++) all[i][a] = wide[i][a] = 0;
-  for (int j = 0; j < n; j++) {
+  for (int j = 0; j < k; j++) {
     part[j] = 0;
     if (h[j] == 0) continue;
     for (int a = 0; a < r; a++)
@@ -508,16 +520,16 @@ static void compare(const Problem *g, const double *h, double X[g->n][g->r], dou
   *bound = (1 - eps) / (sqrt(1 + most * (1 + size * size * slack)) * (1 + 16 * defect) * slack);
   double shares = 0;
   int best = 0;
-  for (int j = 0; j < n; j++) shares += share[j];
-  for (int j = 0; j < n; j++) {
+  for (int j = 0; j < k; j++) shares += share[j];
+  for (int j = 0; j < k; j++) {
     part[j] = 0.5 * sqrt(part[j]) / X_norm + 2 * sqrt(second) * share[j] / shares;
     if (part[j] > part[best]) best = j;
   }
   *split = best;
 }
 
-static void one_box(const Problem *g, const double *q, const double *h, double *bound, double *center, double *sigma,
-                    int *split) {
+static void one_box(const Problem *g, const double *q, const double *h, const double *arms, double *bound,
+                    double *center, double *sigma, int *split) {
   int P = g->P, n = g->n, N = g->N, r = g->r;
   double eps = g->eps, slack = 1 + eps;
   double theta[P], eta[P], J[N][6], dJ[n][N][6], linear[N], angular[N];
@@ -536,7 +548,7 @@ static void one_box(const Problem *g, const double *q, const double *h, double *
     if (h[j] > h[*split]) *split = j;
   columns(g, theta, eta, J, dJ, turns, linear, angular);
   for (int i = 0; i < 6; i++) round[i] = g->round[i];
-  if (!potentials(g, q, h, V, dV, rest, round)) {
+  if (!potentials(g, q, h, arms, V, dV, rest, round)) {
     *center = 0; /* V = 0 */
     return;
   }
@@ -550,7 +562,7 @@ static void one_box(const Problem *g, const double *q, const double *h, double *
     *center = 0;
     return;
   }
-  if (r > 1) turn_gauge(n, N, r, A, V, dV, rest, round);
+  if (r > 1) turn_gauge(n, N, r, n, A, V, dV, rest, round);
   double X[n][r], T[n][r], defect = eps;
   for (int i = 0; i < n; i++)
     for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
@@ -608,11 +620,12 @@ static void one_box(const Problem *g, const double *q, const double *h, double *
     for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
   for (int a = 0; a < r; a++)
     for (int i = 0; i < n; i++) rest[a][i] += round[6 + a];
-  compare(g, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);
+  compare(g, n, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);
 }
 
 void leaf_margins(const Problem *g, long K, const double *Q, const double *half, double *bound, double *center,
-                  double *sigma, int *split) {
+                  double *sigma, int *split, const double *arms) {
+  long size = g->r * (g->n * g->n + 2 * g->n + 1);
   for (long i = 0; i < K; i++)
-    one_box(g, Q + i * g->n, half + i * g->n, bound + i, center + i, sigma + i, split + i);
+    one_box(g, Q + i * g->n, half + i * g->n, arms ? arms + i * size : 0, bound + i, center + i, sigma + i, split + i);
 }

@@ -34,7 +34,8 @@ from ..c_library import NoCompilerError, loaded_library
 from ..potentials.basis import Potentials
 from ..regions.box import Box
 from ..robot.task import Task
-from .chain import Chain, chain_of, tool_reach
+from .arm_angle import gradient_bounds
+from .chain import Chain, chain_of, frame_change, tool_reach
 from .potentials import PRODUCT, SINE, Features, features_of
 from .remainder import relative_rounding, remainders, screw_sizes
 from .screws import screws, slopes
@@ -103,7 +104,17 @@ class LeafMargin:
         The bounds are computed in C if there is a compiler.
         """
         library = _library()
-        return in_numpy(self, Q, half) if library is None else _in_c(self, library, Q, half)
+        return (
+            in_numpy(self, Q, half)
+            if library is None
+            else _in_c(self, library, Q, half)
+        )
+
+    def undefined(self, Q: Array, half: Array) -> NDArray[np.bool_]:
+        """Test for arm angles that are not shown to be defined in boxes Q ± half, (K, n) each."""
+        rests = [gradient_bounds(arm, Q, half).rest for arm in self.features.arms]
+        found = [~np.isfinite(rest).all(axis=1) for rest in rests]
+        return np.any([np.zeros(len(Q), bool), *found], axis=0)
 
 
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
@@ -120,7 +131,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
     made = [_prepared(task, chain.seen_from(k, 0.5), features, box) for k in middles]
     best = min(made, key=needed)
     ends = [chain.seen_from(best.chain.middle, way) for way in (0.0, 1.0)]
-    return min([best, *(_prepared(task, end, features, box) for end in ends)], key=needed)
+    return min(
+        [best, *(_prepared(task, end, features, box) for end in ends)], key=needed
+    )
 
 
 def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
@@ -134,11 +147,14 @@ def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMar
     theta, eta = chain.S[:, : chain.n] @ box.center + chain.o, S @ box.half_width
     eps = relative_rounding(chain)
     round_ = np.concatenate(
-        [eps * screw_sizes(chain, theta, eta), eps * features.size + features.E.max(axis=1)]
+        [
+            eps * screw_sizes(chain, theta, eta),
+            eps * features.size + features.E.max(axis=1),
+        ]
     )
     t = tool_reach(chain) + float((np.abs(theta) + eta)[~chain.revolute].sum())
-    beta = (t + np.sqrt(t * t + 4)) / 2 if task.kind in ("pose", "axis") else 1.0
-    return LeafMargin(chain, features, round_, eps, float(beta) * (1 + 1e-9))
+    beta = float(frame_change(task.kind, np.array(t))) * (1 + 1e-9)
+    return LeafMargin(chain, features, round_, eps, beta)
 
 
 # ---- NumPy -------------------------------------------------------------------------------------
@@ -147,7 +163,8 @@ def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMar
 def in_numpy(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
     """Bound the leaf margin in boxes Q ± half, (K, n) each, in NumPy."""
     parts = [
-        _batch(problem, Q[i : i + _BATCH], half[i : i + _BATCH]) for i in range(0, len(Q), _BATCH)
+        _batch(problem, Q[i : i + _BATCH], half[i : i + _BATCH])
+        for i in range(0, len(Q), _BATCH)
     ]
     return Bounds(
         *(
@@ -191,7 +208,9 @@ class Expansion:
 
 @np.errstate(all="ignore")
 def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
-    return margins(_expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta)
+    return margins(
+        _expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +268,9 @@ class Graphs:
 
 
 @np.errstate(all="ignore")
-def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array) -> Bounds:
+def margins(
+    at: Expansion, half: Array, n: int, eps: float, beta: float | Array
+) -> Bounds:
     """Bound the leaf margin in boxes from the first-order expansion of J_V there.
 
     half (K, k) are the half-widths of the boxes in the k variables of the expansion; ``eps`` and
@@ -258,9 +279,13 @@ def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array)
     at = _along_axes(at)
     found = graphs(at, half, n, eps)
     norm, below = _spectral(found.X)
-    sigma = (1 - eps) / (np.sqrt((found.Y[:, :n] ** 2).sum(axis=(1, 2))) * (1 + eps) * beta)
+    sigma = (1 - eps) / (
+        np.sqrt((found.Y[:, :n] ** 2).sum(axis=(1, 2))) * (1 + eps) * beta
+    )
     slack = 1 + eps
-    bound = _cosine(_spectral(found.square)[0] * slack, _spectral(found.P)[0] * slack, eps)
+    bound = _cosine(
+        _spectral(found.square)[0] * slack, _spectral(found.P)[0] * slack, eps
+    )
     bound = np.where(found.sure, bound / (1 + 16 * found.defect), np.nan)
 
     good = found.regular & np.isfinite(bound)
@@ -272,7 +297,9 @@ def margins(at: Expansion, half: Array, n: int, eps: float, beta: float | Array)
     share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
     split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
     center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
-    return Bounds(np.where(good, bound, 0.0), center, np.where(found.regular, sigma, 0.0), split)
+    return Bounds(
+        np.where(good, bound, 0.0), center, np.where(found.regular, sigma, 0.0), split
+    )
 
 
 @np.errstate(all="ignore")
@@ -283,7 +310,12 @@ def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
     """
     V, r, slack = np.swapaxes(at.V, 1, 2), at.V.shape[1], 1 + eps
     B, all_dN, all_first, all_nu, Y, regular = _null_space(at, half, n, eps)
-    X, dN, first, nu = at.A[:, :n, 6:], all_dN[:, :, :n], all_first[:, :n], all_nu[:, :n]
+    X, dN, first, nu = (
+        at.A[:, :n, 6:],
+        all_dN[:, :, :n],
+        all_first[:, :n],
+        all_nu[:, :n],
+    )
     T = X - V
     defect = eps + np.abs(at.V @ V - np.eye(r)).sum(axis=(1, 2))
     defect += np.abs(at.V @ X - np.eye(r)).sum(axis=(1, 2))
@@ -291,7 +323,9 @@ def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
     dP, pi, P, turned = _span_of_V(at, half, tiny, eps)
 
     PT = np.swapaxes(dP, 2, 3) @ T[:, None]
-    beta = np.swapaxes(P, 1, 2) @ (first + nu) + np.swapaxes(pi, 1, 2) @ np.abs(T) + tiny
+    beta = (
+        np.swapaxes(P, 1, 2) @ (first + nu) + np.swapaxes(pi, 1, 2) @ np.abs(T) + tiny
+    )
     b = _summed(PT, half) + beta
     size = _size(b) * slack
     dS = dN - dP - T[:, None] @ PT
@@ -303,16 +337,40 @@ def graphs(at: Expansion, half: Array, n: int, eps: float) -> Graphs:
 
     both, square = _square(X, T, dS, wide, rho, half, eps)
     sure = (turned < 0.5) & (defect < 0.01) & (size < 0.9)
-    return Graphs(X, T, nu, P, pi, rho, dN, dP, dS, beta, square, both, Y, B, defect, regular, sure)
+    return Graphs(
+        X,
+        T,
+        nu,
+        P,
+        pi,
+        rho,
+        dN,
+        dP,
+        dS,
+        beta,
+        square,
+        both,
+        Y,
+        B,
+        defect,
+        regular,
+        sure,
+    )
 
 
 def _null_space(
     at: Expansion, half: Array, n: int, eps: float
 ) -> tuple[Array, Array, Array, Array, Array, NDArray[np.bool_]]:
-    """Expand the basis ``N = J_c⁻¹ [0; I]`` of the null space in boxes.
+    """Expand the basis ``N = J_c⁻¹ [0; I]`` of the null space in K boxes, around their centres.
 
-    Returns the slopes B of A J_c, those of N, the bound of the first-order terms of N, the bound of
-    its remainder, the bound of the first six columns of ``J_c⁻¹``, and whether J_c is regular (K,).
+    Returns, for each box:
+
+    - B, the derivatives ``∂_j (A J_c)`` at the centre,
+    - the derivatives ``∂_j N`` at the centre,
+    - a bound of the first-order terms of N in the box,
+    - a bound of the terms of second and higher order of N,
+    - a bound of the six columns of ``J_c⁻¹`` before those of N,
+    - whether J_c is regular in the whole box.
     """
     A, X = at.A, at.A[:, :, 6:]  # X: (K, N, r)
     slopes = np.moveaxis(at.dV, 3, 1)  # (K, k, r, n)
@@ -346,7 +404,9 @@ def _span_of_V(
     whole = np.einsum("Kjab,Kj->K", np.abs(slopes), half)[:, None, None]
     pi = rest + np.abs(V) @ (np.abs(at.V) @ rest) + tiny * (1 + whole)
     P = _summed(dP, half)
-    row = np.sqrt(((P + pi) ** 2).sum(axis=2)) * (turned / (1 - turned) * slack)[:, None]
+    row = (
+        np.sqrt(((P + pi) ** 2).sum(axis=2)) * (turned / (1 - turned) * slack)[:, None]
+    )
     pi = pi + row[:, :, None]
     return dP, pi, P + pi, turned
 
@@ -371,7 +431,9 @@ def _square(
 
 def _cosine(square: Array, P: Array, eps: float) -> Array:
     """Bound the leaf margin from below, from upper bounds of ``‖S‖²`` and ``‖P‖``."""
-    return np.asarray((1 - eps) / (np.sqrt(1 + square * (1 + P**2 * (1 + eps))) * (1 + eps)))
+    return np.asarray(
+        (1 - eps) / (np.sqrt(1 + square * (1 + P**2 * (1 + eps))) * (1 + eps))
+    )
 
 
 def _summed(slopes: Array, half: Array) -> Array:
@@ -408,7 +470,9 @@ def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
     S = chain.S[:, :n]
     theta, eta = Q @ S.T + chain.o, half @ np.abs(S).T
     xi, tip = screws(chain, theta)
-    linear, angular = (rest @ np.abs(chain.S) for rest in remainders(chain, theta, eta))  # (K, N)
+    linear, angular = (
+        rest @ np.abs(chain.S) for rest in remainders(chain, theta, eta)
+    )  # (K, N)
     V, dV, rest, round_V = _potentials(problem, Q, half)
     r = V.shape[1]
     J_V = np.zeros((len(Q), N, N))
@@ -417,7 +481,9 @@ def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
     R = np.abs(A @ J_V - np.eye(N))
     R += np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * linear[:, None]
     R += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * angular[:, None]
-    round_ = np.concatenate([np.broadcast_to(problem.round[:6], (len(Q), 6)), round_V], axis=1)
+    round_ = np.concatenate(
+        [np.broadcast_to(problem.round[:6], (len(Q), 6)), round_V], axis=1
+    )
     R += np.einsum("Kia,Ka->Ki", np.abs(A), round_)[:, :, None]
     slope = np.zeros((len(Q), n, 6 + r, N))
     slope[:, :, :6] = np.swapaxes(slopes(chain, xi, tip), 2, 3)
@@ -439,7 +505,9 @@ def enclosed(D: Array, F: Array, eps: float) -> tuple[Array, Array, NDArray[np.b
     return Y, DY, np.asarray(held.all(axis=(1, 2)))
 
 
-def _potentials(problem: LeafMargin, Q: Array, half: Array) -> tuple[Array, Array, Array, Array]:
+def _potentials(
+    problem: LeafMargin, Q: Array, half: Array
+) -> tuple[Array, Array, Array, Array]:
     """Evaluate Vᵀ (K, r, n), its derivatives (K, r, n, n), and bounds, at the centres of boxes.
 
     The bounds are those of the remainder (K, r, n) and of rounding (K, r). V is taken in a basis
@@ -447,13 +515,29 @@ def _potentials(problem: LeafMargin, Q: Array, half: Array) -> tuple[Array, Arra
     """
     parts = problem.features
     phi = _features(parts, Q)
-    V, dV = np.einsum("aif,Kf->Kai", parts.G, phi), np.einsum("aijf,Kf->Kaij", parts.C, phi)
-    rest = 0.5 * np.einsum("aijl,Kj,Kl->Kai", parts.T, half, half, optimize=True) + parts.E
+    V, dV = (
+        np.einsum("aif,Kf->Kai", parts.G, phi),
+        np.einsum("aijf,Kf->Kaij", parts.C, phi),
+    )
+    rest = (
+        0.5 * np.einsum("aijl,Kj,Kl->Kai", parts.T, half, half, optimize=True) + parts.E
+    )
     if len(parts.third):
-        third = np.abs(np.einsum("aijlf,Kf->Kaijl", parts.C3, phi[:, parts.third], optimize=True))
+        third = np.abs(
+            np.einsum("aijlf,Kf->Kaijl", parts.C3, phi[:, parts.third], optimize=True)
+        )
         third += np.einsum("aijlm,Km->Kaijl", parts.T4, half) / 3
-        rest = rest + 0.5 * np.einsum("Kaijl,Kj,Kl->Kai", third, half, half, optimize=True)
+        rest = rest + 0.5 * np.einsum(
+            "Kaijl,Kj,Kl->Kai", third, half, half, optimize=True
+        )
     round_ = np.tile(problem.round[6:], (len(Q), 1))
+    for arm in parts.arms:
+        found = gradient_bounds(arm, Q, half)
+        c, size = arm.weights, np.abs(arm.weights)
+        V = V + c[:, None] * found.V[:, None]
+        dV = dV + c[:, None, None] * found.dV[:, None]
+        rest = rest + size[:, None] * found.rest[:, None]
+        round_ = round_ + problem.eps * size * found.size[:, None]
     for a in range(V.shape[1]):
         for b in [*range(a), *range(a)]:
             s = (V[:, a] * V[:, b]).sum(axis=1)
@@ -479,7 +563,9 @@ def _features(parts: Features, Q: Array) -> Array:
         if kind == PRODUCT:
             phi[:, f] = phi[:, parent] * z[:, variable]
         elif kind:
-            phi[:, f] = np.sin(z[:, variable]) if kind == SINE else np.cos(z[:, variable])
+            phi[:, f] = (
+                np.sin(z[:, variable]) if kind == SINE else np.cos(z[:, variable])
+            )
     return phi
 
 
@@ -506,9 +592,9 @@ def _solved(M: Array, B: Array) -> Array:
         M[:, c + 1 :, c + 1 :] -= factor[:, :, None] * M[:, c, None, c + 1 :]
         Y[:, c + 1 :] -= factor[:, :, None] * Y[:, c, None]
     for c in range(N - 1, -1, -1):
-        Y[:, c] = (Y[:, c] - np.einsum("Kl,Klj->Kj", M[:, c, c + 1 :], Y[:, c + 1 :])) / M[
-            :, c, c, None
-        ]
+        Y[:, c] = (
+            Y[:, c] - np.einsum("Kl,Klj->Kj", M[:, c, c + 1 :], Y[:, c + 1 :])
+        ) / M[:, c, c, None]
     return Y
 
 
@@ -584,12 +670,18 @@ def _library() -> ctypes.CDLL | None:
     Without a compiler, return None; the first call then warns.
     """
     if not _loaded:
-        source = files(__package__).joinpath("leaf_margin_bounds.c").read_text(encoding="ascii")
+        source = (
+            files(__package__)
+            .joinpath("leaf_margin_bounds.c")
+            .read_text(encoding="ascii")
+        )
         try:
             _loaded.append(ctypes.CDLL(loaded_library(source)))
         except (NoCompilerError, OSError) as error:
             warnings.warn(
-                f"proofs run in NumPy, a few times slower: {error}", UserWarning, stacklevel=4
+                f"proofs run in NumPy, a few times slower: {error}",
+                UserWarning,
+                stacklevel=4,
             )
             _loaded.append(None)
     return _loaded[0]
@@ -628,18 +720,46 @@ def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> B
         "E": parts.E,
         "round": problem.round,
     }
-    held = {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
-    held |= {name: np.ascontiguousarray(values, float) for name, values in reals.items()}
+    held = {
+        name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()
+    }
+    held |= {
+        name: np.ascontiguousarray(values, float) for name, values in reals.items()
+    }
     sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
     sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
     struct = _Problem(
-        **sizes, eps=problem.eps, beta=problem.beta, **{k: v.ctypes.data for k, v in held.items()}
+        **sizes,
+        eps=problem.eps,
+        beta=problem.beta,
+        **{k: v.ctypes.data for k, v in held.items()},
     )
     Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
     bound, center, sigma = np.zeros((3, len(Q)))
     split = np.zeros(len(Q), np.int32)
     address = [
-        ctypes.c_void_p(array.ctypes.data) for array in (Q, half, bound, center, sigma, split)
+        ctypes.c_void_p(array.ctypes.data)
+        for array in (Q, half, bound, center, sigma, split)
     ]
-    library.leaf_margins(ctypes.byref(struct), ctypes.c_long(len(Q)), *address)
+    arms = _arm_angles(problem, Q, half) if parts.arms else None
+    library.leaf_margins(
+        ctypes.byref(struct),
+        ctypes.c_long(len(Q)),
+        *address,
+        None if arms is None else ctypes.c_void_p(arms.ctypes.data),
+    )
     return Bounds(bound, center, sigma, split)
+
+
+def _arm_angles(problem: LeafMargin, Q: Array, half: Array) -> Array:
+    """Lay out the arm angles' V, dV, rest and rounding (K, r (n² + 2 n + 1)) for the C kernel."""
+    r, n, K = len(problem.features.G), Q.shape[1], len(Q)
+    out = np.zeros((K, r, n * n + 2 * n + 1))
+    for arm in problem.features.arms:
+        found = gradient_bounds(arm, Q, half)
+        sizes = problem.eps * found.size[:, None]
+        both = np.concatenate([found.V, found.dV.reshape(K, -1)], axis=1)
+        out[..., : n + n * n] += arm.weights[:, None] * both[:, None]
+        both = np.concatenate([found.rest, sizes], axis=1)
+        out[..., n + n * n :] += np.abs(arm.weights)[:, None] * both[:, None]
+    return out

@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError
+from ..potentials.arm_angle import ArmAngle
 from ..potentials.basis import Potentials
 from ..potentials.fourier import FourierMap
-from ..potentials.maps import PartialMap, SumMap
+from ..potentials.maps import CustomMap, PartialMap, SumMap
 from ..potentials.polynomial import PolynomialMap
 from ..regions.box import Box
+from .arm_angle import ArmAngleChain
 
 CONSTANT, PRODUCT, SINE, COSINE = range(4)
 U = 2.0**-53
@@ -59,6 +61,8 @@ class Features:
         Bounds of the rounding errors in V and in its derivatives times the half-widths.
     size : (r,) array
         Bounds of |V| and of its derivatives times the half-widths, to which rounding is relative.
+    arms : tuple of ArmAngleChain
+        Arm angles, which are added to the features and have Taylor models of their own.
     """
 
     Z: Array
@@ -74,6 +78,7 @@ class Features:
     T4: Array
     E: Array
     size: Array
+    arms: tuple[ArmAngleChain, ...]
 
     def __repr__(self) -> str:
         potentials = f"{len(self.G)} potentials of {self.G.shape[1]} joints"
@@ -86,8 +91,8 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
     Raises
     ------
     InputError
-        If they are not polynomials, Fourier series or sums of them: no bounds are known of a
-        function of the user.
+        If they are not polynomials, Fourier series, arm angles or sums of them: no bounds are known
+        of a function of the user.
     """
     made = _Builder(n, box)
     made.add(field, np.arange(n))
@@ -114,6 +119,7 @@ class _Builder:
         self.T: Array | None = None
         self.C3: dict[tuple[int, ...], dict[int, Array]] = defaultdict(dict)
         self.T4: dict[tuple[int, ...], Array] = {}
+        self.arms: list[ArmAngleChain] = []
 
     def add(self, field: Potentials, joints: NDArray[np.intp]) -> None:
         """Add potentials of the joints with the given indices."""
@@ -126,11 +132,14 @@ class _Builder:
             self._polynomial(field, joints)
         elif isinstance(field, FourierMap):
             self._fourier(field, joints)
+        elif isinstance(field, CustomMap) and isinstance(field.basis, ArmAngle):
+            self._room(field.A.shape[1])
+            self.arms.append(ArmAngleChain.of(field.basis, field.A[0]))
         else:
             family = getattr(field, "family", field)
             raise InputError(
                 f"nothing can be proved of {family!r}: bounds of its derivatives are not known; "
-                "use polynomials, Fourier series, or sums of them"
+                "use polynomials, Fourier series, arm angles, or sums of them"
             )
 
     # ---- arguments and features ---------------------------------------------------------------
@@ -146,13 +155,17 @@ class _Builder:
 
     def _argument_error(self, z: int) -> float:
         """Bound the rounding error of argument number z."""
-        return float((self.n + 6) * U * (np.abs(self.rows[z]) @ self.most + abs(self.z0[z])))
+        return float(
+            (self.n + 6) * U * (np.abs(self.rows[z]) @ self.most + abs(self.z0[z]))
+        )
 
     def _most(self, z: int) -> float:
         """Bound the absolute value of argument number z in the box."""
         return max(abs(self.low[z]), abs(self.high[z]))
 
-    def _feature(self, kind: int, parent: int, variable: int, bound: float, error: float) -> int:
+    def _feature(
+        self, kind: int, parent: int, variable: int, bound: float, error: float
+    ) -> int:
         self.kind.append(kind)
         self.parent.append(parent)
         self.variable.append(variable)
@@ -173,7 +186,8 @@ class _Builder:
         rows = np.zeros((len(joints), self.n))
         rows[np.arange(len(joints)), joints] = 1 / scale
         z = [
-            self._argument(row, c / s) for row, c, s in zip(rows, field.center, scale, strict=True)
+            self._argument(row, c / s)
+            for row, c, s in zip(rows, field.center, scale, strict=True)
         ]
         most = [self._most(v) for v in z]
         known: dict[_Exponents, int] = {}
@@ -190,7 +204,9 @@ class _Builder:
                 for j, two, by_j in _lowered(one):
                     both = by_i * by_j * c / (scale[i] * scale[j])
                     if joints[i] <= joints[j]:
-                        self.C.append((int(joints[i]), int(joints[j]), monomial(two), both))
+                        self.C.append(
+                            (int(joints[i]), int(joints[j]), monomial(two), both)
+                        )
                     for l, three, by_l in _lowered(two):
                         cubic = both * (by_l / scale[l])
                         if sum(beta) == 3:
@@ -226,7 +242,9 @@ class _Builder:
             if joints[m] >= ijl[-1]:
                 size = np.prod([x**e for x, e in zip(most, four, strict=True)])
                 key = (*ijl, int(joints[m]))
-                self.T4[key] = self.T4.get(key, 0.0) + np.abs(c) * (by_m * size / scale[m])
+                self.T4[key] = self.T4.get(key, 0.0) + np.abs(c) * (
+                    by_m * size / scale[m]
+                )
 
     def _monomial(self, beta: _Exponents, z: list[int], monomial: object) -> int:
         used = [i for i, power in enumerate(beta) if power]
@@ -249,7 +267,9 @@ class _Builder:
             row[joints] = wave
             z = self._argument(row, 0.0)
             error = self._argument_error(z) + 8 * U
-            sine, cosine = (self._feature(kind, 0, z, 1.0, error) for kind in (SINE, COSINE))
+            sine, cosine = (
+                self._feature(kind, 0, z, 1.0, error) for kind in (SINE, COSINE)
+            )
             (used,) = np.nonzero(row)
             for i in used:
                 self.G += [(int(i), cosine, row[i] * a), (int(i), sine, -row[i] * b)]
@@ -282,11 +302,14 @@ class _Builder:
         V, slopes = np.abs(G) @ bound, (np.abs(C) @ bound) @ half
         E = np.abs(G) @ wrong + (np.abs(C) @ wrong) @ half
         kind, parent, variable = (
-            np.array(values, np.int32) for values in (self.kind, self.parent, self.variable)
+            np.array(values, np.int32)
+            for values in (self.kind, self.parent, self.variable)
         )
         size = (V + slopes).max(axis=1)
         T = np.asarray(self.T * (1 + 1e-12), float)
-        third = np.array(sorted({f for terms in self.C3.values() for f in terms}), np.int32)
+        third = np.array(
+            sorted({f for terms in self.C3.values() for f in terms}), np.int32
+        )
         at = {int(f): i for i, f in enumerate(third)}
         C3, T4 = (
             np.zeros((r, n, n, n, len(third))),
@@ -301,7 +324,7 @@ class _Builder:
                 T4[:, i, j, l, m] = bound4 * (1 + 1e-12)
         E += 0.5 * ((np.abs(C3) @ wrong[third]) @ half) @ half
         return Features(
-            np.array(self.rows),
+            np.array(self.rows).reshape(-1, n),
             np.array(self.z0),
             kind,
             parent,
@@ -314,6 +337,7 @@ class _Builder:
             T4,
             E,
             size,
+            tuple(self.arms),
         )
 
 
@@ -323,5 +347,7 @@ def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
     Returns triples: index of the variable, exponents of the derivative, and its factor.
     """
     return [
-        (i, (*beta[:i], power - 1, *beta[i + 1 :]), power) for i, power in enumerate(beta) if power
+        (i, (*beta[:i], power - 1, *beta[i + 1 :]), power)
+        for i, power in enumerate(beta)
+        if power
     ]

@@ -52,7 +52,9 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
             ends.append((first, i))
             first = i - 1
     parts = [Q[a:b] for a, b in [*ends, (first, len(Q))]]
-    low, high = (np.array([f(part, axis=0) for part in parts]) for f in (np.min, np.max))
+    low, high = (
+        np.array([f(part, axis=0) for part in parts]) for f in (np.min, np.max)
+    )
     return low - wide, high + wide
 
 
@@ -74,7 +76,9 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])
 
 
-def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
+def _outside(
+    box: tuple[Array, Array], other: tuple[Array, Array]
+) -> list[tuple[Array, Array]]:
     """Divide the part of a box outside another one into boxes, at most two per joint."""
     if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
         return [box]

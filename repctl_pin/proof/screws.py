@@ -22,11 +22,16 @@ def screws(chain: Chain, theta: Array) -> tuple[Array, Array]:
     xi, tip = np.zeros((K, P, 6)), np.tile(-chain.shift, (K, 1))
     for outward in (True, False):
         R, o = np.tile(np.eye(3), (K, 1, 1)), np.tile(-chain.shift, (K, 1))
-        for joint in range(chain.middle, P) if outward else range(chain.middle - 1, -1, -1):
+        for joint in (
+            range(chain.middle, P) if outward else range(chain.middle - 1, -1, -1)
+        ):
             if outward:
                 o = o + R @ chain.p[joint]
                 R, tip = R @ chain.R[joint], o
-            axis, angle = R @ chain.a[joint], theta[:, joint] if outward else -theta[:, joint]
+            axis, angle = (
+                R @ chain.a[joint],
+                theta[:, joint] if outward else -theta[:, joint],
+            )
             if chain.level[joint]:
                 axis = np.tile(chain.a[joint], (K, 1))
             if chain.revolute[joint]:

@@ -3,7 +3,9 @@
 #include <stdlib.h>
 
 #define LANES 8
+#ifndef MOST
 #define MOST 84 /* monomials of six variables */
+#endif
 #define ROUND 2e-14
 
 typedef double Lanes __attribute__((vector_size(8 * LANES), aligned(8)));

@@ -92,7 +92,9 @@ class TaylorModel:
     @property
     def norms(self) -> Array:
         """Sums of the absolute values of the coefficients of each degree, (K, …, 4)."""
-        return np.asarray(np.add.reduceat(np.abs(self.P), products(self.k).starts[:-1], axis=-1))
+        return np.asarray(
+            np.add.reduceat(np.abs(self.P), products(self.k).starts[:-1], axis=-1)
+        )
 
     @property
     def most(self) -> Array:
@@ -102,7 +104,9 @@ class TaylorModel:
     @property
     def reach(self) -> Array:
         """Bound of the distance from the value at the centre, (K, …)."""
-        return np.asarray((np.abs(self.P[..., 1:]).sum(axis=-1) + self.r) * (1 + _ROUND))
+        return np.asarray(
+            (np.abs(self.P[..., 1:]).sum(axis=-1) + self.r) * (1 + _ROUND)
+        )
 
     def __getitem__(self, at: Any) -> TaylorModel:
         return TaylorModel(self.k, self.P[(*at, slice(None))], self.r[at])
@@ -128,7 +132,9 @@ class TaylorModel:
         """Combine the last axis of models linearly: ``y_i = Σ_j A_ij x_j``, A (…, i, j)."""
         P, r = A @ self.P, (np.abs(A) @ self.r[..., None])[..., 0] * (1 + _ROUND)
         sizes = np.abs(self.P).sum(axis=-1)
-        return TaylorModel(self.k, P, r + _ROUND * (np.abs(A) @ sizes[..., None])[..., 0])
+        return TaylorModel(
+            self.k, P, r + _ROUND * (np.abs(A) @ sizes[..., None])[..., 0]
+        )
 
     def __mul__(self, other: TaylorModel) -> TaylorModel:
         pairs = products(self.k)
@@ -138,7 +144,13 @@ class TaylorModel:
         beyond = a[..., 1] * b[..., 3] + a[..., 2] * (b[..., 2] + b[..., 3])
         beyond = beyond + a[..., 3] * (b[..., 1] + b[..., 2] + b[..., 3])
         one, two = a.sum(axis=-1), b.sum(axis=-1)
-        r = beyond + one * other.r + self.r * two + self.r * other.r + _ROUND * one * two
+        r = (
+            beyond
+            + one * other.r
+            + self.r * two
+            + self.r * other.r
+            + _ROUND * one * two
+        )
         return TaylorModel(self.k, P, r * (1 + _ROUND))
 
     def sine_cosine(self) -> tuple[TaylorModel, TaylorModel]:
@@ -152,7 +164,29 @@ class TaylorModel:
             [c, -s, -c / 2, s / 6], 1 / 24
         )
 
-    def _series(self, factors: list[Array], fourth: float, rounding: float = _ROUND) -> TaylorModel:
+    def power(self, s: float) -> TaylorModel:
+        """Compute the model of ``x^s``, s < 4, for x > 0; its bound is inf where x may be 0.
+
+        The fourth derivative falls with x, so it is at most that at the smallest x.
+        """
+        x = self.P[..., 0]
+        least = (x - self.reach) * (1 - _ROUND)
+        with np.errstate(all="ignore"):
+            factors, f = [], np.where(x > 0, x, np.nan) ** s
+            size = np.nan_to_num(f)
+            for i in range(4):
+                factors.append(np.nan_to_num(f))
+                f = f * ((s - i) / ((i + 1) * x))
+            fourth = np.abs(s * (s - 1) * (s - 2) * (s - 3)) / 24 * least ** (s - 4)
+        fourth = np.where(least > 0, fourth, np.inf)
+        return self._series(factors, fourth, np.where(least > 0, _ROUND * size, np.inf))
+
+    def _series(
+        self,
+        factors: list[Array],
+        fourth: Array | float,
+        rounding: Array | float = _ROUND,
+    ) -> TaylorModel:
         """Compute the model of ``Σ f_i d^i``, i = 0 … 3, with d the difference from the centre.
 
         ``fourth |d|⁴`` and ``rounding`` are added to the bound.
@@ -162,7 +196,9 @@ class TaylorModel:
         d = TaylorModel(self.k, P, self.r)
         square = d * d
         cube = square * d
-        found = d.scaled(factors[1]) + square.scaled(factors[2]) + cube.scaled(factors[3])
+        found = (
+            d.scaled(factors[1]) + square.scaled(factors[2]) + cube.scaled(factors[3])
+        )
         P = found.P.copy()
         P[..., 0] += factors[0]
         r = found.r + (fourth * d.most**4 + rounding) * (1 + _ROUND)
@@ -190,7 +226,10 @@ def entire(z: Array, m: int) -> list[Array]:
     """
     found = []
     for j in range(4):
-        total, term = np.zeros_like(z), (-1.0) ** j / np.prod(np.arange(1.0, 2 * j + m + 1))
+        total, term = (
+            np.zeros_like(z),
+            (-1.0) ** j / np.prod(np.arange(1.0, 2 * j + m + 1)),
+        )
         power = np.ones_like(z)
         for i in range(j, _ENTIRE):  # binomial(i, j) (−1)^i z^(i − j) / (2 i + m)!
             total = total + term * power

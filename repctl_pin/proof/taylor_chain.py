@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from .chain import Chain
+from .chain import FREE, Chain
 from .taylor import TaylorModel, cross
+
+TURNED = {"pose": 0, "axis": 2}
+"""First of the frame's axes whose direction a kind of task controls; the others control none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +30,13 @@ class Closure:
     xi : TaylorModel
         The displacement ``(e + p × s, s)`` (K, 6). p is the position of the frame, e the vector
         from there to the position of the pose, and s the axis of the rotation to the pose times the
-        sine of its angle.
+        sine of its angle: for an axis task, of the shortest rotation of the tool's z axis. Only
+        the coordinates that the task controls are displaced.
     sizes : (3, K) array
         Bounds of |p|, |e| and |s|.
     near : (K,) array of bool
-        Whether the rotation is by less than a quarter turn at the centre.
+        Whether the rotation is by less than a quarter turn at the centre, and its trace is
+        above 1.
     """
 
     J: TaylorModel
@@ -44,11 +49,16 @@ class Closure:
 
 
 def closure_of(
-    chain: Chain, pose: tuple[TaylorModel, TaylorModel], Q: TaylorModel, eps: float
+    chain: Chain,
+    kind: str,
+    pose: tuple[TaylorModel, TaylorModel],
+    Q: TaylorModel,
+    eps: float,
 ) -> Closure:
     """Compute models of a chain's screws at Q (K, n), and of the displacement to a pose.
 
-    The pose is p (K, 3), and R (K, 3, 3) by columns; ``eps`` is the relative rounding error.
+    The pose is p (K, 3), and R (K, 3, 3) by columns; ``kind`` is that of the task, and ``eps`` the
+    relative rounding error.
     """
     theta = Q.combined(chain.S[:, : chain.n])
     theta = theta + TaylorModel.constant(Q.k, np.tile(chain.o, (len(Q.r), 1)))
@@ -62,7 +72,13 @@ def closure_of(
         P[:, :, column] += part.P
         r[:, :, column] += part.r
     e = o_b + _applied(R_b, pose[0]) - p2
-    s, trace = _rotation(R2, [_applied(R_b, pose[1][:, i]) for i in range(3)])
+    for axis in FREE[kind][0]:  # of the base: not controlled
+        z = R_b["xyz".index(axis)]
+        e = e - z * (z * e).combined(np.ones((1, 3)))
+    first = TURNED.get(kind, 3)
+    s, trace = _rotation(
+        R2[first:], [_applied(R_b, pose[1][:, i]) for i in range(first, 3)], p2
+    )
     moment = e + cross(p2, s)
     xi = TaylorModel(
         Q.k,
@@ -109,10 +125,16 @@ def _inward(
 
 
 def _screw(chain: Chain, joint: int, R: _Columns, o: TaylorModel) -> TaylorModel:
-    axis = _fixed(o, chain.a[joint]) if chain.level[joint] else _combined(R, chain.a[joint])
+    axis = (
+        _fixed(o, chain.a[joint])
+        if chain.level[joint]
+        else _combined(R, chain.a[joint])
+    )
     zero = axis.scaled(0.0)
     v, w = (cross(o, axis), axis) if chain.revolute[joint] else (axis, zero)
-    return TaylorModel(o.k, np.concatenate([v.P, w.P], axis=1), np.concatenate([v.r, w.r], axis=1))
+    return TaylorModel(
+        o.k, np.concatenate([v.P, w.P], axis=1), np.concatenate([v.r, w.r], axis=1)
+    )
 
 
 def _moved(
@@ -138,15 +160,25 @@ def basis(axis: Array) -> Array:
     return np.stack([x, np.cross(axis, x), axis], axis=1)
 
 
-def _rotation(R: _Columns, goal: _Columns) -> tuple[TaylorModel, Array]:
+def _rotation(
+    R: _Columns, goal: _Columns, like: TaylorModel
+) -> tuple[TaylorModel, Array]:
     """Compute the axis of the rotation from R to the goal times the sine of its angle, as a model.
 
-    It is ``½ Σ R_i × goal_i`` over the columns. The second result (K,) is the trace of the rotation
-    at the centre.
+    It is ``½ Σ R_i × goal_i`` over three columns, the product of one column with its goal for the
+    shortest rotation of an axis, and 0 for none. The second result (K,) is the trace of the
+    rotation at the centre.
     """
-    parts = [cross(a, b) for a, b in zip(R, goal, strict=True)]
-    trace = sum((a.P[..., 0] * b.P[..., 0]).sum(axis=1) for a, b in zip(R, goal, strict=True))
-    return (parts[0] + parts[1] + parts[2]).scaled(0.5), np.asarray(trace)
+    zero = like.scaled(0.0)
+    if not R:
+        return zero, np.full(len(like.r), 3.0)
+    s, trace = zero, 0.0
+    for a, b in zip(R, goal, strict=True):
+        s = s + cross(a, b)
+        trace = trace + (a.P[..., 0] * b.P[..., 0]).sum(axis=1)
+    if len(R) == 1:
+        return s, 1 + 2 * np.asarray(trace)  # of a turn by the angle between the two
+    return s.scaled(0.5), np.asarray(trace)
 
 
 def _combined(R: _Columns, x: Array) -> TaylorModel:

@@ -89,7 +89,7 @@ class Audit:
 
     Examples
     --------
-    >>> t, q = np.arange(201) * 0.05, motion.q  # a log of the arm
+    >>> t, q = np.arange(101) * 0.1, motion.q  # a log of the arm
     >>> found = rp.audit((t, q), motion.task)
     >>> bool(found), found.returns
     (True, 2)
@@ -143,7 +143,9 @@ class Audit:
         """
         if self.joints is None:
             return 0.0
-        return float(np.linalg.norm(trend(self.visits.t, self.origins[:, self.part]).scatter))
+        return float(
+            np.linalg.norm(trend(self.visits.t, self.origins[:, self.part]).scatter)
+        )
 
     @property
     def scatters(self) -> bool:
@@ -158,7 +160,9 @@ class Audit:
 
         It is the noise of the joint, or the tolerance of a closed cycle if that is larger.
         """
-        return np.maximum(self.visits.noise, CLOSED * joint_scale(self.task, self.visits.q[0]))
+        return np.maximum(
+            self.visits.noise, CLOSED * joint_scale(self.task, self.visits.q[0])
+        )
 
     @property
     def clock(self) -> tuple[float, str]:
@@ -183,7 +187,9 @@ class Audit:
         (lower, upper, _), rate = self.task.joint_limits, self.joints.rate
         margin = np.where(rate > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
         with np.errstate(divide="ignore", invalid="ignore"):
-            left = np.where(np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf)
+            left = np.where(
+                np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf
+            )
         joint = int(np.argmin(left))
         if not 0 <= left[joint] < 100 * (self.log.t[-1] - self.log.t[0]):
             return None
@@ -312,7 +318,9 @@ def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
             name = "frame" if frame is not None else "kind"
-            raise InputError(": a task has its own", argument=name, remedy=f"omit {name}=")
+            raise InputError(
+                ": a task has its own", argument=name, remedy=f"omit {name}="
+            )
         if robot.coordinates is not None:
             raise InputError(
                 ": a log holds the robot's own joints, not the coordinates of this task",
@@ -320,7 +328,9 @@ def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
                 remedy="pass the robot",
             )
         return robot
-    return choose_task(robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind)
+    return choose_task(
+        robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind
+    )
 
 
 def _read(log: Any, task: Task) -> JointLog:
@@ -357,12 +367,17 @@ def _units(task: Task, log: JointLog) -> list[str]:
     turned = q * np.where(task.revolute, _DEGREE, 1.0)
     within = (_beyond(turned, lower, upper) <= _SOME).all()
     if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
-        raise InputError(f"{found}: the values look like degrees", remedy="pass degrees=True")
+        raise InputError(
+            f"{found}: the values look like degrees", remedy="pass degrees=True"
+        )
     if beyond[worst] <= _SLIGHT:
         return [f"{found}; check the times"]
     if beyond[worst] < _SOME:
         return [f"{found} (rad or m)"]
-    orders = {"reversed": np.arange(task.n)[::-1], "alphabetical": _sorted_columns(task)}
+    orders = {
+        "reversed": np.arange(task.n)[::-1],
+        "alphabetical": _sorted_columns(task),
+    }
     for name, order in orders.items():
         if not log.by_name and (_beyond(q[:, order], lower, upper) <= _SOME).all():
             raise InputError(
@@ -391,7 +406,9 @@ def _sorted_columns(task: Task) -> Any:
     return np.argsort(np.argsort(task.robot_joints))
 
 
-def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
+def _measured(
+    task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
+) -> Audit:
     """Fit the creep of the joints, and of their origins, to the visits; return the audit."""
     floor = np.maximum(visits.noise, CLOSED * joint_scale(task, visits.q[0]))
     joints = trend(visits.t, visits.q, floor, 1 - (1 - CONFIDENCE) / task.n)
@@ -413,7 +430,9 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
     )
 
 
-def _error_of(task: Task, visits: Visits, origins: Array, part: int, floor: Array) -> float:
+def _error_of(
+    task: Task, visits: Visits, origins: Array, part: int, floor: Array
+) -> float:
     """Compute the half-width of the confidence interval of the speed of a joint's origin, m/s.
 
     The scatter of the origin counts as at least what the joints' ``floor`` causes.

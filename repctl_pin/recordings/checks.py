@@ -35,10 +35,13 @@ def require_metres(task: Task, p: Array) -> None:
     if reach <= 0 or away < 20 * reach:
         return
     fact = (
-        f"the positions are {away:.3g} m from the base in the median; the arm reaches {reach:.2g} m"
+        f"the positions are {away:.3g} m from the base in the median; "
+        f"the arm reaches {reach:.2g} m"
     )
     if away / 1000 < 1.5 * reach:
-        raise InputError(f"{fact}: they look like millimetres", remedy="divide them by 1000")
+        raise InputError(
+            f"{fact}: they look like millimetres", remedy="divide them by 1000"
+        )
     raise InputError(fact, remedy="give positions in m, in the frame of the base")
 
 
@@ -49,7 +52,10 @@ def require_radians(task: Task, Q: Array) -> None:
         return
     converted = np.where(task.revolute, np.radians(Q), Q)
     size = float(np.abs(Q[:, task.revolute]).max())
-    if size > 2 * np.pi and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9:
+    if (
+        size > 2 * np.pi
+        and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9
+    ):
         raise InputError(
             f"the joints go to {size:.3g} and fit their limits as degrees only",
             remedy="convert them to rad",
@@ -70,7 +76,9 @@ def require_limits(task: Task, Q: Array) -> None:
         )
 
 
-def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
+def require_agreement(
+    task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
+) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
     The message names the mistake in the numbers that would explain it, if one is found.
@@ -98,12 +106,17 @@ def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: 
     )
 
 
-def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> tuple[str, str]:
+def _explanation(
+    task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
+) -> tuple[str, str]:
     few = slice(None, None, max(1, len(Q) // 16))
     for order in _orders(task.n):
         if _alike(_distance(task, Q[few][:, order], p[few], R[few])):
             names = ", ".join(task.joint_names)
-            return ": the joints are in another order", f"give them in the order {names}"
+            return (
+                ": the joints are in another order",
+                f"give them in the order {names}",
+            )
     turned = _first_is_w(R)
     if quaternions and _alike(_distance(task, Q, p, turned)):
         return ": the quaternions begin with qw", "give qx, qy, qz, qw"
@@ -112,12 +125,18 @@ def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool)
     tool = np.einsum("Kab,Kb->Ka", back, p - p_own)
     if _turns(task) and _constant(tool, back @ R):
         by = row(np.round(tool.mean(axis=0), 3) + 0.0)
-        return f": the poses are of a frame at {by} m in {task.frame}", "name that frame"
+        return (
+            f": the poses are of a frame at {by} m in {task.frame}",
+            "name that frame",
+        )
     turn = R @ back
     base = p - np.einsum("Kab,Kb->Ka", turn, p_own)
     if _turns(task) and _constant(base, turn):
         by = row(np.round(base.mean(axis=0), 3) + 0.0)
-        return f": the poses are in another base frame, shifted by {by} m", "name that base"
+        return (
+            f": the poses are in another base frame, shifted by {by} m",
+            "name that base",
+        )
     return "", "check the frame, the units and the order of the joints"
 
 
@@ -136,7 +155,9 @@ def _first_is_w(R: Array) -> Array:
     """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_quat(Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]).as_matrix()
+    return Rotation.from_quat(
+        Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]
+    ).as_matrix()
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:

@@ -11,7 +11,13 @@ from scipy.spatial.transform import Rotation
 from ..arguments import Array
 from ..errors import InputError
 from ..fit_options import FitOptions
-from ..inverse_function import Cell, CellDesign, InverseFunction, Sector, nearest_inverse_function
+from ..inverse_function import (
+    Cell,
+    CellDesign,
+    InverseFunction,
+    Sector,
+    nearest_inverse_function,
+)
 from ..inverse_function.rotations import exp3
 from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS, SPIN
 from ..strategies import Pseudoinverse
@@ -146,7 +152,9 @@ def _box(recording: Recording, share: float) -> Cell:
     between = (Y.max(axis=0) + Y.min(axis=0)) / 2
     origin, turned = middle.translation.copy(), middle.rotation
     origin[task.rows[:positions]] += between[:positions]
-    if turns:  # the middle of rotation vectors is not that of the rotations: measured again
+    if (
+        turns
+    ):  # the middle of rotation vectors is not that of the rotations: measured again
         turned = exp3(probe.vectors(between[None, positions:]))[0] @ turned
     probe = Cell(task, pin.SE3(turned, origin), 1.0, 0.5 if turns else 0.0)
     w = _widths(_within(_measured(probe, p, R), share), positions)

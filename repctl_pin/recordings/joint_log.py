@@ -21,7 +21,9 @@ TABLES = ("q", "Q", "joints", "positions", "position", "qpos", "observation.stat
 
 _NANOSECONDS = 1e14
 _NUMBERED = re.compile(r"(.*?)(\d+)\W*$")
-_NO_POSITION = re.compile(r"(?i)(vel|velocity|acc|acceleration|effort|torque|current)(s|$|[._/\d])")
+_NO_POSITION = re.compile(
+    r"(?i)(vel|velocity|acc|acceleration|effort|torque|current)(s|$|[._/\d])"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +82,13 @@ def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
             f"{where}: there is no column of times among {', '.join(columns)}",
             remedy="name one time, in s",
         )
-    single = {name: c for name, c in columns.items() if c.ndim == 1 and c.dtype.kind in "fiu"}
+    single = {
+        name: c for name, c in columns.items() if c.ndim == 1 and c.dtype.kind in "fiu"
+    }
     if clock not in single:
-        raise InputError(f"{where}: the times in {clock!r} are not numbers, one per row")
+        raise InputError(
+            f"{where}: the times in {clock!r} are not numbers, one per row"
+        )
     names, by_name = _columns([name for name in single if name != clock], joints)
     whole = _whole(columns, len(joints))
     if names:
@@ -92,8 +98,12 @@ def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
     else:
         held = [j for j in joints if any(_holds(name, j) for name in single)]
         missing = next(joint for joint in joints if joint not in held)
-        what = f"no column is named {missing}" if held else "no column is named as a joint"
-        raise InputError(f"{where}: {what}", remedy=f"name the columns {', '.join(joints)}")
+        what = (
+            f"no column is named {missing}" if held else "no column is named as a joint"
+        )
+        raise InputError(
+            f"{where}: {what}", remedy=f"name the columns {', '.join(joints)}"
+        )
     t = single[clock].astype(float)
     return _checked(where, t, q.astype(float), by_name, table)
 
@@ -105,7 +115,8 @@ def joint_log(t: Any, q: Any, n: int) -> JointLog:
     if sizes is None or sizes[1] != (*sizes[0], n):
         got = "others" if sizes is None else f"shapes {sizes[0]} and {sizes[1]}"
         raise InputError(
-            f"must be numbers: times (T,) and joint positions (T, {n}); got {got}", argument="log"
+            f"must be numbers: times (T,) and joint positions (T, {n}); got {got}",
+            argument="log",
         )
     assert times is not None and values is not None
     return _checked("log", times, values, True, None)
@@ -134,7 +145,10 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
 def _holds(name: str, joint: str) -> bool:
     """Check whether a column's name contains a joint's name, with no letter or digit next to it."""
-    return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
+    return (
+        re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name)
+        is not None
+    )
 
 
 def _whole(columns: Mapping[str, Column], n: int) -> Array | None:
@@ -147,7 +161,9 @@ def _whole(columns: Mapping[str, Column], n: int) -> Array | None:
     return None
 
 
-def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) -> JointLog:
+def _checked(
+    name: str, t: Array, q: Array, by_name: bool, table: Table | None
+) -> JointLog:
     """Make a log without rows that lack a number or repeat a time.
 
     If time runs backwards, an error is raised.
@@ -160,9 +176,13 @@ def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) 
         at = int(rows[int(np.argmax(steps < 0)) + 1])
         place = f"{name}, row {at}" if table is None else table.line(at)
         raise InputError(
-            f"{place}: time runs backwards", remedy="sort the rows, or split the file", at=at
+            f"{place}: time runs backwards",
+            remedy="sort the rows, or split the file",
+            at=at,
         )
     rows = rows[np.append(True, steps > 0)] if len(rows) else rows
     if len(rows) < 3:
-        raise InputError(f"{name} has {len(rows)} rows with numbers, too few for an audit")
+        raise InputError(
+            f"{name} has {len(rows)} rows with numbers, too few for an audit"
+        )
     return JointLog(name, t[rows], q[rows], by_name, len(t) - len(rows))

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..arguments import Array, as_configurations, as_numbers, file_name, freeze, read_only, shown
+from ..arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    file_name,
+    freeze,
+    read_only,
+    shown,
+)
 from ..errors import InputError
 from ..inverse_function.kinematics import placed
 from ..robot.task import Task, require_task
@@ -196,7 +204,9 @@ def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order."""
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other, values = object.__new__(Recording), vars(recording)
-    arrays = {n: value[some] for n, value in values.items() if isinstance(value, np.ndarray)}
+    arrays = {
+        n: value[some] for n, value in values.items() if isinstance(value, np.ndarray)
+    }
     freeze(other, **values | arrays)
     return other
 
@@ -225,7 +235,9 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     X = as_numbers(poses)
     free = task.kind not in ("pose", "axis")
     shapes = "(K, 4, 4) or (K, 7)" + (" or (K, 3)" if free else "")
-    fits = X is not None and (X.shape[1:] in ((4, 4), (7,)) or (free and X.shape[1:] == (3,)))
+    fits = X is not None and (
+        X.shape[1:] in ((4, 4), (7,)) or (free and X.shape[1:] == (3,))
+    )
     if X is None or not fits:
         what = shown(poses) if X is None else f"shape {X.shape}"
         raise InputError(f"must be numbers {shapes}; got {what}", argument="poses")
@@ -258,7 +270,9 @@ def _rotations(R: Array) -> Array:
     for part in blocks(len(R)):
         U, s, Vt = np.linalg.svd(R[part])
         made[part] = U @ Vt
-        wrong = (np.abs(s - 1).max(axis=1) > _ROTATION) | (np.linalg.det(made[part]) < 0)
+        wrong = (np.abs(s - 1).max(axis=1) > _ROTATION) | (
+            np.linalg.det(made[part]) < 0
+        )
         if wrong.any():
             at = part.start + int(np.argmax(wrong))
             raise InputError(
@@ -286,7 +300,9 @@ def _sessions(given: Any, size: int) -> tuple[tuple[str, ...], Column]:
     whole = labels.dtype.kind == "f" and bool(
         np.all(np.abs(values) < 1e15) and np.all(values == np.round(values))
     )
-    names = values.astype(np.int64) if whole else values  # session 0 of a CSV file, not 0.0
+    names = (
+        values.astype(np.int64) if whole else values
+    )  # session 0 of a CSV file, not 0.0
     return tuple(str(name) for name in names.tolist()), inverse.astype(np.int64)
 
 
@@ -294,7 +310,8 @@ def _times(given: ArrayLike, size: int) -> Array:
     t = as_numbers(given)
     if t is None or t.shape != (size,):
         raise InputError(
-            f"must be {size} numbers, s, one per frame; got {shown(given)}", argument="times"
+            f"must be {size} numbers, s, one per frame; got {shown(given)}",
+            argument="times",
         )
     if not np.isfinite(t).all():
         raise InputError("a time is not finite", at=int(np.argmin(np.isfinite(t))))

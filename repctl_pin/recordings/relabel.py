@@ -10,13 +10,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import progress as reporting
-from ..arguments import Array, file_name, flag_or_function, read_only, require_type, vector
+from ..arguments import (
+    Array,
+    file_name,
+    flag_or_function,
+    read_only,
+    require_type,
+    vector,
+)
 from ..errors import InputError
 from ..fit_options import FitOptions, fit_options
 from ..inverse_function import CellDesign, InverseFunction
 from .ambiguity import Ambiguity, ambiguity
 from .choose_cell import design_for
-from .recording import JOINTS, POSITION, QUATERNION, Recording, blocks, matrices, thinned
+from .recording import (
+    JOINTS,
+    POSITION,
+    QUATERNION,
+    Recording,
+    blocks,
+    matrices,
+    thinned,
+)
 from .table import Column, write_table
 
 _HELD_OUT = 1024
@@ -131,7 +146,9 @@ class Relabeled:
         return {
             "frames": frames,
             "ambiguity": f"{arrow}{after:.3g} {unit}\n{self.ambiguity.method}",
-            "limit margin": margin if np.isfinite(self.margins_after[self.found][0]) else "none",
+            "limit margin": margin
+            if np.isfinite(self.margins_after[self.found][0])
+            else "none",
             **({} if self.recording.joints is None else {"moved": self._moved()}),
             "cell": self.design.cell.size(),
             "middle": self.design.cell.where(np.zeros(self.design.cell.k)),
@@ -174,9 +191,13 @@ class Relabeled:
         text = ", ".join(f"{c:.3g}" for c in self.leaf + 0.0)
         if self.recorded_leaves is None:
             return f"c = {text}"
-        low, middle, high = np.nanquantile(self.recorded_leaves, [0.05, 0.5, 0.95], axis=0)
+        low, middle, high = np.nanquantile(
+            self.recorded_leaves, [0.05, 0.5, 0.95], axis=0
+        )
         near = (
-            "" if np.allclose(middle, self.leaf, atol=5e-4) else f", {_row(middle)} in the median"
+            ""
+            if np.allclose(middle, self.leaf, atol=5e-4)
+            else f", {_row(middle)} in the median"
         )
         return f"c = {text}; recorded: {_row(low)} to {_row(high)}{near}"
 
@@ -187,12 +208,18 @@ class Relabeled:
         lines = [self._gap(gap) for gap in self.gaps if gap in longest]
         rest = sum(gap.frames for gap in self.gaps if gap not in longest)
         if rest:
-            lines.append(f"and {rest:,} frames in {len(self.gaps) - len(longest)} other ranges")
+            lines.append(
+                f"and {rest:,} frames in {len(self.gaps) - len(longest)} other ranges"
+            )
         return "\n".join(lines)
 
     def _gap(self, gap: Gap) -> str:
         timed = self.recording.times is not None
-        span = f"{gap.start:.6g}–{gap.end:.6g} s" if timed else f"{gap.start:.0f}–{gap.end:.0f}"
+        span = (
+            f"{gap.start:.6g}–{gap.end:.6g} s"
+            if timed
+            else f"{gap.start:.0f}–{gap.end:.0f}"
+        )
         many = len(self.recording.names) > 1
         where = f"session {gap.session}: " if many else "" if timed else "frames "
         return f"{where}{span} ({gap.frames:,} frames), {gap.why}"
@@ -258,9 +285,16 @@ def relabel(
     options = fit_options(options)
     options.require_only(("samples", "held_out", "seed"), "relabel")
     progress = flag_or_function(
-        progress, "progress", "a function of what is being done and the share that is done", 2
+        progress,
+        "progress",
+        "a function of what is being done and the share that is done",
+        2,
     )
-    given = None if leaf is None else vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
+    given = (
+        None
+        if leaf is None
+        else vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
+    )
     with reporting.reporter(progress) as report:
         if design is None:
             options = FitOptions(
@@ -289,9 +323,16 @@ def relabel(
 
 
 def _require_same_task(recording: Recording, design: CellDesign) -> None:
-    require_type(design, CellDesign, "design", "the function of a cell, such as rp.load_cell(file)")
+    require_type(
+        design,
+        CellDesign,
+        "design",
+        "the function of a cell, such as rp.load_cell(file)",
+    )
     if design.task.as_dict() != recording.task.as_dict():
-        raise InputError(f"the recording is for {recording.task!r}, the cell for {design.task!r}")
+        raise InputError(
+            f"the recording is for {recording.task!r}, the cell for {design.task!r}"
+        )
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
@@ -305,11 +346,16 @@ def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
 def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
     """Evaluate F on the leaf c at the poses of all frames: (K, n), NaN where F has no value."""
     p, R = recording.positions, recording.rotations
-    parts = [F.batch(matrices(p[part], R[part]), leaf=c, missing="nan") for part in blocks(len(p))]
+    parts = [
+        F.batch(matrices(p[part], R[part]), leaf=c, missing="nan")
+        for part in blocks(len(p))
+    ]
     return np.concatenate(parts)
 
 
-def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
+def _nearest_leaf(
+    F: InverseFunction, recording: Recording, recorded: Array | None
+) -> Array:
     """Find the level c nearest to the recorded median that loses no frame and no limit margin.
 
     Levels between the median and 0 are tried, the nearest to the median first. The function was
@@ -341,7 +387,8 @@ def _result(
     task, before, found = recording.task, recording.joints, np.isfinite(Q[:, 0])
     cell, parts = design.cell, blocks(len(recording))
     places = [
-        cell.coordinates(recording.positions[part], recording.rotations[part]) for part in parts
+        cell.coordinates(recording.positions[part], recording.rotations[part])
+        for part in parts
     ]
     inside = np.concatenate([cell._contains(U, off) for U, off in places])
     U = np.concatenate([U for U, _ in places])[found]
@@ -367,7 +414,11 @@ def _gaps(
     kind = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
     kind, session = kind[order], recording.session[order]
-    t = np.arange(len(kind), dtype=float) if recording.times is None else recording.times
+    t = (
+        np.arange(len(kind), dtype=float)
+        if recording.times is None
+        else recording.times
+    )
     breaks = np.flatnonzero((np.diff(kind) != 0) | (np.diff(session) != 0)) + 1
     starts = np.concatenate([[0], breaks])
     ends = np.concatenate([breaks, [len(kind)]])
@@ -388,8 +439,12 @@ def _columns(relabeled: Relabeled) -> dict[str, Column]:
     joints = dict(zip(recording.task.joint_names, Q.T, strict=True))
     if recording.source is None:
         return _own_columns(recording) | joints
-    stale = {f"{name}{end}" for name in joints for end in ("_velocity", "_acceleration")}
-    kept = {name: v for name, v in recording.source.columns.items() if name not in stale}
+    stale = {
+        f"{name}{end}" for name in joints for end in ("_velocity", "_acceleration")
+    }
+    kept = {
+        name: v for name, v in recording.source.columns.items() if name not in stale
+    }
     array = next((name for name in JOINTS if name in kept), None)
     if array is None or set(joints) <= set(kept):
         return kept | joints

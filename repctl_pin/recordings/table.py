@@ -65,7 +65,9 @@ def read_table(file: Path) -> Table:
     if suffix == ".parquet":
         needed("pyarrow", by="a Parquet file")
     data = read_bytes(file, _LARGEST)
-    columns = {".csv": _of_csv, ".npz": _of_npz, ".parquet": _of_parquet}[suffix](file, data)
+    columns = {".csv": _of_csv, ".npz": _of_npz, ".parquet": _of_parquet}[suffix](
+        file, data
+    )
     lengths = {len(values) for values in columns.values()}
     if not columns or lengths == {0}:
         raise InputError(f"{file} contains no frames")
@@ -107,7 +109,9 @@ def _format(file: Path) -> str:
 def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
     text = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline="")
     try:
-        names = [name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])]
+        names = [
+            name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])
+        ]
         first = next(csv.reader([_next_line(text)]), [])
         _check_header(file, names, first)
         kinds = [float if _is_number(cell) else object for cell in first]
@@ -138,18 +142,24 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
 
 def _check_header(file: Path, names: list[str], first: list[str]) -> None:
     if any(";" in name for name in names):
-        raise InputError(f"{file}: separate the columns by commas, and use decimal points")
+        raise InputError(
+            f"{file}: separate the columns by commas, and use decimal points"
+        )
     if not names or any(_is_number(name) or not name for name in names):
         raise InputError(
             f"{file}: the first line must name the columns, such as time and the joints"
         )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{file}: two columns are named {twice[0]!r}; rename one of them")
+        raise InputError(
+            f"{file}: two columns are named {twice[0]!r}; rename one of them"
+        )
     if not first:
         raise InputError(f"{file} contains no frames")
     if len(first) != len(names):
-        raise InputError(f"{file}, line 2: {len(first)} fields, but the header has {len(names)}")
+        raise InputError(
+            f"{file}, line 2: {len(first)} fields, but the header has {len(names)}"
+        )
 
 
 def _next_line(text: io.TextIOWrapper) -> str:
@@ -159,7 +169,9 @@ def _next_line(text: io.TextIOWrapper) -> str:
 def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows of a CSV file below its header, with their line numbers."""
     data = read_bytes(file, _LARGEST)
-    lines = csv.reader(io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", "replace", newline=""))
+    lines = csv.reader(
+        io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", "replace", newline="")
+    )
     next(lines, None)
     for row in lines:
         if row:
@@ -170,7 +182,9 @@ def _line_of(file: Path, frame: int) -> int:
     return next((line for i, (line, _) in enumerate(_lines(file)) if i == frame), 0)
 
 
-def _wrong_line(file: Path, size: int, first: list[str], error: Exception) -> InputError:
+def _wrong_line(
+    file: Path, size: int, first: list[str], error: Exception
+) -> InputError:
     """Make the error for the first line of a CSV file that cannot be read."""
     try:
         for line, row in _lines(file):
@@ -202,11 +216,17 @@ def _csv_text(columns: Mapping[str, Column]) -> bytes:
     flat: dict[str, Column] = {}
     for name, values in columns.items():
         wide = values.reshape(len(values), -1)
-        keys = [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(wide.shape[1])]
+        keys = (
+            [name]
+            if values.ndim == 1
+            else [f"{name}_{i}" for i in range(wide.shape[1])]
+        )
         flat |= dict(zip(keys, wide.T, strict=True))
     size = len(next(iter(flat.values())))
     parts = [_lines_of([tuple(flat)])]
-    for k in range(0, size, _BLOCK):  # text of all rows at once would take four times its size
+    for k in range(
+        0, size, _BLOCK
+    ):  # text of all rows at once would take four times its size
         block = (values[k : k + _BLOCK].tolist() for values in flat.values())
         parts.append(_lines_of(zip(*block, strict=True)))
     return b"".join(parts)
@@ -222,7 +242,14 @@ def _of_npz(file: Path, data: bytes) -> dict[str, Column]:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
-    except (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as error:
+    except (
+        ValueError,
+        OSError,
+        EOFError,
+        KeyError,
+        AttributeError,
+        zipfile.BadZipFile,
+    ) as error:
         raise InputError(f"cannot read {file}: {error}") from None
     return {name: values for name, values in found.items() if values.ndim}
 
@@ -242,7 +269,10 @@ def _plain(column: Any) -> Column:
     """Convert a Parquet column to an array; lists of equal length become its rows."""
     import pyarrow
 
-    if not (pyarrow.types.is_list(column.type) or pyarrow.types.is_fixed_size_list(column.type)):
+    if not (
+        pyarrow.types.is_list(column.type)
+        or pyarrow.types.is_fixed_size_list(column.type)
+    ):
         return np.asarray(column.to_numpy())
     flat = np.concatenate([np.asarray(chunk.flatten()) for chunk in column.chunks])
     size = len(flat) // max(len(column), 1)
@@ -257,4 +287,6 @@ def _arrow(values: Column) -> Any:
     if values.ndim == 1:
         return pyarrow.array(values)
     wide = values.reshape(len(values), -1)
-    return pyarrow.FixedSizeListArray.from_arrays(pyarrow.array(wide.ravel()), wide.shape[1])
+    return pyarrow.FixedSizeListArray.from_arrays(
+        pyarrow.array(wide.ravel()), wide.shape[1]
+    )

@@ -69,7 +69,9 @@ class Visits:
     nearest: float
 
 
-def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None = None) -> Visits:
+def find_visits(
+    task: Task, t: Array, Q: Array, tolerance: float | None = None
+) -> Visits:
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
@@ -144,7 +146,9 @@ def noise_of(Q: Array) -> Array:
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
     sizes = [
-        np.median(np.abs(np.diff(Q, k, axis=0)), axis=0) / 0.6745 / np.sqrt(comb(2 * k, k))
+        np.median(np.abs(np.diff(Q, k, axis=0)), axis=0)
+        / 0.6745
+        / np.sqrt(comb(2 * k, k))
         for k in range(3, 7)
     ]
     return np.min(sizes, axis=0)
@@ -153,7 +157,9 @@ def noise_of(Q: Array) -> Array:
 def _features(task: Task, Q: Array, radian: float) -> Array:
     """Convert configurations to points (T, d), m, whose distances are those of the hand poses."""
     placements = [task.placement(q) for q in Q]
-    p = np.array([M.translation for M in placements])[:, [a for a in task.rows if a < 3]]
+    p = np.array([M.translation for M in placements])[
+        :, [a for a in task.rows if a < 3]
+    ]
     if not radian:
         return p
     R = np.array([M.rotation for M in placements])
@@ -162,7 +168,12 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 
 
 def _tolerance(
-    task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
+    task: Task,
+    Q: Array,
+    X: Array,
+    noise: Array,
+    radian: float,
+    whole: NDArray[np.bool_],
 ) -> float:
     """Compute the default tolerance of a hand pose, m, to which ``FLOOR`` is added.
 
@@ -171,10 +182,16 @@ def _tolerance(
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
-    weight = np.where(np.arange(J.shape[1]) < sum(a < 3 for a in task.rows), 1.0, radian)
-    hand = float(np.sqrt(np.mean(np.sum((weight[:, None] * J * noise) ** 2, axis=(1, 2)))))
+    weight = np.where(
+        np.arange(J.shape[1]) < sum(a < 3 for a in task.rows), 1.0, radian
+    )
+    hand = float(
+        np.sqrt(np.mean(np.sum((weight[:, None] * J * noise) ** 2, axis=(1, 2))))
+    )
     bends = np.linalg.norm(np.diff(X, 2, axis=0), axis=1)[whole[1:] & whole[:-1]]
-    return 4 * np.sqrt(2) * hand + (float(np.quantile(bends, 0.95)) / 8 if len(bends) else 0.0)
+    return 4 * np.sqrt(2) * hand + (
+        float(np.quantile(bends, 0.95)) / 8 if len(bends) else 0.0
+    )
 
 
 def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
@@ -192,7 +209,11 @@ def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
 
 
 def _closest(
-    X: Array, pose: Array, run: NDArray[np.intp], whole: NDArray[np.bool_], tolerance: float
+    X: Array,
+    pose: Array,
+    run: NDArray[np.intp],
+    whole: NDArray[np.bool_],
+    tolerance: float,
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
@@ -222,7 +243,9 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
     if others:
         return min(others)
     away = np.delete(np.arange(len(X)), np.concatenate([one.run for one in found]))
-    return float(np.linalg.norm(X[away] - X[row], axis=1).min()) if len(away) else np.inf
+    return (
+        float(np.linalg.norm(X[away] - X[row], axis=1).min()) if len(away) else np.inf
+    )
 
 
 def _at(values: Array, one: _Pass) -> Array:

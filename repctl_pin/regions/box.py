@@ -20,7 +20,15 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from .region import Density, Region, check_density, evaluate_density, normalised, sobol, span
+from .region import (
+    Density,
+    Region,
+    check_density,
+    evaluate_density,
+    normalised,
+    sobol,
+    span,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +66,23 @@ class Box(Region):
     density: Density | None = None
 
     def __init__(
-        self, center: ArrayLike, half_width: ArrayLike, *, density: Density | None = None
+        self,
+        center: ArrayLike,
+        half_width: ArrayLike,
+        *,
+        density: Density | None = None,
     ) -> None:
         middle = vector(center, None, "the center of a box")
-        half = per_joint(half_width, len(middle), "the half-widths of a box", finite=True)
+        half = per_joint(
+            half_width, len(middle), "the half-widths of a box", finite=True
+        )
         check_density(density)
         freeze(self, center=middle, half_width=half, density=density)
 
     @classmethod
-    def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
+    def between(
+        cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None
+    ) -> Box:
         """Create the box between two opposite corners (n,)."""
         low = vector(lower, None, "the lower corner of a box")
         high = vector(upper, len(low), "the upper corner of a box")
@@ -101,9 +117,14 @@ class Box(Region):
         x, w = np.polynomial.legendre.leggauss(
             max(2, int(np.ceil(round(count ** (1 / self.n), 9))))
         )
-        grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(-1, self.n)
+        grid = np.stack(np.meshgrid(*[x] * self.n, indexing="ij"), -1).reshape(
+            -1, self.n
+        )
         weights = np.prod(
-            np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(-1, self.n), axis=1
+            np.stack(np.meshgrid(*[w / 2] * self.n, indexing="ij"), -1).reshape(
+                -1, self.n
+            ),
+            axis=1,
         )
         Q = self.center + self.half_width * grid
         if self.density is None:
@@ -127,14 +148,21 @@ class Box(Region):
     def shrunk(self, factor: float) -> Box:
         """Create the box with the same center and the half-widths multiplied by ``factor``."""
         return Box(
-            self.center, self.half_width * positive(factor, "the factor"), density=self.density
+            self.center,
+            self.half_width * positive(factor, "the factor"),
+            density=self.density,
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
         """Intersect the box with limits, such as ``task.lower`` and ``task.upper``."""
-        low, high = (limits(values, self.n, "the limits of this box") for values in (lower, upper))
+        low, high = (
+            limits(values, self.n, "the limits of this box")
+            for values in (lower, upper)
+        )
         return Box.between(
-            np.maximum(self.lower, low), np.minimum(self.upper, high), density=self.density
+            np.maximum(self.lower, low),
+            np.minimum(self.upper, high),
+            density=self.density,
         )
 
     def __repr__(self) -> str:

@@ -93,19 +93,26 @@ class Region(ABC):
 
 def span(widths: Array, sign: str = "") -> str:
     """Format widths as text: the smallest and the largest, or one number if they are equal."""
-    return " to ".join(dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max())))
+    return " to ".join(
+        dict.fromkeys(f"{sign}{w:.3g}" for w in (widths.min(), widths.max()))
+    )
 
 
 def sobol(n: int, count: int, seed: int) -> Array:
     """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up."""
-    count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
+    count, seed = (
+        as_int(count, "the number of nodes", 1, MOST_NODES),
+        as_int(seed, "seed"),
+    )
     return scrambled_points(n, int(np.ceil(np.log2(max(count, 2)))), seed)
 
 
 def check_density(density: Density | None) -> None:
     """Raise InputError unless a density is a function or None."""
     if density is not None:
-        function(density, "the density", "a function of Q (K, n) that gives (K,) numbers")
+        function(
+            density, "the density", "a function of Q (K, n) that gives (K,) numbers"
+        )
 
 
 def evaluate_density(density: Density | None, Q: Array) -> Array:
@@ -123,7 +130,9 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
             f"the density must give one number per row of Q, ({len(Q)},), not {values.shape}"
         )
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise InputError("the density must be finite and 0 or more everywhere in the region")
+        raise InputError(
+            "the density must be finite and 0 or more everywhere in the region"
+        )
     return values
 
 

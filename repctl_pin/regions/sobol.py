@@ -33,7 +33,7 @@ MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
 """Largest dimension that the table covers."""
 
 
-def scrambled_points(n: int, power: int, seed: int) -> Array:
+def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Array:
     """Draw 2^power Sobol points in the unit cube, scrambled by a random matrix and a digital shift.
 
     Parameters
@@ -43,7 +43,7 @@ def scrambled_points(n: int, power: int, seed: int) -> Array:
     power
         Base-2 logarithm of the number of points, at most 30.
     seed
-        Random seed of the scrambling.
+        Random seed of the scrambling, of which scipy spawns a generator if it is a number.
 
     Returns
     -------
@@ -53,7 +53,9 @@ def scrambled_points(n: int, power: int, seed: int) -> Array:
         from scipy.stats import qmc
 
         return qmc.Sobol(n, scramble=True, rng=seed).random_base2(power)
-    random = np.random.default_rng(seed).spawn(1)[0]  # as scipy does
+    random = seed
+    if not isinstance(random, np.random.Generator):
+        random = np.random.default_rng(seed).spawn(1)[0]  # as scipy does with rng=
     shift_bits = random.integers(2, size=(n, BITS), dtype=np.uint32)
     matrix = np.tril(random.integers(2, size=(n, BITS, BITS), dtype=np.uint32))
     matrix |= np.eye(BITS, dtype=np.uint32)

@@ -80,7 +80,9 @@ class WorkspaceBox(Region):
     ) -> None:
         task = own_task(task)
         axes = [row for row in task.rows if row < 3]
-        require_type(within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)")
+        require_type(
+            within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)"
+        )
         middle = vector(position, len(axes), "the center of a workspace box", "m")
         half = per_joint(
             half_width,
@@ -91,8 +93,17 @@ class WorkspaceBox(Region):
         )
         check_density(density)
         if within.n != task.n:
-            raise InputError(f"within= has {within.n} joints, but the task has {task.n}")
-        freeze(self, task=task, position=middle, half_width=half, within=within, density=density)
+            raise InputError(
+                f"within= has {within.n} joints, but the task has {task.n}"
+            )
+        freeze(
+            self,
+            task=task,
+            position=middle,
+            half_width=half,
+            within=within,
+            density=density,
+        )
         reached = self._draw(16, 0)
         freeze(self, _center=reached[int(np.argmin(within.ratio(reached)))])
 
@@ -150,7 +161,10 @@ class WorkspaceBox(Region):
         InputError
             If too few of the points lie in the workspace box.
         """
-        count, seed = as_int(count, "the number of nodes", 1, MOST_NODES), as_int(seed, "seed")
+        count, seed = (
+            as_int(count, "the number of nodes", 1, MOST_NODES),
+            as_int(seed, "seed"),
+        )
         found: list[Array] = []
         size, drawn, part = max(1024, count), 0, 0
         while sum(map(len, found)) < count:

@@ -103,7 +103,11 @@ class Bodies:
         _, self._drive = task.bodies_model()
         model = self._model = collision_model(task)
         self.pairs, self.only_contact = model.measured, model.only_contact
-        self.adjacent, self.disabled, self.touching = model.adjacent, model.disabled, model.touching
+        self.adjacent, self.disabled, self.touching = (
+            model.adjacent,
+            model.disabled,
+            model.touching,
+        )
         self.standing = model.standing
         self.missing = tuple(model.unusable)
 
@@ -120,7 +124,9 @@ class Bodies:
                 f"{len(self.touching)} overlapping",
             )
         )
-        return f"<Bodies of {self.task.robot.name}: {checked}; not checked: {not_checked}>"
+        return (
+            f"<Bodies of {self.task.robot.name}: {checked}; not checked: {not_checked}>"
+        )
 
     @property
     def notes(self) -> list[str]:
@@ -128,7 +134,9 @@ class Bodies:
         notes = []
         if unusable := self._model.unusable:
             link, why = next(iter(unusable.values()))
-            more = f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
+            more = (
+                f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
+            )
             notes.append(f"collisions of {link} are not detected: {why}{more}")
         elif not self.task.robot.description.collisions:
             notes.append(
@@ -152,8 +160,12 @@ class Bodies:
                 f"{_listed(inside)} overlap at every sampled configuration; they are not checked"
             )
         if self.disabled:
-            pairs = "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
-            notes.append(f"{pairs} of links overlap and are not checked: the SRDF disables them")
+            pairs = (
+                "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
+            )
+            notes.append(
+                f"{pairs} of links overlap and are not checked: the SRDF disables them"
+            )
         return notes
 
     def nearest(self, q: ArrayLike) -> Nearest:
@@ -176,19 +188,25 @@ class Bodies:
         gradient shows which motion separates them."""
         return self._all(Q, hulls=True)[0]
 
-    def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
+    def _all(
+        self, Q: ArrayLike, *, hulls: bool = False
+    ) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
         Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
-        return self._model.least(Q if self._drive is None else self._drive.joints(Q), hulls=hulls)
+        return self._model.least(
+            Q if self._drive is None else self._drive.joints(Q), hulls=hulls
+        )
 
 
 def _listed(pairs: list[Pair]) -> str:
     """Format pairs of links as text for a note: the first three, and the number of the others."""
     few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
-    return few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
+    return (
+        few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
+    )
 
 
 def bodies_of(task: Task) -> Bodies:

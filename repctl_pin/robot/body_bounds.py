@@ -32,11 +32,15 @@ class JointPlacements:
     """
 
     def __init__(self, model: pin.Model) -> None:
-        data, self._parents = model.createData(), [int(parent) for parent in model.parents]
+        data, self._parents = (
+            model.createData(),
+            [int(parent) for parent in model.parents],
+        )
         here = model.jointPlacements
         pin.forwardKinematics(model, data, np.ones(model.nq))
         moved = [
-            pin.log6(place.actInv(now)).vector for place, now in zip(here, data.liMi, strict=True)
+            pin.log6(place.actInv(now)).vector
+            for place, now in zip(here, data.liMi, strict=True)
         ]
         self._slides = np.array(
             [twist[:3] for twist in moved]
@@ -57,7 +61,11 @@ class JointPlacements:
         R[:, 0] = np.eye(3)
         sin, versine = np.sin(Q)[:, :, None, None], (1 - np.cos(Q))[:, :, None, None]
         for j in range(1, N + 1):
-            parent, P, o = self._parents[j], self._fixed[j, :3, :3], self._fixed[j, :3, 3]
+            parent, P, o = (
+                self._parents[j],
+                self._fixed[j, :3, :3],
+                self._fixed[j, :3, 3],
+            )
             turn = P + sin[:, j - 1] * self._sin[j] + versine[:, j - 1] * self._cos[j]
             step = o + Q[:, j - 1, None] * (P @ self._slides[j])
             np.matmul(R[:, parent], turn, out=R[:, j])
@@ -103,12 +111,16 @@ class BodyBounds:
         pairs: Index,
     ) -> None:
         self._joints, self._joint = JointPlacements(model), np.array(joint, np.intp)
-        centers = [at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)]
+        centers = [
+            at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)
+        ]
         boxes = [body.aabb_local for body in bodies]
         self._centers = np.array(centers).reshape(-1, 3)
         self._radii = np.array([body.aabb_radius for body in bodies])
         self._turns = np.array([at.rotation for at in place]).reshape(-1, 3, 3)
-        self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(-1, 3)
+        self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(
+            -1, 3
+        )
         self._first, self._second = pairs.T
         self._rows, row = np.unique(self._first, return_inverse=True)
         self._columns, column = np.unique(self._second, return_inverse=True)
@@ -127,14 +139,19 @@ class BodyBounds:
         is below half the smallest distance between two centres.
         """
         R, p = self._joints(Q)
-        centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
+        centers = (
+            np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers)
+            + p[:, self._joint]
+        )
         squares = np.einsum("kbi,kbi->kb", centers, centers)
         products = centers[:, self._rows] @ centers[:, self._columns].swapaxes(1, 2)
         products = products.reshape(len(Q), -1)[:, self._flat]  # (K, P)
         gaps = squares[:, self._first] + squares[:, self._second] - 2 * products
         gaps = np.sqrt(np.maximum(gaps, 0.0, out=gaps), out=gaps)
         bounds = gaps - self._reach
-        k, pair = np.nonzero((bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > _TELLING))
+        k, pair = np.nonzero(
+            (bounds < gaps.min(axis=1, keepdims=True) / 2) & (gaps > _TELLING)
+        )
         a, b = self._first[pair], self._second[pair]
         u = centers[k, a] - centers[k, b]
         gap = np.sqrt(np.einsum("mi,mi->m", u, u))
@@ -149,4 +166,6 @@ class BodyBounds:
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
-        return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))
+        return np.minimum(
+            self._radii[body], np.einsum("mi,mi->m", box, self._half[body])
+        )

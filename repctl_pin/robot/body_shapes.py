@@ -148,8 +148,13 @@ def _primitive(solid: Solid) -> BodyShape:
 
     One edge of a box and the length of a cylinder or capsule can be 0.
     """
-    size, allowed = solid.size, {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
-    empty = size.count(0.0) > allowed or (solid.kind in ("cylinder", "capsule") and size[0] == 0)
+    size, allowed = (
+        solid.size,
+        {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0),
+    )
+    empty = size.count(0.0) > allowed or (
+        solid.kind in ("cylinder", "capsule") and size[0] == 0
+    )
     if empty:
         raise UnusableShape(
             f"the {solid.kind} {solid.name!r} has size 0; set its size, or delete it"
@@ -221,7 +226,9 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 
 @lru_cache(maxsize=256)
-def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: bool) -> BodyShape:
+def _from_mesh(
+    path: Path, scale: tuple[float, ...], changed: int, standing: bool
+) -> BodyShape:
     """Create the body of a mesh file, with its convex hull; cached for all robots.
 
     ``changed`` is the modification time of the file, so that a changed file is read again.
@@ -258,14 +265,27 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
-        vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.intp)
+        vertices, faces = (
+            np.asarray(mesh.vertices, float) * scale,
+            np.asarray(mesh.faces, np.intp),
+        )
     except Exception as error:  # trimesh's readers raise errors of many kinds
-        raise UnusableShape("cannot be read; export it again, as STL for example") from error
+        raise UnusableShape(
+            "cannot be read; export it again, as STL for example"
+        ) from error
     if faces.ndim != 2 or not len(faces):
-        raise UnusableShape("contains no readable triangles; export it again, as STL for example")
+        raise UnusableShape(
+            "contains no readable triangles; export it again, as STL for example"
+        )
     used = np.unique(faces)
-    if used[0] < 0 or used[-1] >= len(vertices) or not np.isfinite(vertices[used]).all():
-        raise UnusableShape("cannot be read: a vertex is missing or not finite; export it again")
+    if (
+        used[0] < 0
+        or used[-1] >= len(vertices)
+        or not np.isfinite(vertices[used]).all()
+    ):
+        raise UnusableShape(
+            "cannot be read: a vertex is missing or not finite; export it again"
+        )
     if len(used) < len(vertices):
         vertices, faces = vertices[used], np.searchsorted(used, faces)
     return vertices, faces
@@ -278,7 +298,9 @@ def _convex_hull(vertices: Array) -> Any:
     try:
         return trimesh.convex.convex_hull(_thickened(vertices))
     except Exception as error:  # Qhull's
-        raise UnusableShape("has no convex hull; export it again, as STL for example") from error
+        raise UnusableShape(
+            "has no convex hull; export it again, as STL for example"
+        ) from error
 
 
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
@@ -292,7 +314,9 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     same = abs(area - hull.area) <= _CONVEX * hull.area
-    return bool(same and abs(_volume(points, faces) - hull.volume) <= _CONVEX * hull.volume)
+    return bool(
+        same and abs(_volume(points, faces) - hull.volume) <= _CONVEX * hull.volume
+    )
 
 
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:

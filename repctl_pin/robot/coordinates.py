@@ -68,10 +68,14 @@ def linear_coordinates(
         If T is not an invertible (n, n) matrix of finite numbers.
     """
     n = len(names)
-    matrix: Array = np.array(as_matrices(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0])
+    matrix: Array = np.array(
+        as_matrices(("T of q = T ψ", T, f"{n} {n}"), exact=True)[0]
+    )
     values = np.linalg.svd(matrix, compute_uv=False)
     if values[-1] <= 1e-12 * values[0]:
-        raise InputError("T of q = T ψ must be invertible, but its rows are linearly dependent")
+        raise InputError(
+            "T of q = T ψ must be invertible, but its rows are linearly dependent"
+        )
 
     low, high, fastest = np.full(n, -np.inf), np.full(n, np.inf), np.full(n, np.inf)
     psi = [f"ψ{i + 1}" for i in range(n)]
@@ -86,7 +90,13 @@ def linear_coordinates(
             psi[j] = names[i]
     turns = np.array([revolute[np.nonzero(column)[0]].any() for column in matrix.T])
     change = Coordinates(
-        matrix, np.linalg.inv(matrix).astype(float), tuple(psi), low, high, fastest, turns
+        matrix,
+        np.linalg.inv(matrix).astype(float),
+        tuple(psi),
+        low,
+        high,
+        fastest,
+        turns,
     )
     for array in (change.T, change.inverse, low, high, fastest, turns):
         array.setflags(write=False)

@@ -37,7 +37,9 @@ class Coupling:
         return int(np.argmax(self.S[joint] != 0))
 
 
-def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]) -> Coupling:
+def couple(
+    names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]
+) -> Coupling:
     """Create the coupling of a model's joints (N names) to its free joints (n names)."""
     S, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
     for row, name in enumerate(names):
@@ -46,7 +48,10 @@ def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint
             S[row, free.index(name)] = 1.0
         else:
             assert joint.mimic is not None, "a joint is free, a mimic joint, or locked"
-            S[row, free.index(joint.mimic)], offset[row] = joint.multiplier, joint.offset
+            S[row, free.index(joint.mimic)], offset[row] = (
+                joint.multiplier,
+                joint.offset,
+            )
     for array in (S, offset):
         array.setflags(write=False)
     return Coupling(S, offset)

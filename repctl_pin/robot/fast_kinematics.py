@@ -67,7 +67,10 @@ def _jacobian(task: Task, J: Array) -> Callable[[Array], None]:
     drive = task.drive
 
     def driven(q: Array) -> None:
-        J[:] = task._task_rows(evaluate(model, data, drive.joints(q), frame, shared)) @ drive.S
+        J[:] = (
+            task._task_rows(evaluate(model, data, drive.joints(q), frame, shared))
+            @ drive.S
+        )
 
     return driven
 
@@ -81,7 +84,9 @@ def _error(task: Task, e: Array, p: Array, R: Array) -> Callable[[pin.SE3], None
         daxpy(p, e, 3, -1.0)
         goal = target.rotation
         goal.dot(R_T, turn)
-        if not is_rotation(flat.tolist()):  # R is a rotation, so R* Rᵀ is one if and only if R* is
+        if not is_rotation(
+            flat.tolist()
+        ):  # R is a rotation, so R* Rᵀ is one if and only if R* is
             require_rotation(goal, "the target")
         dcopy(log3(turn), e, 3, 0, 1, 3)
 

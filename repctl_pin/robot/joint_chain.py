@@ -44,7 +44,10 @@ def joint_chain(task: Task) -> JointChain:
     frame = model.frames[task._frame_id]
     path = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
     neutral = pin.neutral(model)
-    local = [pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]] for j in path]
+    local = [
+        pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
+        for j in path
+    ]
     turns = [bool(np.linalg.norm(xi[3:]) > 0.5) for xi in local]
     places = [*(model.jointPlacements[j] for j in path), frame.placement]
     rows = [j - 1 for j in path]
@@ -54,7 +57,9 @@ def joint_chain(task: Task) -> JointChain:
     return JointChain(
         np.array([place.rotation for place in places], order="C"),
         np.array([place.translation for place in places]),
-        np.array([xi[3:] if turn else xi[:3] for xi, turn in zip(local, turns, strict=True)]),
+        np.array(
+            [xi[3:] if turn else xi[:3] for xi, turn in zip(local, turns, strict=True)]
+        ),
         np.array(turns),
         S,
         offset,

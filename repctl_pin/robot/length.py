@@ -22,7 +22,9 @@ def arm_length(task: Task, q: Array) -> float:
         Configuration.
     """
     turning = np.append(np.linalg.norm(task.axes(q), axis=1) > 0.5, True)
-    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])[turning]
+    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])[
+        turning
+    ]
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
 
 

@@ -91,7 +91,9 @@ class MeshInterior:
     def __init__(self, parts: MeshParts, *, gaps: bool) -> None:
         kept = parts.faces if gaps else parts.faces[parts.closed[parts.part]]
         turns = _DIRECTIONS if gaps and not parts.closed.all() else _DIRECTIONS[:1]
-        self._rays = [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
+        self._rays = (
+            [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
+        )
 
     def contains(self, points: Array) -> bool:
         """Test whether any of the points (K, 3) is inside."""
@@ -118,9 +120,13 @@ class _Ray:
         corners = (points @ turn)[faces]  # (F, 3, 3)
         self._bottom, self._top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         low, high = corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1)
-        self._edges = np.linspace(self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1)
+        self._edges = np.linspace(
+            self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1
+        )
         ends = zip(self._edges[:-1], self._edges[1:], strict=True)
-        self._strips = [_Strip(corners[(low <= end) & (high >= start)]) for start, end in ends]
+        self._strips = [
+            _Strip(corners[(low <= end) & (high >= start)]) for start, end in ends
+        ]
 
     def crossings(self, point: Array) -> int:
         """Sum ±1 over the faces that the ray from a point (3,) crosses.
@@ -130,7 +136,12 @@ class _Ray:
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
             return 0
-        strip = min(int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)) - 1
+        strip = (
+            min(
+                int(np.searchsorted(self._edges, p[0], side="right")), len(self._strips)
+            )
+            - 1
+        )
         return self._strips[strip].crossings(p)
 
 
@@ -141,14 +152,19 @@ class _Strip:
     """
 
     def __init__(self, corners: Array) -> None:
-        low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
+        low, high = (
+            corners.min(axis=1, initial=np.inf),
+            corners.max(axis=1, initial=-np.inf),
+        )
         self._low, self._high, self._top = low[:, :2].T, high[:, :2].T, high[:, 2]
         self._corners = corners
 
     def crossings(self, p: Array) -> int:
         """Sum ±1 over the faces above p (3,); −1 if the normal points down."""
         (left, front), (right, back), (x, y, z) = self._low, self._high, p.tolist()
-        near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
+        near = (
+            (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
+        )
         corners = self._corners[near] - p
         return sum(_looks_up(corner) for corner in corners.tolist())
 

@@ -23,7 +23,9 @@ def frame_id(model: pin.Model, name: str) -> int:
     later, and it raises on a name that a joint and a link share.
     """
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
-    ids |= {f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
+    ids |= {
+        f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY
+    }
     if name not in ids:
         raise unknown("frame", name, link_frames(model))
     return ids[name]
@@ -40,7 +42,9 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
     Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
     joint, so such links are renamed temporarily."""
     joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
-    links = [f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints]
+    links = [
+        f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints
+    ]
     for link in links:
         link.name += _TEMPORARY
     try:
@@ -53,7 +57,9 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
     return reduced
 
 
-def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
+def frame_jacobian(
+    model: pin.Model, data: pin.Data, frame: int
+) -> Callable[[Array], Array]:
     """Create the function q → Jacobian of a frame (6, nv), world axes."""
     evaluate = pin.computeFrameJacobian
 
@@ -66,7 +72,9 @@ def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Ar
     return jacobian if model.nv != 1 else single
 
 
-def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
+def path_between(
+    model: pin.Model, base: int, frame: int
+) -> tuple[list[int], list[int]]:
     """List the ids of the joints on the path from one frame to another, in two lists.
 
     The first list leads from the frame ``base`` up to the common ancestor, the second one from
@@ -77,7 +85,9 @@ def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], li
         for f in (base, frame)
     )
     shared = set(up) & set(down)
-    return [j for j in reversed(up) if j not in shared], [j for j in down if j not in shared]
+    return [j for j in reversed(up) if j not in shared], [
+        j for j in down if j not in shared
+    ]
 
 
 def chain_between(
@@ -108,7 +118,9 @@ def chain_between(
         at = _append(chain, at, here, joints[model.names[j]], -1.0)
         here = model.jointPlacements[j].inverse()
     for j in down:
-        at = _append(chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0)
+        at = _append(
+            chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0
+        )
         here = pin.SE3.Identity()
     end = model.frames[frame]
     return chain, chain.addFrame(
@@ -116,10 +128,14 @@ def chain_between(
     )
 
 
-def _append(chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float) -> int:
+def _append(
+    chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float
+) -> int:
     kind = (
         pin.JointModelPrismaticUnaligned
         if joint.kind == "prismatic"
         else pin.JointModelRevoluteUnaligned
     )
-    return int(chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name))
+    return int(
+        chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name)
+    )

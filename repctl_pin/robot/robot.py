@@ -80,7 +80,9 @@ class Robot(Mechanism):
         self.entry = entry
         self.package_dirs = tuple(str(p) for p in package_dirs)
         self.base = base
-        self.joints = {joint.name: joint for joint in description.joints if joint.kind != "fixed"}
+        self.joints = {
+            joint.name: joint for joint in description.joints if joint.kind != "fixed"
+        }
         held = set(lock)
         for joint_name in held:
             if joint_name not in self.joints:
@@ -102,18 +104,25 @@ class Robot(Mechanism):
         names = tuple(model.names)[1:]
         free = [name for name in names if self.joints[name].mimic is None]
         moving = [joint for joint in self.joints.values() if joint.name not in still]
-        bounds = [limits(self.joints[j], [f for f in moving if f.mimic == j], notes) for j in free]
+        bounds = [
+            limits(self.joints[j], [f for f in moving if f.mimic == j], notes)
+            for j in free
+        ]
         lower, upper, velocity = np.array(bounds).reshape(-1, 3).T
         turns = np.array([self.joints[name].kind != "prismatic" for name in free], bool)
         poses = {
-            name: pose(free, lower, upper, turns, values, notes if name == "reference" else [])
+            name: pose(
+                free, lower, upper, turns, values, notes if name == "reference" else []
+            )
             for name, values in _named_poses(entry).items()
         }
         whole = couple(names, free, self.joints)
         for name, q in poses.items():
             model.referenceConfigurations[name] = whole.joints(q)
         model = lock_joints(
-            model, [model.getJointId(j) for j in still], whole.joints(poses["reference"])
+            model,
+            [model.getJointId(j) for j in still],
+            whole.joints(poses["reference"]),
         )
 
         self.model = model
@@ -173,16 +182,21 @@ class Robot(Mechanism):
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))
         given = (
-            [package_dirs] if one else list_of(package_dirs, "package_dirs", "a list of folders")
+            [package_dirs]
+            if one
+            else list_of(package_dirs, "package_dirs", "a list of folders")
         )
         own = [
-            os.path.expanduser(str(file_name(folder, "each of package_dirs"))) for folder in given
+            os.path.expanduser(str(file_name(folder, "each of package_dirs")))
+            for folder in given
         ]
         lock = list_of_names(lock, "lock", "a list of joint names")
         if base is not None:
             require_type(base, str, "base", "a link name")
         for folder in own:
-            if not os.path.isdir(folder):  # unlike Path.is_dir, also for names that are too long
+            if not os.path.isdir(
+                folder
+            ):  # unlike Path.is_dir, also for names that are too long
                 raise InputError(
                     f": there is no folder {folder!r}",
                     argument="package_dirs",
@@ -193,10 +207,15 @@ class Robot(Mechanism):
         )  # no catalogue name contains these
         entry = None if is_file else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
-        folders = [*own, *(default_package_dirs(path) if entry is None else entry.package_dirs)]
+        folders = [
+            *own,
+            *(default_package_dirs(path) if entry is None else entry.package_dirs),
+        ]
         around = None
         if surroundings is not None:
-            beside = Path(os.path.expanduser(str(file_name(surroundings, "surroundings"))))
+            beside = Path(
+                os.path.expanduser(str(file_name(surroundings, "surroundings")))
+            )
             around = check_surroundings(read_urdf(beside))
             folders += default_package_dirs(beside)
         description = read_urdf(path)
@@ -210,7 +229,11 @@ class Robot(Mechanism):
         )
 
     def task(
-        self, frame: str | None = None, kind: Kind = "pose", *, joints: Sequence[str] | None = None
+        self,
+        frame: str | None = None,
+        kind: Kind = "pose",
+        *,
+        joints: Sequence[str] | None = None,
     ) -> Task:
         """Create the task of controlling a frame, with the joints that move it.
 
@@ -231,7 +254,9 @@ class Robot(Mechanism):
         """
         frame = self.default_frame if frame is None else frame
         if not isinstance(kind, str) or kind not in KINDS:
-            raise InputError(f"no task kind {shown(kind)}; choose from {', '.join(KINDS)}")
+            raise InputError(
+                f"no task kind {shown(kind)}; choose from {', '.join(KINDS)}"
+            )
         chain = self.chain(frame)
         if joints is not None:
             joints = list_of_names(joints, "joints", "a list of joint names")
@@ -256,7 +281,9 @@ class Robot(Mechanism):
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(
-            dict.fromkeys(self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down))
+            dict.fromkeys(
+                self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)
+            )
         )
 
     def reference_positions(self) -> dict[str, Array]:
@@ -265,7 +292,9 @@ class Robot(Mechanism):
         Returns a dictionary by link name.
         """
         data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, self.coupling.joints(self.reference))
+        pin.framesForwardKinematics(
+            self.model, data, self.coupling.joints(self.reference)
+        )
         base = data.oMf[self.base_id]
         ids = {name: frame_id(self.model, name) for name in self.frames}
         return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
@@ -294,7 +323,9 @@ class Robot(Mechanism):
         try:
             return frame_id(self.model, frame)
         except InputError:
-            likely = [link for links in self._ends() for link in links if not is_sensor(link)]
+            likely = [
+                link for links in self._ends() for link in links if not is_sensor(link)
+            ]
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
@@ -304,7 +335,9 @@ class Robot(Mechanism):
         """
         return [
             task_links(body)
-            for body in sorted(arm_ends(self.description), key=lambda body: -body.before)
+            for body in sorted(
+                arm_ends(self.description), key=lambda body: -body.before
+            )
         ]
 
     def _beyond_base(self, frame: str) -> bool:
@@ -327,12 +360,16 @@ class Robot(Mechanism):
     def offered_frames(self) -> tuple[str, ...]:
         """Frames to offer for a task: the catalogue's, else the end of the longest arm."""
         known = tuple(
-            frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
+            frame
+            for frame in (self.entry.frames if self.entry else ())
+            if self._beyond_base(frame)
         )
         ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
         return known or (
             max(
-                ends, key=lambda frame: len(self.chain(frame)), default=self.base or self.frames[0]
+                ends,
+                key=lambda frame: len(self.chain(frame)),
+                default=self.base or self.frames[0],
             ),
         )
 
@@ -354,7 +391,11 @@ class Robot(Mechanism):
     @property
     def movable_frames(self) -> tuple[str, ...]:
         """All frames that a joint moves; those of :attr:`end_frames` first."""
-        moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
+        moved = (
+            frame
+            for frame in self.frames
+            if self._beyond_base(frame) and self.chain(frame)
+        )
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
     def __repr__(self) -> str:

@@ -53,7 +53,9 @@ class Separation:
         self._bodies = list(shapes.geometryObjects)
         kinds = [joints[name] for name in tuple(model.names)[1:]]
         self._slides = [False, *(joint.kind == "prismatic" for joint in kinds)]
-        self._low, self._high = np.array([_range(joint) for joint in kinds]).reshape(-1, 2).T
+        self._low, self._high = (
+            np.array([_range(joint) for joint in kinds]).reshape(-1, 2).T
+        )
 
     def proved(self, pair: int) -> bool:
         """Try to prove that the two bodies of a pair, given by its index, never collide.
@@ -64,17 +66,27 @@ class Separation:
         ends = self._shapes.collisionPairs[pair]
         one, other = (self._carriers(body) for body in (ends.first, ends.second))
         ways = [(one - other, ends.first), (other - one, ends.second)]
-        reach = {j: r for way, body in ways for j, r in self._reach(sorted(way), body).items()}
+        reach = {
+            j: r
+            for way, body in ways
+            for j, r in self._reach(sorted(way), body).items()
+        }
         moving = np.array(sorted(reach), np.intp) - 1
         low, high = self._low[moving], self._high[moving]
         if len(moving) > _JOINTS or not np.isfinite(high - low).all():
             return False
-        return self._free(pair, moving, low, high, np.array([reach[j] for j in sorted(reach)]))
+        return self._free(
+            pair, moving, low, high, np.array([reach[j] for j in sorted(reach)])
+        )
 
     def _free(
         self, pair: int, moving: NDArray[np.intp], low: Array, high: Array, reach: Array
     ) -> bool:
-        q, boxes, looked = pin.neutral(self._model), [((low + high) / 2, (high - low) / 2)], 0
+        q, boxes, looked = (
+            pin.neutral(self._model),
+            [((low + high) / 2, (high - low) / 2)],
+            0,
+        )
         while boxes:
             middle, half = boxes.pop()
             looked += 1
@@ -88,7 +100,11 @@ class Separation:
 
     def _carriers(self, body: int) -> set[int]:
         """Return the ids of the joints that move a body, given by its index."""
-        return {int(j) for j in self._model.supports[self._bodies[body].parentJoint] if j > 0}
+        return {
+            int(j)
+            for j in self._model.supports[self._bodies[body].parentJoint]
+            if j > 0
+        }
 
     def _reach(self, way: Sequence[int], body: int) -> dict[int, float]:
         """Bound how far a body's points move, m, per rad or m of each joint in ``way``.

@@ -110,7 +110,13 @@ class Task:
         self.velocity_limit = robot.velocity_limit[self._columns]
         self.revolute = robot.revolute[self._columns]
         self.reference = robot.reference[self._columns]
-        for array in (self.lower, self.upper, self.velocity_limit, self.revolute, self.reference):
+        for array in (
+            self.lower,
+            self.upper,
+            self.velocity_limit,
+            self.revolute,
+            self.reference,
+        ):
             array.setflags(write=False)
         self.coordinates: Coordinates | None = None
         self.n, self.m = len(self.joint_names), len(KINDS[kind])
@@ -118,11 +124,20 @@ class Task:
         self.rows = np.array(KINDS[kind])
 
         driven = set(
-            (np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1)) + 1).tolist()
+            (
+                np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1))
+                + 1
+            ).tolist()
         )
-        up, down = path_between(robot.model, robot.base_id, frame_id(robot.model, frame))
+        up, down = path_between(
+            robot.model, robot.base_id, frame_id(robot.model, frame)
+        )
         self._bodies = _held(robot, driven)
-        self.model = self._bodies if driven <= {*up, *down} else _held(robot, driven & {*up, *down})
+        self.model = (
+            self._bodies
+            if driven <= {*up, *down}
+            else _held(robot, driven & {*up, *down})
+        )
         self._frame_id = frame_id(self.model, frame)
         if robot.base is not None:
             base = frame_id(self.model, robot.base)
@@ -134,14 +149,19 @@ class Task:
         self._allocate()
 
     def _allocate(self) -> None:
-        self._scratch = PerThread(partial(_Scratch, self.model, self._bodies, self._frame_id))
+        self._scratch = PerThread(
+            partial(_Scratch, self.model, self._bodies, self._frame_id)
+        )
 
     @property
     def _data(self) -> pin.Data:
         return self._scratch.own.data
 
     def _couple(self) -> None:
-        self.drive, self._body_drive = self._drive(self.model), self._drive(self._bodies)
+        self.drive, self._body_drive = (
+            self._drive(self.model),
+            self._drive(self._bodies),
+        )
 
     def _drive(self, model: pin.Model) -> Coupling | None:
         """Create the map from q to the joints of a model; None if it is the identity."""
@@ -153,7 +173,9 @@ class Task:
         if self.coordinates is not None:
             S = S @ self.coordinates.T
         return (
-            None if np.array_equal(S, np.eye(self.n)) and not offset.any() else Coupling(S, offset)
+            None
+            if np.array_equal(S, np.eye(self.n)) and not offset.any()
+            else Coupling(S, offset)
         )
 
     def in_coordinates(self, T: ArrayLike) -> Task:
@@ -168,9 +190,16 @@ class Task:
             Invertible matrix, one row per joint.
         """
         if self.coordinates is not None:
-            raise InputError("the task already has joint coordinates; start from the original task")
+            raise InputError(
+                "the task already has joint coordinates; start from the original task"
+            )
         change = linear_coordinates(
-            self.joint_names, self.lower, self.upper, self.velocity_limit, self.revolute, T
+            self.joint_names,
+            self.lower,
+            self.upper,
+            self.velocity_limit,
+            self.revolute,
+            T,
         )
         task = copy(self)
         task.coordinates = change
@@ -257,7 +286,9 @@ class Task:
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
         """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
         targets = as_placements(targets, "target", "a list of placements")
-        goals = {id(target): (target.translation, target.rotation) for target in targets}
+        goals = {
+            id(target): (target.translation, target.rotation) for target in targets
+        }
         if self.kind in ("pose", "axis"):
             for _, R in goals.values():
                 require_rotation(R, "the target")
@@ -302,7 +333,9 @@ class Task:
 
         For a joint that others mimic, it is the axis of the first joint that it drives.
         """
-        return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
+        return self._scratch.own.jacobian(self._vector(q))[3:].T[
+            [j - 1 for j in self._first]
+        ]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling | None]:
         """Return the model of all links, with a fixed root and only the joints that q moves.
@@ -363,7 +396,9 @@ class Task:
 
     def from_robot(self, whole: ArrayLike) -> Array:
         """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
-        (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
+        (whole,) = as_matrices(
+            ("the whole robot's q", whole, f"{len(self.robot.reference)}")
+        )
         q = whole[..., self._columns]
         return q if self.coordinates is None else self.coordinates.coordinates(q)
 
@@ -383,7 +418,11 @@ class Task:
 
     def limit_margin(self, q: ArrayLike) -> Array:
         """Compute the distance of each joint to its nearer limit: (..., n); below 0 outside."""
-        if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
+        if not (
+            isinstance(q, np.ndarray)
+            and q.dtype.kind == "f"
+            and q.shape[-1:] == (self.n,)
+        ):
             (q,) = as_matrices(("q", q, f"{self.n}"))
         joints, (lower, upper, _) = self.joints(np.asarray(q, float)), self.joint_limits
         return np.minimum(joints - lower, upper - joints)
@@ -391,7 +430,13 @@ class Task:
     def as_dict(self) -> dict[str, Any]:
         """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types."""
         names = {"robot": self.robot.name, "frame": self.frame, "task": self.kind}
-        return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
+        return {
+            **names,
+            "n": self.n,
+            "m": self.m,
+            "r": self.r,
+            "joints": list(self.joint_names),
+        }
 
     def check(self, q: ArrayLike, what: str = "q") -> Array:
         """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
@@ -406,9 +451,15 @@ class Task:
         if given is not None and given.ndim == 1 and len(given) != self.n:
             moved = f"{self.frame!r} is moved by {self.n} joints: {', '.join(self.joint_names)}"
             raise InputError(f"has {len(given)} numbers, but {moved}", argument=what)
-        if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
+        if (
+            given is not None
+            and given.shape == (self.n,)
+            and not np.isfinite(given).all()
+        ):
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
-            raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
+            raise InputError(
+                f": the value of {bad!r} is not a finite number", argument=what
+            )
         q = vector(q, self.n, what)
         lower, upper, _ = self.joint_limits
         for name, value, low, high in zip(
@@ -467,7 +518,9 @@ class Task:
             and q.shape == (self.n,)
             and ddot(q, q) < np.inf
         ):
-            values = vector(q, self.n, f"q of {self!r}")  # ddot is faster than np.isfinite
+            values = vector(
+                q, self.n, f"q of {self!r}"
+            )  # ddot is faster than np.isfinite
         return values if self.drive is None else self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:
@@ -510,7 +563,9 @@ def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
 
 def require_task(value: Any) -> Task:
     """Return a value that is a task; raise InputError for any other value."""
-    return require_type(value, Task, "task", "a task, such as rp.Robot.load('panda').task()")
+    return require_type(
+        value, Task, "task", "a task, such as rp.Robot.load('panda').task()"
+    )
 
 
 def own_task(value: Any) -> Task:

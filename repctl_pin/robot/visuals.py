@@ -106,8 +106,12 @@ class Visuals:
         moving = any(links[shape.link].parentJoint > 0 for shape, _ in riding)
         riding += _skeleton(robot, links, missing if moving else links)
         around = list(_surroundings(robot))
-        joints = [links[shape.link].parentJoint for shape, _ in riding] + [0] * len(around)
-        placed = [links[shape.link].placement * M for shape, M in riding] + [M for _, M in around]
+        joints = [links[shape.link].parentJoint for shape, _ in riding] + [0] * len(
+            around
+        )
+        placed = [links[shape.link].placement * M for shape, M in riding] + [
+            M for _, M in around
+        ]
         return cls(
             shapes=tuple(shape for shape, _ in [*riding, *around]),
             missing=tuple(dict.fromkeys(missing.values())),
@@ -136,7 +140,11 @@ class Visuals:
             raise InputError(
                 f"Q has shape {Q.shape}, but this robot has {n} joints; give Q as (T, {n})"
             )
-        model, data, base = self._model, self._model.createData(), self._model.frames[self._base]
+        model, data, base = (
+            self._model,
+            self._model.createData(),
+            self._model.frames[self._base],
+        )
         joints, which = np.unique(self._joint, return_inverse=True)
         oMi = np.empty((len(Q), len(joints), 4, 4))
         for q, rows in zip(self._coupling.joints(Q), oMi, strict=True):
@@ -165,7 +173,14 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
             and path.suffix.lower() != ".stl"
         )
         shape = Shape(
-            seen.name, seen.kind, seen.link, path, seen.scale, seen.size, seen.color or PLAIN, own
+            seen.name,
+            seen.kind,
+            seen.link,
+            path,
+            seen.scale,
+            seen.size,
+            seen.color or PLAIN,
+            own,
         )
         yield shape, origin(seen), seen.filename
 
@@ -182,7 +197,9 @@ def _surroundings(robot: Mechanism) -> Iterator[Placed]:
     places = fixed_placements(around)
     for solid in around.collisions[:MAX_SHAPES]:
         path = (
-            find_mesh(solid.filename, around.path, robot.package_dirs) if solid.filename else None
+            find_mesh(solid.filename, around.path, robot.package_dirs)
+            if solid.filename
+            else None
         )
         if path is not None or solid.kind != "mesh":
             name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)
@@ -221,14 +238,20 @@ def _skeleton(
         length = float(np.linalg.norm(place.translation))
         if joint.parent in draw and length > thick:
             tube = Shape(
-                f"{joint.name}_tube", "capsule", joint.parent, size=(thick, length), color=TUBE
+                f"{joint.name}_tube",
+                "capsule",
+                joint.parent,
+                size=(thick, length),
+                color=TUBE,
             )
             yield tube, pin.SE3(_turn_z_to(place.translation), place.translation / 2)
         if joint.child in draw and joint.kind != "fixed":
             yield from _joint_bones(joint, place, thick, joint.parent in draw)
 
 
-def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[Placed]:
+def _joint_bones(
+    joint: Joint, place: pin.SE3, thick: float, rail: bool
+) -> Iterator[Placed]:
     """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
 
     ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True.
@@ -250,19 +273,29 @@ def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iter
     yield Shape(f"{name}_slider", "box", joint.child, size=size, color=JOINT), along
     low, high = max(joint.lower, -reach), min(joint.upper, reach)
     if rail and high > low:
-        middle = place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
+        middle = (
+            place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along
+        )
         yield (
             Shape(
-                f"{name}_rail", "cylinder", joint.parent, size=(0.8 * thick, high - low), color=TUBE
+                f"{name}_rail",
+                "cylinder",
+                joint.parent,
+                size=(0.8 * thick, high - low),
+                color=TUBE,
             ),
             middle,
         )
 
 
-def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:
+def _joint_origin(
+    model: pin.Model, links: dict[str, pin.Frame], joint: Joint
+) -> pin.SE3:
     """Compute a joint's origin in its parent link's frame."""
     parent, child = links[joint.parent], links[joint.child]
-    if child.parentJoint == parent.parentJoint:  # fixed joint, or locked at the reference pose
+    if (
+        child.parentJoint == parent.parentJoint
+    ):  # fixed joint, or locked at the reference pose
         return parent.placement.inverse() * child.placement
     return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
 
@@ -271,7 +304,9 @@ def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
     """Compute the diagonal of the box around all link origins at the reference pose, m."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.coupling.joints(robot.reference))
-    points = [(data.oMi[f.parentJoint] * f.placement).translation for f in links.values()]
+    points = [
+        (data.oMi[f.parentJoint] * f.placement).translation for f in links.values()
+    ]
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 

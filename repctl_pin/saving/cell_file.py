@@ -127,9 +127,10 @@ class CellFigures(Plain):
 
 
 class CellFile(Sealed):
-    """Inverse kinematic function over a cell of poses.
+    """File content: an inverse kinematic function over a cell of poses.
 
-    ``coefficients`` are those of q_ref and n_ref, polynomials of the cell's coordinates.
+    ``coefficients`` are those of two polynomials of the cell's coordinates: the reference
+    configuration q_ref and the reference directions n_ref of its null space.
     """
 
     desired: Desired
@@ -161,13 +162,18 @@ def cell_file(design: CellDesign) -> CellFile:
     """
     chart, cell, found = design.function.chart, design.cell, vars(design.evaluation)
     unsaid = (*_BOUNDLESS, "extra_speed_direction")
-    boundless = {name: found[name] if np.isfinite(found[name]) else None for name in unsaid}
+    boundless = {
+        name: found[name] if np.isfinite(found[name]) else None for name in unsaid
+    }
     failures = [described(FailureFile, stop) for stop in design.failures]
     turns = tuple(
         described(
             TurnFile,
             turn,
-            **{name: x if np.isfinite(x := getattr(turn, name)) else None for name in _UNSAID},
+            **{
+                name: x if np.isfinite(x := getattr(turn, name)) else None
+                for name in _UNSAID
+            },
         )
         for turn in design.evaluation.turns
     )
@@ -192,7 +198,9 @@ def cell_file(design: CellDesign) -> CellFile:
 
 def _turn(turn: TurnFile) -> Turn:
     values = msgspec.structs.asdict(turn)
-    return Turn(**values | {name: x for name, x in _UNSAID.items() if values[name] is None})
+    return Turn(
+        **values | {name: x for name, x in _UNSAID.items() if values[name] is None}
+    )
 
 
 def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
@@ -205,7 +213,11 @@ def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
 
 def _cell(content: CellFile, task: Task) -> Cell:
     """Create the cell of a chart: a box, or a sector without its symmetric coordinates."""
-    widths, at, positions = np.array(content.widths), np.array(content.placement), min(3, task.m)
+    widths, at, positions = (
+        np.array(content.widths),
+        np.array(content.placement),
+        min(3, task.m),
+    )
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(
             f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
@@ -217,10 +229,18 @@ def _cell(content: CellFile, task: Task) -> Cell:
         turns = widths[positions:] if task.m > positions else 0.0
         return Cell(task, pin.SE3(at), widths[:positions], turns)
     w = np.pad(widths, (0, 6 - task.m))
-    names = {"radius": w[0], "angle": w[1], "height": w[2], "half_angle": w[3:5], "spin": w[5]}
+    names = {
+        "radius": w[0],
+        "angle": w[1],
+        "height": w[2],
+        "half_angle": w[3:5],
+        "spin": w[5],
+    }
     sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
     used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
-    if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {*data.symmetric}:
+    if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {
+        *data.symmetric
+    }:
         raise InputError("the file uses a symmetry that the arm does not have")
     return sector.without(used, data.free)
 
@@ -235,9 +255,14 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     """
     if not content.degrees:
         raise InputError("a cell's file must name at least one degree that was tried")
-    degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
+    degree = as_int(
+        content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE
+    )
     cell = _cell(content, task)
-    C, due = np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r)
+    C, due = (
+        np.array(content.coefficients),
+        (comb(cell.k + degree, cell.k), task.n, 1 + task.r),
+    )
     if C.shape != due:
         raise InputError(
             f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; "
@@ -254,12 +279,18 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
     figures["turns"] = tuple(map(_turn, content.figures.turns))
     figures["failures"] = tuple(
-        FailureReason(s.cause, s.share, np.array(s.u), s.what) for s in content.figures.failures
+        FailureReason(s.cause, s.share, np.array(s.u), s.what)
+        for s in content.figures.failures
     )
     evaluation, chart = Evaluation(**figures), Chart(cell, Monomials(cell.k, degree), C)
     ends = isinstance(cell, Sector) and cell.free
-    function = InverseFunction(chart, keep_limits=bool(ends) or not evaluation.everywhere)
-    desired, posture = desired_of(content.desired, task), task.check(content.posture, "the posture")
+    function = InverseFunction(
+        chart, keep_limits=bool(ends) or not evaluation.everywhere
+    )
+    desired, posture = (
+        desired_of(content.desired, task),
+        task.check(content.posture, "the posture"),
+    )
     how = {name: getattr(content, name) for name in _HOW}
     return CellDesign(
         function,

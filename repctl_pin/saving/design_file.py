@@ -31,7 +31,10 @@ def write(content: Sealed, path: str | Path) -> Path:
     """Write the content of a design, with its checksum, to a JSON file atomically."""
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
-        plain | {"checksum": checksum_of(plain)}, indent=1, ensure_ascii=False, allow_nan=False
+        plain | {"checksum": checksum_of(plain)},
+        indent=1,
+        ensure_ascii=False,
+        allow_nan=False,
     )
     return write_whole(path, text + "\n")
 
@@ -60,7 +63,9 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
                 f"and this is {__version__}, which reads {SCHEMA}; upgrade repctl-pin"
             )
         if head.schema < 1:
-            raise InputError(f"{where} is not a design file: there is no schema {head.schema}")
+            raise InputError(
+                f"{where} is not a design file: there is no schema {head.schema}"
+            )
         if head.schema < SCHEMA:
             raise InputError(
                 f"{where} has schema {head.schema}, and this version reads {SCHEMA}; "
@@ -70,8 +75,12 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
     except msgspec.ValidationError as error:
         raise InputError(f"{where} is not a valid design file: {error}") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
-        raise InputError(f"{where} is not a design file: not valid JSON ({error})") from None
-    plain = json.loads(text)  # as written: an older file has fewer fields than its class
+        raise InputError(
+            f"{where} is not a design file: not valid JSON ({error})"
+        ) from None
+    plain = json.loads(
+        text
+    )  # as written: an older file has fewer fields than its class
     if _printable(plain) != plain:
         raise InputError(
             f"{where} is not a valid design file: a text contains a control character "
@@ -108,7 +117,10 @@ def design_file(design: Design) -> DesignFile:
         if isinstance(value, float) and not np.isfinite(value):
             raise InputError(f"design.{name} = {value!r} cannot be saved")
     cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
-    desired, potentials = schema.desired_file(design.desired), schema.basis_file(design.potentials)
+    desired, potentials = (
+        schema.desired_file(design.desired),
+        schema.basis_file(design.potentials),
+    )
     region = schema.region_file(design.region)
     return described(
         DesignFile,
@@ -131,7 +143,10 @@ def design_of(content: DesignFile, task: Task) -> Design:
     InputError
         If the content does not describe a valid design for this task.
     """
-    potentials, A = schema.basis_of(content.potentials), np.array(content.coefficients, dtype=float)
+    potentials, A = (
+        schema.basis_of(content.potentials, task),
+        np.array(content.coefficients, dtype=float),
+    )
     if A.shape != (potentials.size, task.r):
         raise InputError(
             f"the coefficients must be {potentials.size} × {task.r} numbers; "
@@ -140,7 +155,7 @@ def design_of(content: DesignFile, task: Task) -> Design:
     region = schema.region_of(content.region, task)
     if (
         len(region.center) != task.n
-        or potentials.gradients(task.reference[None]).shape[1] != task.n
+        or potentials.gradients(region.center[None]).shape[1] != task.n
     ):
         raise InputError(f"potentials and region must be of {task.n} joints")
     figures = msgspec.structs.asdict(content.figures)
@@ -149,7 +164,9 @@ def design_of(content: DesignFile, task: Task) -> Design:
     desired = schema.desired_of(content.desired, task)
     cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)
     proof = schema.proof_of(content.proof)
-    return Design(inverse, desired, potentials, region, A, cycle=cycle, proof=proof, **figures)
+    return Design(
+        inverse, desired, potentials, region, A, cycle=cycle, proof=proof, **figures
+    )
 
 
 class _Head(msgspec.Struct):

@@ -55,7 +55,9 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     from .cell_file import cell_file
 
     what = "a design, as rp.nearest_repeatable makes them"
-    return write(cell_file(require_type(design, CellDesign, "design", what)), file_name(path))
+    return write(
+        cell_file(require_type(design, CellDesign, "design", what)), file_name(path)
+    )
 
 
 def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
@@ -99,7 +101,9 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
             f"load it with the task: rp.load({where!r}, rp.Robot.load({made_for.file!r})"
             f".task({made_for.frame!r}, {made_for.task!r}))"
         )
-    return made_of(content, task or task_of(made_for, Robot.load(made_for.robot)), where)
+    return made_of(
+        content, task or task_of(made_for, Robot.load(made_for.robot)), where
+    )
 
 
 def load_design(path: str | Path, task: Task | None = None) -> Design:
@@ -170,7 +174,9 @@ def read_design(path: str | Path) -> DesignFile | CellFile:
     return content
 
 
-def made_of(content: DesignFile | CellFile, task: Task, where: str) -> Design | CellDesign:
+def made_of(
+    content: DesignFile | CellFile, task: Task, where: str
+) -> Design | CellDesign:
     """Create a design from the content of a file, for the task it was made for.
 
     Raises
@@ -187,4 +193,6 @@ def made_of(content: DesignFile | CellFile, task: Task, where: str) -> Design | 
 
         return cell_of(content, task)
     except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
-        raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None
+        raise InputError(
+            str(error) if where in str(error) else f"{where}: {error}"
+        ) from None

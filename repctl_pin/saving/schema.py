@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.task_path import Cycle
 from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
+from ..potentials.arm_angle import ArmAngle
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
@@ -47,10 +48,18 @@ class FourierFile(_Part, tag="fourier"):
     cross: bool
 
 
+class ArmAngleFile(_Part, tag="arm-angle"):
+    """Arm angle of the task's frames shoulder, elbow and wrist; stereographic with ``singular``."""
+
+    frames: tuple[str, str, str]
+    reference: Row
+    singular: Row | None
+
+
 class JoinedFile(_Part, tag="joined"):
     """Several bases of potentials, concatenated in this order."""
 
-    parts: list[PolynomialFile | FourierFile | JoinedFile]
+    parts: list[PolynomialFile | FourierFile | ArmAngleFile | JoinedFile]
 
 
 class BoxFile(_Part, tag="box"):
@@ -92,7 +101,7 @@ class LimitsFile(_Part, tag="limits"):
     onset: float
 
 
-BasisFile = PolynomialFile | FourierFile | JoinedFile
+BasisFile = PolynomialFile | FourierFile | ArmAngleFile | JoinedFile
 RegionFile = BoxFile | TubeFile | WorkspaceFile
 Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
@@ -212,9 +221,14 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 
     Arrays become lists. ``others`` are values that replace attributes.
     """
-    own = {name: getattr(thing, name) for name in kind.__struct_fields__ if name not in others}
+    own = {
+        name: getattr(thing, name)
+        for name in kind.__struct_fields__
+        if name not in others
+    }
     plain = {
-        k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v for k, v in own.items()
+        k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v
+        for k, v in own.items()
     }
     return kind(**plain, **others)
 
@@ -236,7 +250,8 @@ def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
         return None
     values = msgspec.structs.asdict(data)
     return Proof(
-        **values | {"limit_margin": np.inf if data.limit_margin is None else data.limit_margin}
+        **values
+        | {"limit_margin": np.inf if data.limit_margin is None else data.limit_margin}
     )
 
 
@@ -252,18 +267,22 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
         return described(PolynomialFile, potentials)
     if isinstance(potentials, Fourier):
         return described(FourierFile, potentials)
+    if isinstance(potentials, ArmAngle):
+        return described(ArmAngleFile, potentials)
     if isinstance(potentials, Joined):
         return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
-        f"{potentials!r} cannot be saved: a file holds polynomials and Fourier series, "
-        "no user-defined functions"
+        f"{potentials!r} cannot be saved: a file holds polynomials, Fourier series and arm "
+        "angles, no user-defined functions"
     )
 
 
-def basis_of(data: BasisFile) -> PotentialBasis:
+def basis_of(data: BasisFile, task: Task) -> PotentialBasis:
     """Create a basis of potentials from its part of a file."""
     if isinstance(data, JoinedFile):
-        return Joined(*(basis_of(part) for part in data.parts))
+        return Joined(*(basis_of(part, task) for part in data.parts))
+    if isinstance(data, ArmAngleFile):
+        return ArmAngle(task, *data.frames, data.reference, singular=data.singular)
     given = msgspec.structs.asdict(data)
     return Polynomial(**given) if isinstance(data, PolynomialFile) else Fourier(**given)
 
@@ -297,7 +316,10 @@ def region_of(data: RegionFile, task: Task) -> Region:
     """Create a region from its part of a file."""
     if isinstance(data, WorkspaceFile):
         return WorkspaceBox(
-            task, data.position, data.half_width, within=Box(**msgspec.structs.asdict(data.within))
+            task,
+            data.position,
+            data.half_width,
+            within=Box(**msgspec.structs.asdict(data.within)),
         )
     given = msgspec.structs.asdict(data)
     return Box(**given) if isinstance(data, BoxFile) else Tube(**given)
@@ -315,10 +337,14 @@ def desired_file(desired: Inverse) -> Desired:
         return PseudoinverseFile()
     if isinstance(desired, WeightedInverse):
         weight = desired.weight
-        if isinstance(weight, LimitWeight) and np.array_equal(weight.lower, desired.task.lower):
+        if isinstance(weight, LimitWeight) and np.array_equal(
+            weight.lower, desired.task.lower
+        ):
             return described(LimitsFile, weight)
         if not callable(weight):
-            return WeightedFile(weight if isinstance(weight, str) else np.asarray(weight).tolist())
+            return WeightedFile(
+                weight if isinstance(weight, str) else np.asarray(weight).tolist()
+            )
     raise InputError(
         f"a design whose desired inverse is a user-defined {type(desired).__name__} cannot be "
         "saved, for a file holds no functions; save dataclasses.replace(design, "
@@ -331,7 +357,9 @@ def desired_of(data: Desired, task: Task) -> Inverse:
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
-        LimitWeight(task, data.gain, data.onset) if isinstance(data, LimitsFile) else data.weight
+        LimitWeight(task, data.gain, data.onset)
+        if isinstance(data, LimitsFile)
+        else data.weight
     )
     return WeightedInverse(task, weight)
 
@@ -371,7 +399,12 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
     ):
         raise InputError("the pieces of the path do not lead from s = 0 to 1")
     pieces = [Piece(p.begin, p.end, np.array(p.coefficients)) for p in data.pieces]
-    what = {"name": data.path, "spec": data.spec, "plane": data.plane, "breaks": tuple(ends[1:-1])}
+    what = {
+        "name": data.path,
+        "spec": data.spec,
+        "plane": data.plane,
+        "breaks": tuple(ends[1:-1]),
+    }
     path = path_of(pieces, np.array(data.rotation), **what)
     if not (0 < data.period < np.inf):
         raise InputError("the period must be above 0 s")

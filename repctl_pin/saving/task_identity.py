@@ -61,7 +61,11 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
             surroundings=around,
         )
     task = robot.task(made_for.frame, cast(Kind, made_for.task), joints=made_for.joints)
-    return task if made_for.coordinates is None else task.in_coordinates(made_for.coordinates)
+    return (
+        task
+        if made_for.coordinates is None
+        else task.in_coordinates(made_for.coordinates)
+    )
 
 
 def compare(made_for: TaskFile, task: Task, where: str) -> None:
@@ -81,7 +85,9 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     }.items():
         one, other = getattr(made_for, key), getattr(mine, key)
         if one != other:
-            raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
+            raise InputError(
+                f"{where} is for the {name} {one!r}, not {other!r}; give that {name}"
+            )
     if made_for.joints != mine.joints:
         raise InputError(
             f"{where} is for the joints {', '.join(made_for.joints)}, in this order, "

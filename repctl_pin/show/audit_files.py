@@ -15,7 +15,7 @@ from ..recordings.audit import Audit
 from .page.playback import Playback, TracedChain, playback_page
 from .palette import BLUE, GREEN, INK, PURPLE, VERMILLION
 from .plots.motions import plain, png, quiet, titled
-from .text.audit_answer import audit_sentence, part_of
+from .text.audit_answer import audit_headline, part_of
 
 _STEPS = 48
 """Samples per cycle on the page; half as many if there are more cycles than this number."""
@@ -58,7 +58,9 @@ def audit_page(audit: Audit) -> str:
     spaced ones are shown.
     """
     task, visits = audit.task, audit.visits
-    ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
+    ends = np.unique(
+        np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int)
+    )
     steps = _STEPS if len(ends) <= _STEPS else _STEPS // 2
     rows = [_between(audit, end, steps) for end in ends]
     q = np.vstack([rows[0][:1], *(cycle[1:] for cycle in rows)])
@@ -67,14 +69,19 @@ def audit_page(audit: Audit) -> str:
     drift = np.linalg.norm(visits.q[ends] - visits.q[0], axis=1)
     motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), steps)
     label = "the recorded motion"
-    track = Playback(label, VERMILLION, task.to_robot(q), motion.cycles, drift, task.unit, t)
-    said = "".join(span.text for span in audit_sentence(audit)).replace("\u00a0", " ")
-    count = f", {len(ends)} of its {audit.returns} returns" if len(ends) < audit.returns else ""
+    track = Playback(
+        label, VERMILLION, task.to_robot(q), motion.cycles, drift, task.unit, t
+    )
+    count = (
+        f", {len(ends)} of its {audit.returns} returns"
+        if len(ends) < audit.returns
+        else ""
+    )
     return playback_page(
         [TracedChain(task, audit.elbow)],
         [track],
         name=f"{Path(audit.log.name).name}{count}",
-        stopped=(said,),
+        headline=audit_headline(audit),
     )
 
 
@@ -112,7 +119,12 @@ def audit_figure(audit: Audit) -> Figure:
 
 
 def _line(
-    ax: Axes, time: Array, values: Array, slope: float, colour: str, label: str | None = None
+    ax: Axes,
+    time: Array,
+    values: Array,
+    slope: float,
+    colour: str,
+    label: str | None = None,
 ) -> None:
     """Draw the values at the visits as dots, and their trend as a line."""
     level = float(np.median(values - slope * time))

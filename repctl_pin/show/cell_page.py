@@ -23,7 +23,9 @@ from .text.numbers import metres
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
 
-_OF_THE_TOUR = "One sample path; the values above are the worst known in the whole cell."
+_OF_THE_TOUR = (
+    "One sample path; the values above are the worst known in the whole cell."
+)
 
 _ARC = 49
 """Number of points along each arc of a sector."""
@@ -46,7 +48,10 @@ def box_of(cell: Cell) -> Array:
 def _edges(sector: Sector) -> Array:
     """Trace the arcs and edges of a sector's range of positions: points (P, 3), m."""
     there = np.linspace(-1.0, 1.0, _ARC)
-    arc, corners = np.concatenate([there, there[::-1]]), [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    arc, corners = (
+        np.concatenate([there, there[::-1]]),
+        [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+    )
     traced = [(*corner, angle) for corner in [*corners, corners[0]] for angle in arc]
     traced += [(*corners[0], angle) for angle in there]
     traced += [(*corner, 1.0) for corner in [*corners, corners[0]]]
@@ -86,7 +91,9 @@ def cell_page(
     animation = ""
     if motions:
         cycles = next(iter(motions.values())).cycles
-        animation = _tour_page(design, motions, joint, f"{cycles} cycles of a sample path")
+        animation = _tour_page(
+            design, motions, joint, f"{cycles} cycles of a sample path"
+        )
     return render(
         "cell.html",
         style="report.css",
@@ -98,11 +105,14 @@ def cell_page(
         slices=None if slices is None else framed(slices, words),
         figures=_figures(design, motions),
         command=command,
-        details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
+        details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)}
+        | versions(),
     )
 
 
-def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str) -> str:
+def _tour_page(
+    design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str
+) -> str:
     """Write the animation page of the motions side by side, with the outline of the cell."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     tracks = [
@@ -118,7 +128,9 @@ def _tour_page(design: CellDesign, motions: Mapping[str, Motion], joint: int, na
     )
 
 
-def _worst(design: CellDesign, motions: Mapping[str, Motion]) -> tuple[float, float, float]:
+def _worst(
+    design: CellDesign, motions: Mapping[str, Motion]
+) -> tuple[float, float, float]:
     """Find the worst known limit margin, body distance and extra joint speed of a function.
 
     They are taken from the held-out poses, from searches over the cell, and from the sample path.
@@ -141,7 +153,9 @@ def _figures(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str
     if np.isfinite(margin):
         worst.append(f"limit margin {margin:.2g} {unit}")
     if np.isfinite(distance):
-        worst.append(f"body distance {metres(distance) if distance >= 0 else 'below 0'}")
+        worst.append(
+            f"body distance {metres(distance) if distance >= 0 else 'below 0'}"
+        )
     worst.append(f"joint speed {100 * speed:+.2g} %")
     return {"worst known": ", ".join(worst)} | design.figures()
 
@@ -165,7 +179,9 @@ def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
     ]
     if np.isfinite(distance):
         parts.append(
-            "bodies collide" if distance < 0 else f"bodies {metres(distance)} apart or more"
+            "bodies collide"
+            if distance < 0
+            else f"bodies {metres(distance)} apart or more"
         )
     unbroken = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b)", "\\1\u00a0\\2", ", ".join(parts))
     return f"One configuration for {every}: {unbroken}."

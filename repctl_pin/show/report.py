@@ -74,7 +74,9 @@ def report_page(
         headline=study_headline(study),
         summary=captions.summary(study),
         # the page's own heading is this page's already
-        animation=(animation or study_page(study)).replace("<body>", '<body class="inside">', 1),
+        animation=(animation or study_page(study)).replace(
+            "<body>", '<body class="inside">', 1
+        ),
         still=_picture(still_figure(study), captions.still_words(study)),
         strategies=[(row.label, colour[row.key]) for row in study.rows],
         measures=study_cells(study),
@@ -99,7 +101,9 @@ def versions() -> dict[str, str]:
     return found | {"system": f"{platform.system()} {platform.machine()}"}
 
 
-def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
+def _figures(
+    study: Study, maps: StudyMaps | None
+) -> Iterable[tuple[str, dict[str, object]]]:
     """Yield the heading, picture and description of each figure."""
     moved = drawn(study)
     on = [
@@ -107,8 +111,14 @@ def _figures(study: Study, maps: StudyMaps | None) -> Iterable[tuple[str, dict[s
     ]  # its first motion to the posture would hide the others
     yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
     yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
-    yield "Orbits in joint space", _picture(orbits_figure(on, ""), captions.orbits_words(study))
-    yield "Speed and limits", _picture(cycle_figure(moved, ""), captions.cycles_words(study))
+    yield (
+        "Orbits in joint space",
+        _picture(orbits_figure(on, ""), captions.orbits_words(study)),
+    )
+    yield (
+        "Speed and limits",
+        _picture(cycle_figure(moved, ""), captions.cycles_words(study)),
+    )
     if maps is not None:
         yield (
             "The design over two joints",
@@ -181,13 +191,23 @@ def _chosen(
 
     Without a command line, all count as named.
     """
-    said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
+    said = (
+        None
+        if command is None
+        else {word.partition("=")[0] for word in shlex.split(command)}
+    )
     texts = {name: _text(value) for name, value in options.items()}
-    given = {name: text for name, text in texts.items() if said is None or f"--{name}" in said}
+    given = {
+        name: text
+        for name, text in texts.items()
+        if said is None or f"--{name}" in said
+    }
     return given, {name: text for name, text in texts.items() if name not in given}
 
 
 def _text(value: object) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(str, value)) or "none"
-    return {"None": "chosen by the study", "True": "yes", "False": "no"}.get(str(value), str(value))
+    return {"None": "chosen by the study", "True": "yes", "False": "no"}.get(
+        str(value), str(value)
+    )

@@ -75,8 +75,11 @@ def _motions(study: Study, run: str = "") -> str:
     return csv_text(kept, most=CSV_ROWS_PER_CYCLE, run=run)
 
 
-def study_page(study: Study) -> str:
-    """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse."""
+def study_page(study: Study, *, seconds: float | None = None) -> str:
+    """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
+
+    ``seconds`` is the time of a cycle at normal speed, by default that of the motion.
+    """
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
     tracks = [
@@ -85,11 +88,14 @@ def study_page(study: Study) -> str:
         if row.motion is not None
     ]
     chain = TracedChain(study.task, study.elbow)
-    stopped = [stopped_words(row.label, row.stopped) for row in rows if row.motion is None]
+    stopped = [
+        stopped_words(row.label, row.stopped) for row in rows if row.motion is None
+    ]
     return playback_page(
         [chain],
         tracks,
         paths=[study.path.points()],
         name=study.path.name,
         stopped=stopped,
+        seconds=seconds,
     )

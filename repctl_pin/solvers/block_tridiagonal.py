@@ -48,7 +48,9 @@ def solve_block_tridiagonal(
     for rows, columns, blocks in pairs:
         i, j = rows[:, :, None], columns[:, None, :]
         band[np.abs(i - j), np.minimum(i, j)] = blocks
-    solved = solveh_banded(band, rhs[np.argsort(place)].ravel(), lower=True, check_finite=False)
+    solved = solveh_banded(
+        band, rhs[np.argsort(place)].ravel(), lower=True, check_finite=False
+    )
     return solved.reshape(K, r)[place]
 
 

@@ -48,11 +48,18 @@ def control_law(task: Task, potentials: Potentials) -> Law:
     """
     n, m = task.n, task.m
     memory = np.zeros(n * n + n)
-    J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]  # [J; Vᵀ] (37)
+    J_V, rhs = (
+        memory[: n * n].reshape((n, n), order="F"),
+        memory[n * n :],
+    )  # [J; Vᵀ] (37)
     top, bottom = rhs[:m], rhs[m:]
     kinematics = fast_kinematics.in_place(task, J_V[:m], top)
     h = fast_potentials.in_place(potentials, J_V[m:], bottom)
-    jacobian, error, rate = kinematics.jacobian, kinematics.error, kinematics.task_velocity
+    jacobian, error, rate = (
+        kinematics.jacobian,
+        kinematics.error,
+        kinematics.task_velocity,
+    )
     slope, gap = h.slope, h.gap
     whole = task.kind == "pose"
     used, slowed = 0.0, 1.0
@@ -137,7 +144,11 @@ def checked_solve(
         J_V is regular, and its rank is tested exactly.
     """
     n = task.n
-    pivots, half, tolerance = memory[: n * n : n + 1], n / 2, RANK_TOLERANCE / n ** (n / 2)
+    pivots, half, tolerance = (
+        memory[: n * n : n + 1],
+        n / 2,
+        RANK_TOLERANCE / n ** (n / 2),
+    )
     largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
 
     def solved(q: Array) -> Array:
@@ -146,10 +157,14 @@ def checked_solve(
         # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the smallest angle of
         # is_regular, so this test is sufficient. NaN fails it. Where it fails, the exact test
         # decides. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
-        if not (square < largest and abs(prod(pivots.tolist())) > tolerance * square**half):
+        if not (
+            square < largest and abs(prod(pivots.tolist())) > tolerance * square**half
+        ):
             inverse = None if info else dgetri(J_V, order)[0]
             evaluate(q)
-            if inverse is None or not (np.isfinite(x).all() and is_regular(J_V, inverse)):
+            if inverse is None or not (
+                np.isfinite(x).all() and is_regular(J_V, inverse)
+            ):
                 raise failure(task, q, rhs)
         return x
 
@@ -213,7 +228,9 @@ def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     x_leaf = x - x_task
     left = np.where(x_leaf > 0, most - x_task, most + x_task)
     moving = np.abs(x_leaf) > 1e-15
-    share = float(np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0))
+    share = float(
+        np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0)
+    )
     shorter = x_task + share * x_leaf
     whole = float((most / np.maximum(np.abs(shorter), 1e-300)).min(initial=1.0))
     return shorter * min(1.0, whole), min(share, whole)

@@ -43,7 +43,11 @@ class CustomInverse:
     """
 
     def __init__(
-        self, task: Task, function: Callable[[Array], ArrayLike], *, tolerance: float = 1e-8
+        self,
+        task: Task,
+        function: Callable[[Array], ArrayLike],
+        *,
+        tolerance: float = 1e-8,
     ) -> None:
         self.task = redundant(task)
         self.function = wanted_function(function, "function", "a function q → G")
@@ -108,7 +112,9 @@ class FunctionStrategy:
         Function of q (n,) and ẋ (m,) that returns q̇ (n,).
     """
 
-    def __init__(self, task: Task, function: Callable[[Array, Array], ArrayLike]) -> None:
+    def __init__(
+        self, task: Task, function: Callable[[Array, Array], ArrayLike]
+    ) -> None:
         self.task = own_task(task)
         self.function = wanted_function(
             function, "a strategy", "a function (q, ẋ) → q̇, or have a velocity(q, ẋ)", 2
@@ -122,11 +128,16 @@ class FunctionStrategy:
         InputError
             If it does not return n finite numbers.
         """
-        q, xdot = vector(q, self.task.n, "q"), vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
+        q, xdot = (
+            vector(q, self.task.n, "q"),
+            vector(xdot, self.task.m, "ẋ", "m/s and rad/s"),
+        )
         try:
             qdot = np.asarray(self.function(q, xdot), float)
         except (TypeError, ValueError) as error:
-            raise InputError(f"the strategy's function returns no q̇: {error}") from error
+            raise InputError(
+                f"the strategy's function returns no q̇: {error}"
+            ) from error
         if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
             raise InputError(
                 f"the strategy's function must return {self.task.n} finite numbers; got {qdot}"

@@ -74,14 +74,23 @@ class ExtendedJacobian(RepeatableInverse):
             posture = vector(potential, task.n, "a posture (or give U as a function)")
             shape = Posture(posture)
             anchor = posture if reference is None else reference
-        super().__init__(task, ExtendedMap(task, shape, nullspace(task.jacobian(anchor))))
+        super().__init__(
+            task, ExtendedMap(task, shape, nullspace(task.jacobian(anchor)))
+        )
 
 
 class ExtendedMap:
     """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
 
-    def __init__(self, task: Task, potential: Posture | Given, N_reference: Array) -> None:
-        self.task, self.potential, self.N_reference, self.n = task, potential, N_reference, task.n
+    def __init__(
+        self, task: Task, potential: Posture | Given, N_reference: Array
+    ) -> None:
+        self.task, self.potential, self.N_reference, self.n = (
+            task,
+            potential,
+            N_reference,
+            task.n,
+        )
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
@@ -113,7 +122,9 @@ class ExtendedMap:
         V = U2 @ N - np.einsum("Kark,Ka->Kkr", HN, pulled)  # (K, n, r)
         r = N.shape[-1]
         if r > 1:
-            B = -np.einsum("Kark,Kas->Krsk", HN, np.swapaxes(J_plus, -1, -2) @ self.N_reference)
+            B = -np.einsum(
+                "Kark,Kas->Krsk", HN, np.swapaxes(J_plus, -1, -2) @ self.N_reference
+            )
             skew = B - np.swapaxes(B, 1, 2)  # (K, r, r, n)
             s, T = np.linalg.eigh(S)
             turned = np.einsum("Kra,Krsk,Ksb->Kabk", T, skew, T)
@@ -130,7 +141,9 @@ class ExtendedMap:
         """
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
-        if N.shape[-1] == 1:  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
+        if (
+            N.shape[-1] == 1
+        ):  # n̂ of (41), with det [J; n̂ᵀ] > 0: smooth wherever J has full rank
             J_N = np.concatenate([J, np.swapaxes(N, -1, -2)], axis=1)
             side = np.sign(np.linalg.det(J_N))[:, None, None]
             return N * side, alignment * side
@@ -176,11 +189,19 @@ class Given:
     def hessians(self, Q: Array) -> Array:
         """Evaluate ∂²U/∂q², or central differences of ∇U, at every row of Q: (K, n, n)."""
         if self.hessian is not None:
-            return np.array([_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q])
+            return np.array(
+                [_checked(self.hessian, q, (len(q), len(q)), "Hessian") for q in Q]
+            )
         step = 1e-6 if self.gradient is not None else 1e-4
         steps = step * np.eye(Q.shape[1])
         change = np.array(
-            [[self._gradient(q + d, step) - self._gradient(q - d, step) for d in steps] for q in Q]
+            [
+                [
+                    self._gradient(q + d, step) - self._gradient(q - d, step)
+                    for d in steps
+                ]
+                for q in Q
+            ]
         )
         H = change / (2 * step)
         return (H + np.swapaxes(H, 1, 2)) / 2
@@ -189,7 +210,10 @@ class Given:
         if self.gradient is not None:
             return _checked(self.gradient, q, (len(q),), "gradient")
         moves = step * np.eye(len(q))
-        values = [[_checked(self.function, q + s * d, (), "value") for s in (1, -1)] for d in moves]
+        values = [
+            [_checked(self.function, q + s * d, (), "value") for s in (1, -1)]
+            for d in moves
+        ]
         return np.array([(up - down) / (2 * step) for up, down in values])
 
 

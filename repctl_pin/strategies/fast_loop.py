@@ -90,7 +90,9 @@ def checked_velocity(
     def velocity(q: ArrayLike, xdot: ArrayLike) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
             q = vector(q, n, "q")
-        if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task):
+        if not (
+            type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == of_task
+        ):
             xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
         return law(q, xdot)
 
@@ -126,7 +128,9 @@ def checked(
             type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == of_leaf
         ):
             leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
-        if gain is not None and not (isinstance(gain, float) and 0.0 <= gain * dt <= 2.0):
+        if gain is not None and not (
+            isinstance(gain, float) and 0.0 <= gain * dt <= 2.0
+        ):
             gain = as_gain(gain, dt)
         if twist is not None and not (
             type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist
@@ -158,7 +162,9 @@ def as_gain(gain: float, dt: float) -> float:
 
     A step removes the share gain · dt of the error.
     """
-    value = gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
+    value = (
+        gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
+    )
     if not 0.0 <= value * dt <= 2.0:
         raise InputError(
             f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"

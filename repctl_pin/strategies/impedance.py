@@ -97,7 +97,10 @@ class LeafImpedance:
         observer_limit: ArrayLike = 5.0,
     ) -> None:
         self.inverse = require_type(
-            inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
+            inverse,
+            RepeatableInverse,
+            "inverse",
+            "a repeatable inverse, such as design.inverse",
         )
         self.task = task = inverse.task
         if task.coordinates is not None:
@@ -123,7 +126,9 @@ class LeafImpedance:
             ) from None
 
     def __repr__(self) -> str:
-        return described(self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s")
+        return described(
+            self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s"
+        )
 
     def observer(self, dt: float) -> Observer:
         """Create a disturbance observer for :meth:`torque`; each arm needs its own.
@@ -190,14 +195,18 @@ class LeafImpedance:
             leaf = vector(leaf, r, "leaf", "from inverse.leaf(q)")
         if twist is not None and not _native(twist, 6):
             twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
-        if observer is not None and not (type(observer) is Observer and len(observer.state) == r):
+        if observer is not None and not (
+            type(observer) is Observer and len(observer.state) == r
+        ):
             raise InputError(
                 f"must be what observer(dt) of this control made; got {shown(observer)}",
                 argument="observer",
             )
         with np.errstate(over="ignore", invalid="ignore"):
             M, b = self._dynamics.own(q, qdot)
-            return self._law.own(q, qdot, M, b, as_placement(target), twist, leaf, observer)
+            return self._law.own(
+                q, qdot, M, b, as_placement(target), twist, leaf, observer
+            )
 
 
 def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
@@ -221,7 +230,11 @@ def _stiffness(given: ArrayLike, m: int) -> Array:
     values, linear = as_numbers(given), min(3, m)
     if values is not None and values.shape == (2,) and m != 2:
         values = np.repeat(values, [linear, m - linear])
-    if values is None or values.shape != (m,) or not (np.isfinite(values) & (values > 0)).all():
+    if (
+        values is None
+        or values.shape != (m,)
+        or not (np.isfinite(values) & (values > 0)).all()
+    ):
         raise InputError(
             f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
         )

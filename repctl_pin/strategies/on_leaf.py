@@ -40,7 +40,10 @@ _NEAR, _EXACT = 1e-6, 1e-12
 
 
 def solve(
-    inverse: WithPotentials, target: Placement, q0: ArrayLike, leaf: ArrayLike | None = None
+    inverse: WithPotentials,
+    target: Placement,
+    q0: ArrayLike,
+    leaf: ArrayLike | None = None,
 ) -> Array:
     """Evaluate q = F(x; c) by Newton's method on ``[x − f(q); c − h(q)] = 0`` along a path from q0.
 
@@ -79,12 +82,18 @@ def solve(
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = inverse.potentials.value(q)
-    c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
+    c_end = (
+        c_start
+        if leaf is None
+        else vector(leaf, task.r, "the leaf c", "one per potential")
+    )
     start = task.placement(q)
     turn = _turn(task.kind, start, target)
     side = _side(inverse, q)
     if side == 0:
-        raise SingularityError("the start is singular: J_V loses rank there; begin elsewhere")
+        raise SingularityError(
+            "the start is singular: J_V loses rank there; begin elsewhere"
+        )
 
     done, part = 0.0, 1.0
     while done < 1.0:
@@ -172,7 +181,9 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
 
 
-def _unreached(inverse: WithPotentials, target: pin.SE3, q: Array, done: float) -> InputError:
+def _unreached(
+    inverse: WithPotentials, target: pin.SE3, q: Array, done: float
+) -> InputError:
     """Create the error for a target that cannot be reached on the leaf: the path ends at q."""
     task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")

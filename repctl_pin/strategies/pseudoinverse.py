@@ -123,14 +123,18 @@ class WeightedInverse:
             _check_inertia(self.task)
         n = self.task.n
         self.weight: Any = (
-            weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
+            weight
+            if isinstance(weight, str) or callable(weight)
+            else _positive(weight, n)
         )
 
     def __repr__(self) -> str:
         if isinstance(self.weight, str):
             return described(self, self.task, "weight 'inertia'")
         return described(
-            self, self.task, "weight a function of q" if callable(self.weight) else "constant M"
+            self,
+            self.task,
+            "weight a function of q" if callable(self.weight) else "constant M",
         )
 
     def __call__(self, q: ArrayLike) -> Array:
@@ -187,7 +191,11 @@ def least_speed(
         # The pivots p of J Jᵀ = L Lᵀ satisfy ∏ p ≤ sin θ ∏ ‖row‖, θ the smallest angle between a
         # row and the span of the others. NaN in q fails the first test, NaN in ẋ the second.
         # Near a singularity J Jᵀ, which squares the condition number of J, is not accurate enough.
-        if not info and prod(pivots.tolist()) ** 2 > tolerance * squares and ddot(y, y) < inf:
+        if (
+            not info
+            and prod(pivots.tolist()) ** 2 > tolerance * squares
+            and ddot(y, y) < inf
+        ):
             return y.dot(J) if z is None else z + y.dot(J)
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
             raise failure(task, q, xdot)
@@ -216,7 +224,9 @@ def _positive(weight: ArrayLike, n: int) -> Array:
             f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite"
         )
     if np.linalg.eigvalsh(M)[0] <= 0:
-        raise InputError("the weight must be positive definite; every joint needs a weight above 0")
+        raise InputError(
+            "the weight must be positive definite; every joint needs a weight above 0"
+        )
     return M
 
 

@@ -94,11 +94,17 @@ class RepeatableInverse:
         loops: Callable[[Task, Potentials], Callable[[], Loop]] = python_loops,
     ) -> None:
         potentials = require_type(
-            potentials, Potentials, "potentials", "potentials, such as potentials.weighted(A)"
+            potentials,
+            Potentials,
+            "potentials",
+            "potentials, such as potentials.weighted(A)",
         )
         if region is not None:
             require_type(
-                region, Bounded, "region", "a region of joint space, such as rp.Box(q0, 0.3)"
+                region,
+                Bounded,
+                "region",
+                "a region of joint space, such as rp.Box(q0, 0.3)",
             )
         self.task, self.potentials, self.region = redundant(task), potentials, region
         check_joints(potentials, self.task.n)
@@ -126,7 +132,9 @@ class RepeatableInverse:
 
     # ---- the control loop ------------------------------------------------------------------------
 
-    def velocity(self, q: ArrayLike, xdot: ArrayLike, *, outside: Outside = "ignore") -> Array:
+    def velocity(
+        self, q: ArrayLike, xdot: ArrayLike, *, outside: Outside = "ignore"
+    ) -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
 
         Parameters
@@ -212,7 +220,9 @@ class RepeatableInverse:
         if velocity_limit is None and type(damping) is float and not damping:
             following = loop.step(q, target, dt, twist, leaf, gain)
         else:
-            bounded = loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping)
+            bounded = loop.bounded(
+                q, target, dt, twist, leaf, gain, velocity_limit, damping
+            )
             following = bounded[0]
         if outside != "ignore":
             self._check_limits(following, "the next q", outside)
@@ -250,7 +260,9 @@ class RepeatableInverse:
         if outside != "ignore":
             self._check_region(q, outside)
         loop = self._loop.own
-        step = Step(*loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping))
+        step = Step(
+            *loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping)
+        )
         if outside != "ignore":
             self._check_limits(step.q, "the next q", outside)
         return step
@@ -267,7 +279,10 @@ class RepeatableInverse:
         ratio = float(self.region.ratio(q[None])[0])
         if ratio > 1 + _EDGE:
             scaled = f"scaled distance {ratio:.3g}; the boundary is at 1"
-            _report(f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it", outside)
+            _report(
+                f"q = {row(q)} is outside Ω ({scaled}): the design does not cover it",
+                outside,
+            )
 
     def _check_limits(self, q: ArrayLike, what: str, outside: str) -> None:
         """Warn or raise, as ``outside`` says, if q (called ``what``) violates a joint limit."""
@@ -282,7 +297,9 @@ class RepeatableInverse:
         """Evaluate c = h(q) (r,), the level of the leaf on which q lies and the motion stays."""
         return self.potentials.value(vector(q, self.task.n, "q"))
 
-    def solve(self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None) -> Array:
+    def solve(
+        self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None
+    ) -> Array:
         """Solve f(q) = x on a leaf: the inverse kinematic function q = F(x; c).
 
         On the solution branch of q0, the result depends on x and c alone, not on the motion before.
@@ -305,7 +322,11 @@ class RepeatableInverse:
         return solve(self, target, q0, leaf)
 
     def solve_all(
-        self, targets: Sequence[Placement], q0: ArrayLike, *, leaf: ArrayLike | None = None
+        self,
+        targets: Sequence[Placement],
+        q0: ArrayLike,
+        *,
+        leaf: ArrayLike | None = None,
     ) -> Array:
         """Solve f(q) = x on a leaf for many targets, each from q0: (K, n)."""
         return solve_all(self, targets, q0, leaf)

@@ -66,7 +66,9 @@ class Observer(NamedTuple):
         self.state[:] = 0.0
 
 
-def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[..., Array]:
+def torque_law(
+    task: Task, potentials: Potentials, gains: Gains
+) -> Callable[..., Array]:
     """Create the function (q, q̇, M, b, target, twist, leaf, observer) → τ (n,), for one thread.
 
     ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` (37): the end effector
@@ -89,7 +91,11 @@ def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[...
     kinematics = fast_kinematics.in_place(task, J, error)
     h = fast_potentials.in_place(potentials, J_V[m:], gap)
     jacobian, slope, velocity = kinematics.jacobian, h.slope, kinematics.task_velocity
-    K, rows, twice = gains.stiffness, np.sqrt(gains.stiffness)[:, None], 2 * gains.damping
+    K, rows, twice = (
+        gains.stiffness,
+        np.sqrt(gains.stiffness)[:, None],
+        2 * gains.damping,
+    )
     kappa, limit = gains.observer_rate, gains.observer_limit
     spring = gains.leaf_frequency**2
     damper = 2 * gains.leaf_damping * gains.leaf_frequency
@@ -163,7 +169,9 @@ def torque_law(task: Task, potentials: Potentials, gains: Gains) -> Callable[...
         if not ddot(tau, tau) < inf:
             raise not_finite()
         if observer is not None:
-            observer.state[:] = hdot - (share / kappa) * disturbance + observer.dt * pull
+            observer.state[:] = (
+                hdot - (share / kappa) * disturbance + observer.dt * pull
+            )
         return tau
 
     return torque

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, function, positive, require_type
+from ..arguments import Array, as_int, function, moved, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
-from ..fit_options import FitOptions
-from ..motion import ClosedPath, Motion, TaskPath, check_length, follow
+from ..fit_options import FitOptions, fit_options
+from ..motion import Motion, TaskPath, check_length, follow
 from ..paths.task_path import Cycle
 from ..problem import (
     PERIOD,
@@ -62,50 +62,43 @@ POSTURE_OFFSET = 0.57
 """Distance of the second posture from the start, rad, along the first null vector."""
 
 
+_PLACE = "rp.study(rp.Problem(robot, {}))"
+_MOVED = {
+    **{
+        name: _PLACE.format(f"{name}=...")
+        for name in ("frame", "kind", "start", "path", "plane", "region")
+    },
+    "radius": _PLACE.format("path='circle:RADIUS'"),
+    "seed": "options=rp.FitOptions(seed=...)",
+}
+"""Options that have moved, and their place."""
+
+
+@moved(_MOVED)
 def study(
-    robot: str | Robot | Problem,
+    robot: str | Robot | Task | Problem,
     *,
-    frame: str | None = None,
-    kind: str | None = None,
-    start: ArrayLike | str | None = None,
-    path: str | ClosedPath | Callable[[Task, Array], TaskPath] | None = None,
-    radius: float | None = None,
-    plane: str | None = None,
     cycles: int = 10,
     steps: int = 500,
-    region: float | Region | None = None,
+    period: float | None = None,
     degree: int | None = None,
     weight: ArrayLike | str | None = None,
     controls: Mapping[str, Control] | None = None,
-    period: float | None = None,
-    seed: int = 0,
+    options: FitOptions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Study:
     """Compare J⁺, J⁺ with a posture, and the nearest repeatable inverse on one closed path.
 
     Parameters
     ----------
-    robot : str, Robot or Problem
-        Catalogue name, path to a URDF, or a loaded robot; or a :class:`Problem`, which has its own
-        frame, kind, start, path and region.
-    frame, kind
-        Frame to move and kind of task; by default the end of the arm, and the first of pose,
-        position, xy, xz, yz that is redundant.
-    start : (n,) array or str, optional
-        Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
-        default the first of these from which the path can be followed: the reference pose, the
-        ready pose, mid-range, and dexterous poses around it.
-    path
-        Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
-        ``(task, q0) → path``; by default a circle that the arm can follow inside its limits.
-    radius, plane
-        Radius of that circle, m; and ``xy``, ``yz`` or ``xz``, its plane or that of a path given by
-        name.
+    robot : str, Robot, Task or Problem
+        Problem to study, with its frame, kind, start, path and region Ω; or what
+        :class:`Problem` takes as its robot, with its defaults for all of these.
     cycles, steps
         Number of cycles, and RK4 steps per cycle, open loop.
-    region
-        Region Ω: half-width of a box around the start, rad (and m), or a region; by default a tube
-        around the cycle.
+    period
+        Period of one cycle, s; by default the path's own, else 5, or longer if a joint would exceed
+        its speed limit.
     degree
         Degree of the polynomial basis of the potentials; by default 2, or 1 for an arm with so
         large a number of joints that degree 2 would take long.
@@ -115,11 +108,8 @@ def study(
     controls
         Custom controllers to compare, by name: strategies for this task, or functions
         (q, ẋ) → q̇.
-    period
-        Period of one cycle, s; by default the path's own, else 5, or longer if a joint would exceed
-        its speed limit.
-    seed
-        Random seed of the nodes.
+    options
+        Options of the design's fit, such as ``rp.FitOptions(seed=1)``.
     progress
         Callback that receives a description (str) of each step when it begins; a description that
         begins with "note: " warns of a long computation.
@@ -142,27 +132,25 @@ def study(
     True
     >>> bool(study.row("repeatable").motion.drift[-1] < 1e-6)
     True
+    >>> problem = rp.Problem("ppr", path="circle:0.2", start=[0.2, 0.2, 0.3])
+    >>> rp.study(problem, cycles=1, steps=50).path.name
+    'circle of radius 0.2 m in xy'
     """
     begun = thread_time()
     if progress is not None:
         function(progress, "progress", "a function that takes the step that begins")
     cycles = as_int(cycles, "cycles", 1)
     steps = as_int(steps, "steps", 1)
-    seed = as_int(seed, "seed")
+    options = fit_options(options)
     if period is not None:
         period = positive(period, "period", "s")
     say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
-    if isinstance(robot, Problem):
-        _refuse_parts(frame=frame, kind=kind, start=start, path=path)
-        _refuse_parts(radius=radius, plane=plane, region=region)
-        problem = robot
-    else:
-        path = path if radius is None else _circle(radius, path)
-        problem = Problem(
-            robot, frame=frame, kind=kind, start=start, path=path, plane=plane, region=region
-        )
-    task, path = problem.task, problem.cycle
+    problem = robot if isinstance(robot, Problem) else Problem(robot)
+    task = problem.task
+    _ = problem.cycle  # refuses a problem without a path
+    task = problem.task
+    _ = problem.cycle  # refuses a problem without a path
     degree, long = choose_degree(task, degree)
     for note in long:
         say(f"note: {note}")
@@ -183,12 +171,12 @@ def study(
             None,
             region,
             degree=degree,
-            options=FitOptions(seed=seed),
+            options=options,
             shrink="region" not in problem.given,
             progress=report if progress is not None else False,
         )
 
-    problem, design = design_for(problem, desired, make, seed=seed, say=say)
+    problem, design = design_for(problem, desired, make, seed=options.seed, say=say)
     say("proving its leaf margin")
     design = _proved(design, max(LEAST_PROVING, PROVING * (thread_time() - begun)))
     say(f"following the path for {cycles} cycles")
@@ -229,38 +217,15 @@ def _proved(design: Design, seconds: float) -> Design:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # without a compiler it takes longer
+            warnings.simplefilter(
+                "ignore", UserWarning
+            )  # without a compiler it takes longer
             proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
-    except InputError:  # bounds of these potentials, or the region's shape, are not known
+    except (
+        InputError
+    ):  # bounds of these potentials, or the region's shape, are not known
         return design
     return replace(design, proof=proof) if proof else design
-
-
-def _refuse_parts(**parts: object) -> None:
-    """Raise InputError if an argument is given that a :class:`Problem` already determines."""
-    given = next((name for name, value in parts.items() if value is not None), None)
-    if given is not None:
-        raise InputError(
-            ": the problem has its own", argument=given, remedy="make another problem, or omit it"
-        )
-
-
-def _circle(radius: float, path: object) -> str:
-    """Write the default circle with a radius, m, as the spec of a path, ``circle:RADIUS``.
-
-    Raises
-    ------
-    InputError
-        If a path is given, too.
-    """
-    radius = positive(radius, "radius", "m")
-    if path is not None:
-        raise InputError(
-            ": only the default circle takes a radius",
-            argument="radius",
-            remedy="omit radius= or path=",
-        )
-    return f"circle:{radius!r}"
 
 
 def _followed(
@@ -291,7 +256,9 @@ def _followed(
         first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
-    near, other = (PostureControl(task, posture, POSTURE_GAIN) for posture in (q0, away))
+    near, other = (
+        PostureControl(task, posture, POSTURE_GAIN) for posture in (q0, away)
+    )
     margin = _leaf_margin(design, last.motion)
     rows = [
         first,
@@ -307,7 +274,9 @@ def _followed(
     return rows, options["period"], [*slower, *edges]
 
 
-def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
+def _repeatable(
+    design: Design, path: TaskPath, q0: Array, options: dict[str, Any]
+) -> Row:
     """Follow the path with the design's inverse, and return its row.
 
     If it stops on a path that J⁺ can follow, the row's reason names the design as the cause.
@@ -343,11 +312,15 @@ def edge_warning(
     return [f"{edge}; choose another start or a smaller path"]
 
 
-def _custom_controls(task: Task, controls: Mapping[str, Control]) -> dict[str, Strategy]:
+def _custom_controls(
+    task: Task, controls: Mapping[str, Control]
+) -> dict[str, Strategy]:
     """Convert custom controllers, given by name, to strategies for a task."""
     what = "a dictionary that gives each control a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
-    return {name: _custom_control(task, name, control) for name, control in controls.items()}
+    return {
+        name: _custom_control(task, name, control) for name, control in controls.items()
+    }
 
 
 def _custom_control(task: Task, name: object, control: Control) -> Strategy:
@@ -358,9 +331,15 @@ def _custom_control(task: Task, name: object, control: Control) -> Strategy:
     InputError
         If the name is taken or not a name, or the strategy is for a different task.
     """
-    if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
+    if (
+        not isinstance(name, str)
+        or name in (*LABELS, *LABELS.values())
+        or not name.strip()
+    ):
         raise InputError(
-            f": {name!r} is taken", argument="controls", remedy="give your control another name"
+            f": {name!r} is taken",
+            argument="controls",
+            remedy="give your control another name",
         )
     if not isinstance(control, Strategy):
         return FunctionStrategy(task, control)
@@ -374,7 +353,9 @@ def _custom_control(task: Task, name: object, control: Control) -> Strategy:
     )
 
 
-def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
+def _run(
+    key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
+) -> Row:
     """Follow the path with one strategy, and return its row; ``stopped`` if it fails."""
     label = LABELS.get(key, key)
     try:

@@ -48,7 +48,9 @@ def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
     design = study.design
     grid = design_map(design, points=points)
     Q = np.tile(design.region.center, (points * points, 1))
-    Q[:, grid.joints[0]], Q[:, grid.joints[1]] = (a.ravel() for a in np.meshgrid(grid.x, grid.y))
+    Q[:, grid.joints[0]], Q[:, grid.joints[1]] = (
+        a.ravel() for a in np.meshgrid(grid.x, grid.y)
+    )
     defect = _defects(design.desired, Q).reshape(points, points)
     degrees = degree_curve(design)
     baselines = design.evaluate_baselines() if len(degrees) > 1 else ()
@@ -62,4 +64,6 @@ def _defects(strategy: Inverse, Q: Array) -> Array:
     except SingularityError:
         if len(Q) == 1:
             return np.full(1, np.nan)
-        return np.concatenate([_defects(strategy, part) for part in np.array_split(Q, 2)])
+        return np.concatenate(
+            [_defects(strategy, part) for part in np.array_split(Q, 2)]
+        )

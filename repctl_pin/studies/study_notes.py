@@ -42,7 +42,9 @@ def unlimited_speeds(task: Task) -> list[str]:
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
         return []
-    return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"]
+    return [
+        f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"
+    ]
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
@@ -75,7 +77,9 @@ def _violations(rows: Sequence[Row]) -> list[str]:
     return notes
 
 
-def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
+def _drift_elsewhere(
+    plain: Pseudoinverse, q0: Array, motion: Motion | None
+) -> list[str]:
     """Write a note on the plane in which J⁺ drifts most, if it hardly drifts on the study's path.
 
     ``plain`` is J⁺, ``motion`` its motion; the list has at most one text.

@@ -13,7 +13,7 @@ from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, TaskPath, elbow, timed
 from ..motion.joint_motion import Violation, violations_of
-from ..motion.timing import presumed_acceleration
+from ..motion.limits import Limits, presumed_acceleration
 from ..regions import Region
 from ..robot.mechanism import Mechanism
 from ..robot.task import Task
@@ -96,10 +96,12 @@ def evaluated(row: Row) -> Row:
 def fastest_cycle(motion: Motion) -> float | None:
     """Compute the minimum time of the first cycle from rest to rest, s; None without a solution."""
     end = motion.steps + 1
-    once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])
+    once = replace(
+        motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end]
+    )
     acceleration = presumed_acceleration(motion.task)[0]
     try:
-        return timed(once, acceleration=acceleration).duration
+        return timed(once, Limits(acceleration=acceleration)).duration
     except InputError:  # it does not move, or no speed is slow enough
         return None
 
@@ -156,12 +158,17 @@ class Study:
 
     def summary(self) -> str:
         """Summarise each strategy: drift, tracking error, joint speed, and margins."""
-        cycles = next((row.motion.cycles for row in self.rows if row.motion is not None), 0)
+        cycles = next(
+            (row.motion.cycles for row in self.rows if row.motion is not None), 0
+        )
         task = f"{self.robot.name} {self.task.frame}, {self.task.kind}"
         head = f"{task}: {self.path.name}, {cycles} cycles"
         width = max(len(row.label) for row in self.rows)
         return "\n".join(
-            [head, *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows)]
+            [
+                head,
+                *(f"  {row.label.ljust(width)}  {row.summary()}" for row in self.rows),
+            ]
         )
 
     @property
@@ -212,9 +219,16 @@ class Study:
             "region": region_dict(self.region),
             "design": {
                 **picked(
-                    design, "cost", "cost_error", "relative_distance", "leaf_margin", "converged"
+                    design,
+                    "cost",
+                    "cost_error",
+                    "relative_distance",
+                    "leaf_margin",
+                    "converged",
                 ),
-                "leaf_margin_proved": design.proof.leaf_margin if design.proof else None,
+                "leaf_margin_proved": design.proof.leaf_margin
+                if design.proof
+                else None,
                 "potentials": design.potentials.size,
             },
             "strategies": {row.key: _row_dict(row) for row in self.rows},
@@ -246,7 +260,9 @@ def bodies_dict(motion: Motion) -> dict[str, Any]:
     return {
         "body_distance": least,
         "nearest_bodies": {"cycle": when, "links": list(nearest.links)},
-        "first_touch": None if touch is None else {"cycle": touch[0], "links": list(touch[1])},
+        "first_touch": None
+        if touch is None
+        else {"cycle": touch[0], "links": list(touch[1])},
     }
 
 
@@ -264,7 +280,11 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 def _path_loss(motion: Motion) -> dict[str, float] | None:
     """Collect when the frame leaves its path, and the maximum errors; None if it does not."""
     loss = motion.path_loss
-    return None if loss is None else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
+    return (
+        None
+        if loss is None
+        else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
+    )
 
 
 def _row_dict(row: Row) -> dict[str, Any]:

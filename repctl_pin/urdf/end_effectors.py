@@ -110,8 +110,12 @@ def arm_ends(description: Description) -> list[Body]:
                 links.append((joint.child, tip))
     for body in reversed(bodies):
         body.after = max((1 + tip.after for _, tip in body.branches), default=0)
-        body.narrow = all(_moves_little(joint) and tip.narrow for joint, tip in body.branches)
-    whole = all(_says_finger(joint) for joint in description.joints if joint.kind != "fixed")
+        body.narrow = all(
+            _moves_little(joint) and tip.narrow for joint, tip in body.branches
+        )
+    whole = all(
+        _says_finger(joint) for joint in description.joints if joint.kind != "fixed"
+    )
     ends, todo = [], [root]
     while todo:
         body = todo.pop()

@@ -82,12 +82,16 @@ def check(robot: etree._Element) -> str:
     links, joints = robot.findall("link"), robot.findall("joint")
     if not links:
         raise bad(
-            robot, "the file contains no <link>, so it describes no robot; give the full URDF"
+            robot,
+            "the file contains no <link>, so it describes no robot; give the full URDF",
         )
     if not robot.get("name"):
         raise bad(robot, 'the robot has no name; write <robot name="…">')
     if not robot.get("name").isprintable():
-        raise bad(robot, "the robot's name contains a control character or a line break; rename it")
+        raise bad(
+            robot,
+            "the robot's name contains a control character or a line break; rename it",
+        )
     if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
         raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
     if max(len(joints), len(links) - 1) > MAX_JOINTS:
@@ -153,7 +157,9 @@ def number(element: etree._Element, attribute: str, default: float = 0.0) -> flo
 
 def finite(word: str) -> float | None:
     """Parse a finite decimal number in URDF notation; None if it is not one."""
-    return float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
+    return (
+        float(word) if _NUMBER.fullmatch(word) and math.isfinite(float(word)) else None
+    )
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
@@ -194,7 +200,8 @@ def _check_numbers(element: etree._Element) -> None:
                 raise bad(element, f"has no {attribute}; add it")
         elif (element.tag, attribute) in _NOT_NEGATIVE and min(values) < 0:
             raise bad(
-                element, f"{attribute} = {short(element.get(attribute))} is negative; correct it"
+                element,
+                f"{attribute} = {short(element.get(attribute))} is negative; correct it",
             )
     if element.tag == "mesh" and not element.get("filename"):
         raise bad(element, "has no filename; add it, or delete the mesh")
@@ -208,7 +215,9 @@ def _check_body(link: etree._Element) -> None:
                 raise bad(inertial, f"has no <{tag}>; add it, or delete the <inertial>")
         for inertia in inertial.findall("inertia"):
             lacking = [
-                attribute for attribute in _NUMBERS["inertia"] if inertia.get(attribute) is None
+                attribute
+                for attribute in _NUMBERS["inertia"]
+                if inertia.get(attribute) is None
             ]
             if lacking:
                 raise bad(inertia, f"has no {', '.join(lacking)}; add it")
@@ -247,11 +256,16 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
         _check_numbers(element)
     axis, limit = joint.find("axis"), joint.find("limit")
     if axis is None and kind == "planar":
-        raise bad(joint, "a planar joint requires an <axis>, the normal of its plane; add one")
+        raise bad(
+            joint, "a planar joint requires an <axis>, the normal of its plane; add one"
+        )
     if axis is not None and kind not in ("fixed", "floating"):
         norm = math.hypot(*(numbers(axis, "xyz") or (1.0, 0.0, 0.0)))
         if not 1e-9 < norm < 1e9:
-            raise bad(axis, f"xyz = {short(axis.get('xyz'))} has no direction; give a unit vector")
+            raise bad(
+                axis,
+                f"xyz = {short(axis.get('xyz'))} has no direction; give a unit vector",
+            )
     if kind in ("revolute", "prismatic"):
         if limit is None:
             remedy = ", or make the joint continuous" if kind == "revolute" else ""
@@ -277,7 +291,9 @@ def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> No
         )
     follower, seen = joint, {name}
     while follower.find("mimic") is not None:
-        following = leader(follower.get("name"), follower.find("mimic").get("joint"), joints)
+        following = leader(
+            follower.get("name"), follower.find("mimic").get("joint"), joints
+        )
         if following is None:
             return  # reported when that joint is checked
         if following in seen:
@@ -309,7 +325,9 @@ def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
     prefixed = [
         j
         for j in joints
-        if j != name and j.endswith(mimicked) and name.startswith(j.removesuffix(mimicked))
+        if j != name
+        and j.endswith(mimicked)
+        and name.startswith(j.removesuffix(mimicked))
     ]
     return prefixed[0] if len(prefixed) == 1 else None
 
@@ -318,22 +336,29 @@ def _check_range(limit: etree._Element) -> None:
     lower, upper = number(limit, "lower"), number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:
         raise bad(
-            limit, f"lower = {lower:g}, upper = {upper:g}: the range is too far from 0; correct it"
+            limit,
+            f"lower = {lower:g}, upper = {upper:g}: the range is too far from 0; correct it",
         )
     if lower > upper:
         raise bad(limit, f"lower = {lower:g} is above upper = {upper:g}; swap them")
     if lower == upper != 0.0:  # exporters write 0 for both if no range was given
         raise bad(
-            limit, f"lower = upper = {lower:g} allows no motion; widen it, or make the joint fixed"
+            limit,
+            f"lower = upper = {lower:g} allows no motion; widen it, or make the joint fixed",
         )
 
 
-def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element]) -> str:
+def _check_tree(
+    links: Sequence[etree._Element], joints: Sequence[etree._Element]
+) -> str:
     """Check that links form a tree with one root and a limited depth; return the root."""
     above: dict[str, etree._Element] = {}
     below: dict[str, list[etree._Element]] = {}
     for joint in joints:
-        parent, child = joint.find("parent").get("link"), joint.find("child").get("link")
+        parent, child = (
+            joint.find("parent").get("link"),
+            joint.find("child").get("link"),
+        )
         if child in above:
             other = f"{label(above[child])} ({line(above[child])})"
             raise bad(
@@ -357,9 +382,15 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
         )
     # links, each with the number of links and of movable joints from the root to it
     reached = [(roots[0].get("name"), 1, 0)]
-    for name, depth, moving in reached:  # extended in the loop, so that there is no recursion
+    for (
+        name,
+        depth,
+        moving,
+    ) in reached:  # extended in the loop, so that there is no recursion
         if depth > MAX_DEPTH:
-            raise bad(roots[0], f"a chain of links exceeds the maximum length of {MAX_DEPTH}")
+            raise bad(
+                roots[0], f"a chain of links exceeds the maximum length of {MAX_DEPTH}"
+            )
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > MAX_MOVING:
@@ -371,5 +402,7 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
     connected = {name for name, _, _ in reached}
     for link in links:
         if link.get("name") not in connected:
-            raise bad(above[link.get("name")], "is part of a loop; remove a joint of the loop")
+            raise bad(
+                above[link.get("name")], "is part of a loop; remove a joint of the loop"
+            )
     return str(roots[0].get("name"))

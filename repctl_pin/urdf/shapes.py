@@ -62,10 +62,16 @@ def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
     ]
 
 
-def _solid(link: str, k: int, element: etree._Element, colors: dict[str, Color]) -> Solid:
+def _solid(
+    link: str, k: int, element: etree._Element, colors: dict[str, Color]
+) -> Solid:
     shape, origin = element.find("geometry")[0], element.find("origin")
-    sizes = {"box": ("size",), "sphere": ("radius",)}.get(shape.tag, ("radius", "length"))
-    values = [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
+    sizes = {"box": ("size",), "sphere": ("radius",)}.get(
+        shape.tag, ("radius", "length")
+    )
+    values = (
+        [] if shape.tag == "mesh" else [numbers(shape, size) or () for size in sizes]
+    )
     return Solid(
         name=f"{link}_{k}",
         link=link,
@@ -79,8 +85,12 @@ def _solid(link: str, k: int, element: etree._Element, colors: dict[str, Color])
     )
 
 
-def _three(element: etree._Element | None, attribute: str, default: float) -> tuple[float, ...]:
-    return tuple((None if element is None else numbers(element, attribute)) or (default,) * 3)
+def _three(
+    element: etree._Element | None, attribute: str, default: float
+) -> tuple[float, ...]:
+    return tuple(
+        (None if element is None else numbers(element, attribute)) or (default,) * 3
+    )
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
@@ -100,7 +110,9 @@ def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | 
     return known.get(name)
 
 
-def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
+def find_mesh(
+    filename: str, urdf: Path, package_dirs: Sequence[str | Path]
+) -> Path | None:
     """Find a mesh file by its name in a URDF; None if it is missing.
 
     ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` if the
@@ -109,7 +121,10 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> 
     scheme, mark, rest = filename.partition("://")
     folders = [Path(folder) for folder in package_dirs]
     if not mark:
-        candidates = [urdf.parent / filename, *(folder / filename for folder in folders)]
+        candidates = [
+            urdf.parent / filename,
+            *(folder / filename for folder in folders),
+        ]
     elif scheme == "file":
         candidates = [Path(rest)]
     elif scheme in ("package", "model"):

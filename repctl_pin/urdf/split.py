@@ -39,7 +39,8 @@ def split_joints(robot: etree._Element, notes: list[str]) -> None:
         taken = names & {*named, *(f"{name}_link" for name in named)}
         if taken:
             raise bad(
-                joint, f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it"
+                joint,
+                f"is split into {', '.join(named)}, but {taken.pop()!r} is taken; rename it",
             )
         notes.append(
             f"joint {joint.get('name')!r} is {joint.get('type')}: read as {', '.join(named)}; "
@@ -66,7 +67,10 @@ def _planar(axis: tuple[float, float, float]) -> tuple[Step, ...]:
 
 
 def _replace(
-    robot: etree._Element, joint: etree._Element, steps: tuple[Step, ...], names: list[str]
+    robot: etree._Element,
+    joint: etree._Element,
+    steps: tuple[Step, ...],
+    names: list[str],
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them."""
     at, parent = robot.index(joint), joint.find("parent").get("link")

@@ -106,7 +106,9 @@ def read_urdf(path: str | Path) -> Description:
         root = check(robot)
         split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
-        joints = tuple(_joint(element, elements, notes) for element in elements.values())
+        joints = tuple(
+            _joint(element, elements, notes) for element in elements.values()
+        )
         still = [repr(name) for name, element in elements.items() if _no_speed(element)]
         if still:
             notes.append(f"speed limit 0 of joint {', '.join(still)} read as no limit")
@@ -123,7 +125,9 @@ def read_urdf(path: str | Path) -> Description:
         root=root,
         shapes=tuple(shapes[:MAX_SHAPES]),
         collisions=tuple(shapes_of(robot, "collision")),
-        meshes=tuple(dict.fromkeys(shape.filename for shape in shapes if shape.filename)),
+        meshes=tuple(
+            dict.fromkeys(shape.filename for shape in shapes if shape.filename)
+        ),
         notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
         xml=_for_pinocchio(robot, joints, path.absolute().parent),
     )
@@ -188,7 +192,9 @@ def _joint(
     if kind in ("revolute", "prismatic"):
         lower, upper = number(limit, "lower"), number(limit, "upper")
         if lower == upper == 0.0:  # exporters write this if no range was given
-            notes.append(f"joint {name!r} has no range (lower = upper = 0): read as unlimited")
+            notes.append(
+                f"joint {name!r} has no range (lower = upper = 0): read as unlimited"
+            )
             lower, upper = -math.inf, math.inf
     if kind != "fixed" and limit is not None:
         velocity = number(limit, "velocity") or math.inf
@@ -213,7 +219,9 @@ def _no_speed(element: etree._Element) -> bool:
     """Test whether a joint moves and has speed limit 0, which exporters write for no limit."""
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
-    return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
+    return (
+        moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
+    )
 
 
 def _mimicked(
@@ -251,7 +259,11 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
         for j in joints
         if j.kind == "revolute"
     }
-    far = {name: max(sizes) for name, sizes in ends.items() if any(x > MANY_TURNS for x in sizes)}
+    far = {
+        name: max(sizes)
+        for name, sizes in ends.items()
+        if any(x > MANY_TURNS for x in sizes)
+    }
     if not far:
         return []
     name, limit = max(far.items(), key=lambda item: item[1])
@@ -262,7 +274,9 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     ]
 
 
-def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Path) -> str:
+def _for_pinocchio(
+    robot: etree._Element, joints: tuple[Joint, ...], folder: Path
+) -> str:
     """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree."""
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
@@ -274,7 +288,9 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...], folder: Pat
         if joint.kind == "continuous":
             element.set("type", "revolute")
         etree.SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
-        limit = etree.SubElement(element, "limit", effort=repr(max(effort, default=0) or NO_EFFORT))
+        limit = etree.SubElement(
+            element, "limit", effort=repr(max(effort, default=0) or NO_EFFORT)
+        )
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
         limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))
@@ -302,7 +318,11 @@ def _tidy_materials(robot: etree._Element) -> None:
     """Remove materials without a colour or a texture, which Pinocchio warns about."""
     for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
         color.getparent().remove(color)
-    colored = {material.get("name") for material in robot.iter("material") if _has_look(material)}
+    colored = {
+        material.get("name")
+        for material in robot.iter("material")
+        if _has_look(material)
+    }
     for material in [m for m in robot.iter("material") if not _has_look(m)]:
         if material.getparent() is robot or material.get("name") not in colored:
             material.getparent().remove(material)
@@ -313,4 +333,7 @@ def _tidy_materials(robot: etree._Element) -> None:
 
 
 def _has_look(material: etree._Element) -> bool:
-    return material.find("color") is not None or material.find("texture[@filename]") is not None
+    return (
+        material.find("color") is not None
+        or material.find("texture[@filename]") is not None
+    )

@@ -44,7 +44,10 @@ def expand(path: Path, most: int) -> bytes:
         )
     command = [sys.executable, "-c", _EXPAND, str(path.absolute())]
     with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     ) as process:
         try:
             text, complaints = process.communicate(timeout=SECONDS)
@@ -58,7 +61,9 @@ def expand(path: Path, most: int) -> bytes:
             raise
     if process.returncode != 0:
         said = [
-            line for line in complaints.decode(errors="replace").splitlines() if line.strip()
+            line
+            for line in complaints.decode(errors="replace").splitlines()
+            if line.strip()
         ] or ["no reason"]
         raise UrdfError(
             f"xacro cannot expand it ({said[0].strip()[:200]}); "

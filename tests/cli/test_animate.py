@@ -44,8 +44,11 @@ def study() -> rp.Study:
 
 @pytest.fixture(scope="module")
 def folder(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of the study, without what the figures show."""
     folder = tmp_path_factory.mktemp("study")
-    write_study(study, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("repctl_pin.show.study_files.png", lambda *_, **__: b"")
+        write_study(study, folder)
     return folder
 
 
@@ -54,7 +57,9 @@ def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path) -> None:
     assert [t.label for t in tracks] == [row.label for row in study.rows]
     for track, row in zip(tracks, study.rows, strict=True):
         assert track.cycles == 3 and track.unit == "rad and m"
-        np.testing.assert_allclose(study.task.from_robot(track.Q), row.motion.q, atol=1e-9)
+        np.testing.assert_allclose(
+            study.task.from_robot(track.Q), row.motion.q, atol=1e-9
+        )
         np.testing.assert_allclose(track.drift, row.motion.drift, atol=1e-8)
 
 
@@ -64,11 +69,15 @@ def test_a_followed_csv_is_read_back(study: rp.Study, tmp_path: Path) -> None:
     (track,) = read_playbacks(tmp_path / "mine.csv", study.robot, cycles=3)
     np.testing.assert_array_equal(study.task.from_robot(track.Q), motion.q)
     assert track.label == "mine" and track.cycles == 3
-    (same,) = read_playbacks(tmp_path / "mine.csv", study.robot)  # the file says how often round
+    (same,) = read_playbacks(
+        tmp_path / "mine.csv", study.robot
+    )  # the file says how often round
     assert same.cycles == 3 and np.array_equal(same.drift, track.drift)
 
 
-@pytest.mark.parametrize("names", [("a,b", 'say "x"', "two\nlines"), ("a b", "ü", "tab\t\u0085")])
+@pytest.mark.parametrize(
+    "names", [("a,b", 'say "x"', "two\nlines"), ("a b", "ü", "tab\t\u0085")]
+)
 def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(
     names, study: rp.Study, tmp_path: Path
 ) -> None:
@@ -82,7 +91,9 @@ def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(
     assert found.joints == names and found.cycles == 3 and found.q.shape == (31, 3)
     np.testing.assert_allclose(found.q, motion.q[::6], atol=1e-9)
     file = rp.write_motion(named, tmp_path / "m.yaml", allow_violations=True)
-    assert yaml.safe_load(file.read_text(encoding="utf-8"))["joint_names"] == list(names)
+    assert yaml.safe_load(file.read_text(encoding="utf-8"))["joint_names"] == list(
+        names
+    )
 
 
 def test_two_columns_of_one_name_are_refused(study: rp.Study) -> None:
@@ -90,7 +101,11 @@ def test_two_columns_of_one_name_are_refused(study: rp.Study) -> None:
     for names in (("time", "b", "c"), ("a", "a_velocity", "c")):
         task = SimpleNamespace(robot_joints=names)
         with pytest.raises(rp.InputError, match="two columns are named"):
-            csv_text(SimpleNamespace(**(vars(motion) | {"task": task, "joints": motion.joints})))
+            csv_text(
+                SimpleNamespace(
+                    **(vars(motion) | {"task": task, "joints": motion.joints})
+                )
+            )
 
 
 def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
@@ -103,12 +118,20 @@ def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
     np.testing.assert_allclose(track.Q, expected)
 
 
-def test_a_files_times_say_how_fast_its_joints_are(study: rp.Study, tmp_path: Path) -> None:
+def test_a_files_times_say_how_fast_its_joints_are(
+    study: rp.Study, tmp_path: Path
+) -> None:
     """In the second of two cycles the lift moves at three times its speed limit; without times
     nobody knows."""
     limit = study.task.joint_limits[2][0]
-    speeds = np.where(np.arange(40) == 30, 3.0, 0.5) * np.where(np.arange(40) % 2, -1, 1) * limit
-    rows = np.c_[np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]]
+    speeds = (
+        np.where(np.arange(40) == 30, 3.0, 0.5)
+        * np.where(np.arange(40) % 2, -1, 1)
+        * limit
+    )
+    rows = np.c_[
+        np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]
+    ]
     for header, told in (("cycle,time,d1", True), ("cycle,d1", False)):
         cells = rows if told else rows[:, [0, 2]]
         lines = "\n".join(",".join(map(repr, map(float, row))) for row in cells)
@@ -120,7 +143,8 @@ def test_a_files_times_say_how_fast_its_joints_are(study: rp.Study, tmp_path: Pa
         assert (arm["broken"] is not None) == told
         if told:
             assert (
-                arm["broken"]["words"] == "d1 past its speed limit" and arm["broken"]["cycle"] == 2
+                arm["broken"]["words"] == "d1 past its speed limit"
+                and arm["broken"]["cycle"] == 2
             )
             assert arm["broken"]["at"] == pytest.approx(1.5, abs=0.06)
 
@@ -144,7 +168,9 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_motion_is_refused_with_its_line(case: str, study: rp.Study, tmp_path: Path) -> None:
+def test_a_bad_motion_is_refused_with_its_line(
+    case: str, study: rp.Study, tmp_path: Path
+) -> None:
     content, words = BAD[case]
     file = tmp_path / "bad.csv"
     if content is not None:
@@ -155,21 +181,33 @@ def test_a_bad_motion_is_refused_with_its_line(case: str, study: rp.Study, tmp_p
 
 def test_the_page_holds_what_the_motions_did(study: rp.Study) -> None:
     motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
-    tracks = [playback_of("a", motions[0], "#D55E00"), playback_of("b", motions[1], "#0072B2")]
-    scene, _, numbers = read(playback_page([TracedChain(study.task, 2)], tracks, seconds=3.0))
+    tracks = [
+        playback_of("a", motions[0], "#D55E00"),
+        playback_of("b", motions[1], "#0072B2"),
+    ]
+    scene, _, numbers = read(
+        playback_page([TracedChain(study.task, 2)], tracks, seconds=3.0)
+    )
     frames = choose_frames(181, 3)
     visuals = Visuals.of(study.robot)
     expected = []
     for motion in motions:
         Q = motion.q[frames.index]
         placements = visuals.placements(study.task.to_robot(Q))
-        moving = np.ptp(placements, axis=0).reshape(len(visuals.shapes), -1).max(axis=1) > 1e-12
+        moving = (
+            np.ptp(placements, axis=0).reshape(len(visuals.shapes), -1).max(axis=1)
+            > 1e-12
+        )
         tip = study.task.positions(Q)
         elbow = np.array([study.task.joint_origins(q)[2] for q in Q])
         drift = body_drift(corners(visuals.shapes), placements, frames.per_cycle)
-        points = np.vstack([p for p, moves in zip(drift.points, moving, strict=True) if moves])
+        points = np.vstack(
+            [p for p, moves in zip(drift.points, moving, strict=True) if moves]
+        )
         expected += [np.round(poses_of(placements), 7)[:, moving], tip, elbow, points]
-    path = expected[1][: frames.per_cycle]  # by default, what the first did in its first cycle
+    path = expected[1][
+        : frames.per_cycle
+    ]  # by default, what the first did in its first cycle
     np.testing.assert_allclose(
         numbers, np.concatenate([e.ravel() for e in [*expected, path]]), atol=1e-6
     )
@@ -186,36 +224,56 @@ def test_every_limb_leaves_its_traces() -> None:
     words."""
     robot = rp.Robot.load("baxter")
     left, right = (robot.task(f"{side}_gripper") for side in ("left", "right"))
-    Q = robot.reference + np.linspace(0, 0.3, 21)[:, None] * np.cos(np.arange(len(robot.reference)))
+    Q = robot.reference + np.linspace(0, 0.3, 21)[:, None] * np.cos(
+        np.arange(len(robot.reference))
+    )
     square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0]])
     track = Playback("moved", "#0072B2", Q, 2, np.array([0.1, 0.2]))
     page = playback_page(
-        [TracedChain(left, 3), TracedChain(right, 5)], [track], paths=[square, 2 * square[:3]]
+        [TracedChain(left, 3), TracedChain(right, 5)],
+        [track],
+        paths=[square, 2 * square[:3]],
     )
     scene, _, numbers = read(page)
     assert scene["paths"] == [4, 3] and scene["arms"][0]["chains"] == 2
-    np.testing.assert_allclose(numbers[-21:].reshape(7, 3), [*square, *(2 * square[:3])])
+    np.testing.assert_allclose(
+        numbers[-21:].reshape(7, 3), [*square, *(2 * square[:3])]
+    )
     rows = Q[choose_frames(21, 2).index]
     (arm,) = scene["arms"]
     broken, joints = arm["broken"], 3 * len(rows)
     # before the paths, the points of the moving bodies
-    end = -21 - 3 * sum(shape["points"] for shape in arm["shapes"] if shape["pose"] is None)
+    end = -21 - 3 * sum(
+        shape["points"] for shape in arm["shapes"] if shape["pose"] is None
+    )
     joint = broken["words"].removesuffix(" past its limit")
-    chains = [robot.joint_names.index(name) for name in (*left.joint_names, *right.joint_names)]
+    chains = [
+        robot.joint_names.index(name)
+        for name in (*left.joint_names, *right.joint_names)
+    ]
     outside = ((Q < robot.lower) | (Q > robot.upper))[:, chains]
     row = int(np.argmax(outside.any(axis=1)))
     assert outside[row, [*left.joint_names, *right.joint_names].index(joint)]
     assert broken["at"] == pytest.approx(row / 10)
     task = left if joint in left.joint_names else right
-    origins = [task.joint_origins(task.from_robot(q))[task.joint_names.index(joint)] for q in rows]
-    np.testing.assert_allclose(numbers[end - joints : end].reshape(-1, 3), origins, atol=1e-6)
+    origins = [
+        task.joint_origins(task.from_robot(q))[task.joint_names.index(joint)]
+        for q in rows
+    ]
+    np.testing.assert_allclose(
+        numbers[end - joints : end].reshape(-1, 3), origins, atol=1e-6
+    )
     ways = numbers[: end - joints][-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
     for k, (task, elbow) in enumerate(((left, 3), (right, 5))):
         np.testing.assert_allclose(
-            ways[0, :, k], [task.placement(task.from_robot(q)).translation for q in rows], atol=1e-6
+            ways[0, :, k],
+            [task.placement(task.from_robot(q)).translation for q in rows],
+            atol=1e-6,
         )
         np.testing.assert_allclose(
-            ways[1, :, k], [task.joint_origins(task.from_robot(q))[elbow] for q in rows], atol=1e-6
+            ways[1, :, k],
+            [task.joint_origins(task.from_robot(q))[elbow] for q in rows],
+            atol=1e-6,
         )
     assert "left_gripper" in scene["caption"] and "right_gripper" in scene["caption"]
 
@@ -226,7 +284,8 @@ def test_motions_of_different_length_are_refused(study: rp.Study) -> None:
     track = playback_of("a", study.row("repeatable").motion, "#000000")
     with pytest.raises(rp.InputError, match="as many cycles and steps"):
         playback_page(
-            [TracedChain(study.task, 0)], [track, replace(track, Q=track.Q[:61], cycles=1)]
+            [TracedChain(study.task, 0)],
+            [track, replace(track, Q=track.Q[:61], cycles=1)],
         )
 
 
@@ -244,7 +303,10 @@ def test_the_command_from_a_csv_a_design_and_options(
     for arguments, labels in (
         (["ppr", *csv], ["nearest repeatable", "J⁺ + posture"]),
         (["design.json", *few, "--path", "eight:0.1"], ["J⁺", "nearest repeatable"]),
-        (["ppr", *few, "--degree", "1", "--seconds", "2"], ["J⁺", "nearest repeatable"]),
+        (
+            ["ppr", *few, "--degree", "1", "--seconds", "2"],
+            ["J⁺", "nearest repeatable"],
+        ),
     ):
         assert main(["animate", *arguments, "--json"]) == 0
         told = json.loads(capsys.readouterr().out)
@@ -261,7 +323,9 @@ def test_the_command_refuses(folder: Path, tmp_path: Path, monkeypatch, capsys) 
     monkeypatch.chdir(tmp_path)
     motion = str(folder / "motion.csv")
     there = "no strategy 'mine'; it has pseudoinverse, posture, posture_off, repeatable"
-    assert there in refused(capsys, "animate", "ppr", "--motion", motion, "--only", "mine")
+    assert there in refused(
+        capsys, "animate", "ppr", "--motion", motion, "--only", "mine"
+    )
     unknown = refused(capsys, "animate", "panda", "--motion", motion)
     assert "no joint 'd1'" in unknown and "panda_joint1" in unknown
     for arguments in (
@@ -275,7 +339,9 @@ def test_the_command_refuses(folder: Path, tmp_path: Path, monkeypatch, capsys) 
 
 def test_every_command_has_an_example_and_json() -> None:
     whole = parser()
-    commands = next(a.choices for a in whole._actions if a.choices and a.option_strings == [])
+    commands = next(
+        a.choices for a in whole._actions if a.choices and a.option_strings == []
+    )
     for name, part in commands.items():
         text = part.format_help()
         assert re.search(rf"examples?:\s+repctl {name}", text), text

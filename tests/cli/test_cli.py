@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 from arms import heed_interrupts
+from commands import computed_once
 
 import repctl_pin as rp
 from repctl_pin.cli import main
+from repctl_pin.urdf import catalogue
 
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
 
@@ -44,7 +46,9 @@ def refused(done: subprocess.CompletedProcess, *words: str) -> None:
     assert done.stdout == ""
 
 
-def test_json_and_quiet(tmp_path) -> None:
+def test_json_and_quiet(tmp_path, monkeypatch) -> None:
+    """One study, reported twice."""
+    monkeypatch.setattr(rp, "study", computed_once(rp.study))
     options = (
         "--cycles",
         "1",
@@ -57,21 +61,29 @@ def test_json_and_quiet(tmp_path) -> None:
         "--path",
         "square:0.1",
     )
-    done = repctl("study", "planar3r", *options, "--json", "--out", "here", cwd=tmp_path)
+    done = repctl(
+        "study", "planar3r", *options, "--json", "--out", "here", cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     data = json.loads(done.stdout)
     assert data["start"][0] == -0.1 and data["path"].startswith("square of side 0.1")
     assert (tmp_path / "here" / "animation.html").is_file()
-    done = repctl("study", "planar3r", *options, "--quiet", "--out", "there", cwd=tmp_path)
+    done = repctl(
+        "study", "planar3r", *options, "--quiet", "--out", "there", cwd=tmp_path
+    )
     assert done.returncode == 0 and done.stdout == done.stderr == ""
 
 
-def test_robots_and_inspect(tmp_path) -> None:
+def test_robots_and_inspect(tmp_path, monkeypatch) -> None:
+    """Two robots of the catalogue; test_readme.py lists all in a slow test."""
+    two = [entry for entry in catalogue.entries() if entry.name in ("panda", "baxter")]
+    monkeypatch.setattr(catalogue, "entries", lambda: two)
     done = repctl("robots", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["frame"]: row for row in json.loads(done.stdout)}
     assert (
-        rows["panda_hand_tcp"]["chain"] == 7 and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
+        rows["panda_hand_tcp"]["chain"] == 7
+        and rows["panda_hand_tcp"]["redundancy"]["pose"] == 1
     )
     assert rows["right_gripper"]["redundancy"]["position"] == 4
     done = repctl("inspect", "panda", cwd=tmp_path)
@@ -87,17 +99,32 @@ BAD_ARGUMENTS = {
         ["follow", "panda", "--csv", "x", "--yaml", "x"],
         ["--csv", "--yaml", "another name"],
     ),
-    "unknown robot": (["study", "pandda"], ["no robot 'pandda'", "did you mean 'panda'"]),
+    "unknown robot": (
+        ["study", "pandda"],
+        ["no robot 'pandda'", "did you mean 'panda'"],
+    ),
     "missing file": (["study", "my/arm.urdf"], ["my/arm.urdf"]),
     "unknown frame": (
         ["study", "panda", "--frame", "panda_hand_tpc"],
         ["did you mean 'panda_hand_tcp'"],
     ),
-    "unknown joint": (["study", "panda", "--lock", "panda_joint77"], ["no joint", "did you mean"]),
+    "unknown joint": (
+        ["study", "panda", "--lock", "panda_joint77"],
+        ["no joint", "did you mean"],
+    ),
     "unknown base": (["study", "panda", "--base", "panda_link99"], ["did you mean"]),
-    "unknown kind": (["study", "panda", "--task", "poses"], ["no task kind 'poses'", "position"]),
-    "start too short": (["study", "panda", "--start", "0,0,0"], ["3 numbers", "7 joints"]),
-    "start not numbers": (["study", "panda", "--start", "zero"], ["not a list of numbers"]),
+    "unknown kind": (
+        ["study", "panda", "--task", "poses"],
+        ["no task kind 'poses'", "position"],
+    ),
+    "start too short": (
+        ["study", "panda", "--start", "0,0,0"],
+        ["3 numbers", "7 joints"],
+    ),
+    "start not numbers": (
+        ["study", "panda", "--start", "zero"],
+        ["not a list of numbers"],
+    ),
     "start nan": (
         ["study", "panda", "--start", "nan" + PANDA_START[1:]],
         ["panda_joint1", "finite"],
@@ -109,16 +136,22 @@ BAD_ARGUMENTS = {
     "start singular": (["study", "planar3r", "--start", "0.1,0,0"], ["singularity"]),
     "unknown path": (["study", "panda", "--path", "spiral:1"], ["circle:RADIUS"]),
     "negative circle": (["study", "panda", "--path", "circle:-1"], ["above 0"]),
-    "circle too large": (["study", "panda", "--path", "circle:5"], ["no circle"]),
-    "square too large": (["study", "panda", "--path", "square:5"], ["cannot reach"]),
+    "circle too large": (["study", "planar3r", "--path", "circle:5"], ["no circle"]),
+    "square too large": (["study", "planar3r", "--path", "square:5"], ["cannot reach"]),
     "unknown plane": (["study", "panda", "--plane", "ab"], ["no plane 'ab'"]),
     "no such csv": (["study", "panda", "--path", "none.csv"], ["none.csv"]),
     "cycles zero": (["study", "panda", "--cycles", "0"], ["whole number"]),
     "degree word": (["study", "panda", "--degree", "two"], ["whole number"]),
     "degree huge": (["study", "panda", "--degree", "30"], ["lower the degree"]),
     "region negative": (["study", "panda", "--region", "-1"], ["above 0"]),
-    "region singular": (["study", "planar3r", "--region", "3"], ["loses rank", "--region"]),
-    "no redundancy": (["study", "ur5", "--task", "pose"], ["r = 0", "position (r = 3)"]),
+    "region singular": (
+        ["study", "planar3r", "--region", "3"],
+        ["loses rank", "--region"],
+    ),
+    "no redundancy": (
+        ["study", "ur5", "--task", "pose"],
+        ["r = 0", "position (r = 3)"],
+    ),
     "unknown command": (["stduy", "panda"], ["stduy"]),
 }
 
@@ -140,10 +173,18 @@ def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
 def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
     """What is made for a run that fails goes again; what a person made stays, and what holds a
     file."""
-    from repctl_pin.files import check_folder, not_left_empty, prepare_folder, write_whole
+    from repctl_pin.files import (
+        check_folder,
+        not_left_empty,
+        prepare_folder,
+        write_whole,
+    )
 
     for failure in (RuntimeError, KeyboardInterrupt):
-        with pytest.raises(failure), not_left_empty(check_folder(tmp_path / "a" / "b")) as folder:
+        with (
+            pytest.raises(failure),
+            not_left_empty(check_folder(tmp_path / "a" / "b")) as folder,
+        ):
             assert not folder.parent.exists()  # looking does not make it
             prepare_folder(folder)
             raise failure
@@ -152,14 +193,18 @@ def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
     with not_left_empty(tmp_path / "a" / "b") as folder:
         prepare_folder(folder)
     assert [p.name for p in tmp_path.rglob("*")] == ["a"]
-    with pytest.raises(KeyboardInterrupt), not_left_empty(tmp_path / "a" / "b" / "c") as folder:
+    with (
+        pytest.raises(KeyboardInterrupt),
+        not_left_empty(tmp_path / "a" / "b" / "c") as folder,
+    ):
         write_whole(prepare_folder(folder) / "file", "text")
         raise KeyboardInterrupt
     assert (tmp_path / "a" / "b" / "c" / "file").read_text() == "text"
 
 
 @pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() == 0, reason="a folder is never closed to root"
+    not hasattr(os, "geteuid") or os.geteuid() == 0,
+    reason="a folder is never closed to root",
 )
 def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
     from repctl_pin import InputError
@@ -171,15 +216,20 @@ def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
 
 
 def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:
-    (tmp_path / "arm.urdf").write_text("<robot name='a'><link name='x'/><link name='y'/></robot>")
+    (tmp_path / "arm.urdf").write_text(
+        "<robot name='a'><link name='x'/><link name='y'/></robot>"
+    )
     refused(repctl("inspect", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
     refused(repctl("study", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
 
 
 def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
     text = rp.Robot.load("xarm7").description.path.read_text(encoding="utf-8")
-    (tmp_path / "mine.urdf").write_text(text.replace("package://", "package://not_here/"))
-    done = repctl("study", "mine.urdf", "--cycles", "1", "--steps", "60", cwd=tmp_path)
+    (tmp_path / "mine.urdf").write_text(
+        text.replace("package://", "package://not_here/")
+    )
+    small = ["--cycles", "1", "--steps", "60", "--degree", "1"]
+    done = repctl("study", "mine.urdf", *small, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "meshes are missing" in done.stdout
     assert (tmp_path / "repctl-out" / "mine" / "animation.html").is_file()
@@ -211,12 +261,18 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
     assert process.stderr is not None and process.stderr.readline() == "loaded\n"
     process.send_signal(signal.SIGINT)  # some 100 s before the study would end
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130 and "interrupted" in errors and "Traceback" not in errors
+    assert (
+        process.returncode == 130
+        and "interrupted" in errors
+        and "Traceback" not in errors
+    )
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("asked", [None, 2])
-def test_one_blas_thread_unless_a_person_says_otherwise(asked: int | None, tmp_path: Path) -> None:
+def test_one_blas_thread_unless_a_person_says_otherwise(
+    asked: int | None, tmp_path: Path
+) -> None:
     code = """
 import sys
 sys.argv = ["repctl", "check", "ppr", "--json"]
@@ -227,15 +283,23 @@ blas = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
 print({pool["num_threads"] for pool in blas}, file=sys.stderr)
 """
     environment = {
-        name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")
+        name: value
+        for name, value in os.environ.items()
+        if not name.endswith("_NUM_THREADS")
     }
     if asked is not None:
         environment["OPENBLAS_NUM_THREADS"] = str(asked)
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert json.loads(done.stdout)["robot"] == "ppr"
-    assert done.stderr.strip().splitlines()[-1] == str({min(asked or 1, os.cpu_count() or 1)})
+    assert done.stderr.strip().splitlines()[-1] == str(
+        {min(asked or 1, os.cpu_count() or 1)}
+    )
 
 
 def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
@@ -244,6 +308,7 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     small = ["ppr", "--cycles", "1", "--steps", "40", "--degree", "1", "--out", "out"]
     done = repctl("study", *small, cwd=tmp_path)
     assert (
-        "note: report.html is from an earlier study; use --report to write a new one" in done.stdout
+        "note: report.html is from an earlier study; use --report to write a new one"
+        in done.stdout
     )
     assert (tmp_path / "out" / "report.html").read_text() == "an earlier one"

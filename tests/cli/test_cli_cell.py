@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import planar_urdf
-from browser import errors, schemes, wait_until_drawn
+from browser import asleep, errors, schemes, wait_until_drawn
 
 from repctl_pin.cli import main
 
@@ -50,7 +50,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_files_and_a_path_inside(
+    made: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert sorted(file.name for file in (made / "out").iterdir()) == [
         "cell.html",
         "cell.json",
@@ -87,9 +89,12 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
 
 
 def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
-    for width in (390, 1400):
-        schemes(driver, width=width, height=844)
+    """One load, at two sizes; what the tour's frame draws is looked at elsewhere."""
+    schemes(driver, width=390, height=480)
+    with asleep(driver):
         driver.get((made / "out" / "cell.html").as_uri() + "#paused")
+    for width in (390, 1400):
+        schemes(driver, width=width, height=480)
         assert driver.execute_script(
             "return document.documentElement.scrollWidth <= window.innerWidth"
         ), width
@@ -131,7 +136,9 @@ def test_a_cell_round_a_path_and_round_poses(
     poses = made / "poses.csv"
     poses.write_text(
         "x,y,z\n"
-        + "".join(f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0)))
+        + "".join(
+            f"{x + a},{y + b},0\n" for a, b in ((0, 0), (0.1, 0), (0, 0.06), (0, 0))
+        )
     )
     assert main([*arm, *words, "--path", str(poses)]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -165,13 +172,25 @@ def test_remedies_are_options(made: Path, capsys: pytest.CaptureFixture[str]) ->
     assert main([*arm, "--half-width", "-1", *small]) == 2
     assert "--half-width" in capsys.readouterr().err
     assert main([*arm, "--half-width", "2", "--shrink", *small]) == 0
-    assert "note: --shrink: no single function covers ±(2, 2) m" in capsys.readouterr().out
+    assert (
+        "note: --shrink: no single function covers ±(2, 2) m" in capsys.readouterr().out
+    )
 
 
 def test_other_commands_say_that_it_is_a_cell(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
+    assert (
+        main(
+            [
+                "check",
+                str(made / "out" / "cell.json"),
+                "--robot",
+                str(made / "arm.urdf"),
+            ]
+        )
+        == 2
+    )
     assert "does not take the function of a cell" in capsys.readouterr().err
 
 
@@ -180,13 +199,28 @@ def test_other_commands_say_that_it_is_a_cell(
     [
         (["--half-width", "wide"], "--half-width 'wide' must be one or more numbers"),
         (["--half-width", "0.1", "--at", "1,2"], "--at '1,2' must be 3 numbers"),
-        (["--half-width", "0.1", "--held-out", "20000000"], "--held-out can be at most 1,048,576"),
-        (["--half-width", "0.1", "--degree", "0"], "neither auto nor a whole number from 1 up"),
-        (["--half-width", "1e-300"], "--half-width must be 0, which holds the coordinate"),
+        (
+            ["--half-width", "0.1", "--held-out", "20000000"],
+            "--held-out can be at most 1,048,576",
+        ),
+        (
+            ["--half-width", "0.1", "--degree", "0"],
+            "neither auto nor a whole number from 1 up",
+        ),
+        (
+            ["--half-width", "1e-300"],
+            "--half-width must be 0, which holds the coordinate",
+        ),
         (["--half-width", "0.1", "--shrink", "--keep"], "mutually exclusive"),
-        (["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"], "mutually exclusive"),
+        (
+            ["--half-width", "0.1", "--at", "1,2,0", "--path", "circle:0.1"],
+            "mutually exclusive",
+        ),
         (["--half-width", "0.1", "--half-angle", "0.2"], "leaves the rotation free"),
-        (["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"], "cannot reach"),
+        (
+            ["--half-width", "0.1", "--at", "-9,0,0", "--start", "0.6,-1.2,1.4"],
+            "cannot reach",
+        ),
     ],
 )
 def test_what_cannot_be(
@@ -212,7 +246,10 @@ def test_what_cannot_be(
         (["--sector"], "--sector requires --radius"),
         (["--sector", "--radius", "0.1", "--half-width", "0.1"], "mutually exclusive"),
         (["--sector", "--radius", "0.1", "--path", "circle:0.1"], "mutually exclusive"),
-        (["--sector", "--radius", "0.1", "--prove"], "nothing can be proved of a sector"),
+        (
+            ["--sector", "--radius", "0.1", "--prove"],
+            "nothing can be proved of a sector",
+        ),
         (["--half-width", "0.1", "--radius", "0.1"], "--radius requires --sector"),
         (["--half-width", "0.1", "--angle", "1"], "--angle requires --sector"),
         (["--radius", "0.1"], "--radius requires --sector"),
@@ -222,10 +259,15 @@ def test_what_cannot_be(
         (["--sector", "--radius", "0.1", "--height", "a"], "--height"),
         (["--half-width", "0.1", "--axis", "0,0,0,0,0,1"], "--axis requires --sector"),
         (["--sector", "--radius", "0.1", "--axis", "0,0,1"], "must be 6 numbers"),
-        (["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"], "a joint that turns the"),
+        (
+            ["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"],
+            "a joint that turns the",
+        ),
     ],
 )
-def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, capsys) -> None:
+def test_options_of_a_sector_that_make_no_sense(
+    words: list[str], says: str, capsys
+) -> None:
     assert main(["cell", "panda", *words]) != 0
     said = capsys.readouterr().err
     assert says in said and len(said.strip().splitlines()) == 1
@@ -233,13 +275,30 @@ def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, cap
 
 def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "planar.urdf").write_text(planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8")
-    options = ["--start", "0.2,0.8,0.8", "--degree", "2", "--held-out", "64", "--out", "out"]
+    (tmp_path / "planar.urdf").write_text(
+        planar_urdf([0.5, 0.4, 0.3]), encoding="utf-8"
+    )
+    options = [
+        "--start",
+        "0.2,0.8,0.8",
+        "--degree",
+        "2",
+        "--held-out",
+        "64",
+        "--out",
+        "out",
+    ]
     sector = ["--sector", "--radius", "0.1", "--json"]
-    axis = ["--axis", "0,0,0.3,0,0,2"]  # the base's own axis: another point, another length
+    axis = [
+        "--axis",
+        "0,0,0.3,0,0,2",
+    ]  # the base's own axis: another point, another length
     assert main(["cell", "planar.urdf", "--task", "xy", *sector, *axis, *options]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["turns"][0]["reach"] == pytest.approx(2 * np.pi)
     assert said["sector"] == pytest.approx({"radius": 0.1, "angle": np.pi})
-    assert main(["follow", "out/cell.json", "--robot", "planar.urdf", "--cycles", "1"]) == 0
+    assert (
+        main(["follow", "out/cell.json", "--robot", "planar.urdf", "--cycles", "1"])
+        == 0
+    )
     assert "tour 0 of the cell" in capsys.readouterr().out

@@ -16,7 +16,9 @@ from repctl_pin.cli import main, parser
 from repctl_pin.cli.completion import WORDS
 from repctl_pin.motion import parse_path
 
-COMMANDS = next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
+COMMANDS = next(
+    a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)
+).choices
 PLANES = ("xy", "xz", "yz")
 
 
@@ -44,21 +46,27 @@ def test_bash_is_offered_commands_options_robots_words_and_files(
     (tmp_path / "folder").mkdir()
     assert offered(tmp_path, "") >= set(COMMANDS)
     assert offered(tmp_path, "st") == {"study"}
-    assert {"panda", "pr2"} <= offered(tmp_path, "study", "p") and "mine.urdf" in offered(
-        tmp_path, "study", "mi"
+    assert {"panda", "pr2"} <= offered(
+        tmp_path, "study", "p"
+    ) and "mine.urdf" in offered(tmp_path, "study", "mi")
+    assert {"--frame", "--path", "--cycles"} <= offered(
+        tmp_path, "study", "panda", "--"
     )
-    assert {"--frame", "--path", "--cycles"} <= offered(tmp_path, "study", "panda", "--")
     assert offered(tmp_path, "study", "panda", "--plane", "") >= set(PLANES)
     assert "folder" in offered(tmp_path, "study", "panda", "--out", "f")
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_shell_gets_a_script(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["completion", shell]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in (*COMMANDS, "panda", "polygon"))
     if shutil.which(shell):
-        done = subprocess.run([shell, "-n"], input=text, capture_output=True, text=True, timeout=30)
+        done = subprocess.run(
+            [shell, "-n"], input=text, capture_output=True, text=True, timeout=30
+        )
         assert done.returncode == 0, done.stderr
 
 

@@ -27,12 +27,23 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     needed("gcc")
     function = function_of(name)
     rp.export_c(function, tmp_path, "arm")
-    vectors = (tmp_path / "test_vectors.h").read_text().partition("arm_function_vectors[")[2]
+    vectors = (
+        (tmp_path / "test_vectors.h").read_text().partition("arm_function_vectors[")[2]
+    )
     assert vectors.count("ARM_OK") >= 12 and vectors.count("ARM_OUTSIDE") >= 2
     for compiler in BUILDS if name == "poses" else ["gcc"]:
         needed(compiler)
         run(
-            [compiler, *BUILDS[compiler], *STRICT, "arm.c", "check.c", "-o", "check", "-lm"],
+            [
+                compiler,
+                *BUILDS[compiler],
+                *STRICT,
+                "arm.c",
+                "check.c",
+                "-o",
+                "check",
+                "-lm",
+            ],
             tmp_path,
         )
         assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
@@ -65,7 +76,9 @@ def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", CELLS)
 def test_its_control_steps_as_pythons(name: str) -> None:
     function = function_of(name)
-    worst, _ = disagreement(function.inverse, function(function.cell.placement), 24, spread=0.1)
+    worst, _ = disagreement(
+        function.inverse, function(function.cell.placement), 24, spread=0.1
+    )
     assert worst < AGREE
 
 
@@ -87,7 +100,9 @@ def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
             q = function(target, leaf=leaf)
         except rp.InputError as error:
             none += 1
-            assert words(lambda target=target, leaf=leaf: fast(target, leaf=leaf)) == str(error)
+            assert words(
+                lambda target=target, leaf=leaf: fast(target, leaf=leaf)
+            ) == str(error)
         else:
             worst = max(worst, float(np.abs(fast(target, leaf=leaf) - q).max()))
     return worst, none
@@ -103,14 +118,22 @@ def test_compiled_f_is_f(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     c = np.full(function.task.r, 0.03)
     assert isinstance(fast, rp.InverseFunction) and fast.cell is function.cell
     poses = [function.cell.at(u) for u in U]
-    expected, moved = (np.array([function(x, leaf=leaf) for x in poses]) for leaf in (None, c))
+    expected, moved = (
+        np.array([function(x, leaf=leaf) for x in poses]) for leaf in (None, c)
+    )
     assert (
         np.abs(fast.batch(U) - function.batch(U)).max() < 1e-9
     )  # which takes one Newton step more
-    with monkeypatch.context() as patch:  # neither F nor its batch comes back to Python's
+    with (
+        monkeypatch.context() as patch
+    ):  # neither F nor its batch comes back to Python's
         patch.setattr(rp.InverseFunction, "__call__", None)
         patch.setattr(rp.InverseFunction, "_batch", None)
-        for found in (fast.batch(U), fast.batch(poses), np.array([fast(x) for x in poses])):
+        for found in (
+            fast.batch(U),
+            fast.batch(poses),
+            np.array([fast(x) for x in poses]),
+        ):
             assert np.abs(found - expected).max() < AGREE
         assert np.abs(fast.batch(U, leaf=c) - moved).max() < AGREE
     middle = function.cell.placement
@@ -150,7 +173,9 @@ def test_a_bad_number_is_named_by_the_control_of_a_cell(name: str, bad: float) -
     function = function_of(name)
     inverse, task, middle = function.inverse, function.task, function.cell.placement
     q = np.append(bad, np.zeros(task.n - 1))
-    assert "q must be 7 finite numbers" in words(lambda: inverse.velocity(q, np.ones(task.m)))
+    assert "q must be 7 finite numbers" in words(
+        lambda: inverse.velocity(q, np.ones(task.m))
+    )
     for options in ({}, {"damping": 0.1}):
         assert "q must be 7 finite numbers" in words(
             lambda options=options: inverse.step(q, middle, 0.01, **options)
@@ -176,14 +201,18 @@ def test_f_and_its_control_agree_at_10000(name: str) -> None:
     steps, refused = disagreement(
         function.inverse, function(function.cell.placement), 10_000, spread=0.1
     )
-    print(f"{name}: F {worst:.1e}, {none} refused; its control {steps:.1e}, {refused} refused")
+    print(
+        f"{name}: F {worst:.1e}, {none} refused; its control {steps:.1e}, {refused} refused"
+    )
     assert max(worst, steps) < AGREE
 
 
 def test_limits_that_are_not_kept_are_not_written(tmp_path: Path) -> None:
     function = function_of("poses of one orientation")
     for keep in (True, False):
-        rp.export_c(rp.InverseFunction(function.chart, keep_limits=keep), tmp_path / str(keep))
+        rp.export_c(
+            rp.InverseFunction(function.chart, keep_limits=keep), tmp_path / str(keep)
+        )
         code = (tmp_path / str(keep) / "arm_control.c").read_text()
         assert ("upper[ARM_CONTROL_N] = {HUGE_VAL" in code) != keep
     assert "the cell " in code and np.isfinite(function.task.upper).all()
@@ -242,12 +271,21 @@ def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> N
     (tmp_path / "F" / "knows.c").write_text(
         re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS)
     )
-    run(["gcc", "-std=c99", *STRICT, "arm.c", "knows.c", "-o", "knows", "-lm"], tmp_path / "F")
+    run(
+        ["gcc", "-std=c99", *STRICT, "arm.c", "knows.c", "-o", "knows", "-lm"],
+        tmp_path / "F",
+    )
     assert run(["./knows"], tmp_path / "F") == "1 0 3 0 3 3 3 0 0 2 2"
-    run(["gcc", "-std=c99", *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path)
+    run(
+        ["gcc", "-std=c99", *STRICT, "arm.c", "check.c", "-o", "check", "-lm"], tmp_path
+    )
     assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
     assert (tmp_path / "arm.h").read_text().count("stay_inside = 1") == 1
-    for one in (function.inverse, rp.compiled(function).inverse, rp.compiled(function.inverse)):
+    for one in (
+        function.inverse,
+        rp.compiled(function).inverse,
+        rp.compiled(function.inverse),
+    ):
         one.step(q, middle, 0.01, outside="raise")
         for start, target, c in ((outside, middle, None), (edge, onward, leaf)):
             one.step(start, target, 0.01, leaf=c)

@@ -49,15 +49,22 @@ def test_it_is_the_same_object(panda_design: rp.Design, panda_pose: rp.Task) -> 
         rp.follow(one, path, Q_PANDA, cycles=2, steps=100, integrator=rp.LeafLock())
         for one in (inverse, fast)
     ]
-    assert np.abs(motions[0].q - motions[1].q).max() < 1e-11 and motions[1].drift[-1] < 1e-3
+    assert (
+        np.abs(motions[0].q - motions[1].q).max() < 1e-11
+        and motions[1].drift[-1] < 1e-3
+    )
     target = panda_pose.placement(Q_PANDA + 0.1)
-    assert np.allclose(fast.solve(target, Q_PANDA), inverse.solve(target, Q_PANDA), atol=1e-10)
+    assert np.allclose(
+        fast.solve(target, Q_PANDA), inverse.solve(target, Q_PANDA), atol=1e-10
+    )
     assert np.allclose(fast(Q_PANDA), inverse(Q_PANDA)) and np.array_equal(
         fast.leaf(Q_PANDA), inverse.leaf(Q_PANDA)
     )
     other = pickle.loads(pickle.dumps(fast))
     assert other._loop.own.inverses is not None
-    assert np.array_equal(other.step(Q_PANDA, target, 0.01), fast.step(Q_PANDA, target, 0.01))
+    assert np.array_equal(
+        other.step(Q_PANDA, target, 0.01), fast.step(Q_PANDA, target, 0.01)
+    )
 
 
 @NEEDS_C
@@ -129,7 +136,9 @@ def test_bad_velocities_get_the_same_line(q, xdot, panda_design: rp.Design) -> N
 @NEEDS_C
 def test_singular_is_said_in_the_same_words() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    inverse = rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1))))
+    inverse = rp.RepeatableInverse(
+        task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1)))
+    )
     said = []
     for one in (inverse, rp.compiled(inverse)):
         for question in (
@@ -154,13 +163,19 @@ def test_it_is_built_once_in_a_private_folder(cache: Path) -> None:
     built = first.stat().st_mtime_ns
     assert build.shared_library(CODE) == first and first.stat().st_mtime_ns == built
     assert first.parent == cache and stat.S_IMODE(cache.stat().st_mode) == 0o700
-    assert len(list(cache.iterdir())) == 2  # the library and its checksum, nothing left over
+    assert (
+        len(list(cache.iterdir())) == 2
+    )  # the library and its checksum, nothing left over
     assert build.shared_library(CODE + "/* another */\n") != first
 
 
 @NEEDS_C
-@pytest.mark.parametrize("harm", ["cut short", "replaced", "link", "writable", "no checksum"])
-def test_what_was_tampered_with_is_built_again(harm: str, cache: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "harm", ["cut short", "replaced", "link", "writable", "no checksum"]
+)
+def test_what_was_tampered_with_is_built_again(
+    harm: str, cache: Path, tmp_path: Path
+) -> None:
     library = build.shared_library(CODE)
     whole = library.read_bytes()
     if harm == "cut short":
@@ -190,7 +205,9 @@ def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
     cache.mkdir(parents=True)
     cache.chmod(0o777)
     library = build.shared_library(CODE)
-    assert library.parent != cache and stat.S_IMODE(library.parent.stat().st_mode) == 0o700
+    assert (
+        library.parent != cache and stat.S_IMODE(library.parent.stat().st_mode) == 0o700
+    )
     assert not list(cache.iterdir())
 
 
@@ -201,7 +218,9 @@ def test_two_at_once_do_no_harm(cache: Path) -> None:
         f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
     )
     running = [
-        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
+        )
         for _ in range(2)
     ]
     assert [process.communicate()[0] for process in running] == ["42\n"] * 2
@@ -223,13 +242,16 @@ def test_without_a_compiler_it_says_so_and_python_serves(
     with pytest.warns(UserWarning, match=f"{words}.*; Python serves"):
         slow = rp.compiled(panda_design.inverse)
     assert np.array_equal(
-        slow.velocity(Q_PANDA, np.ones(6)), panda_design.inverse.velocity(Q_PANDA, np.ones(6))
+        slow.velocity(Q_PANDA, np.ones(6)),
+        panda_design.inverse.velocity(Q_PANDA, np.ones(6)),
     )
 
 
 def test_no_compiler_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(build.NoCompilerError, match=r"no C compiler \(cc, gcc, clang\)"):
+    with pytest.raises(
+        build.NoCompilerError, match=r"no C compiler \(cc, gcc, clang\)"
+    ):
         build.compiler()
 
 
@@ -269,7 +291,8 @@ USELESS = {
     "a library cut short": 'cc "$@"\n'
     + OUT
     + 'head -c 3000 "$out" > "$out.cut"; mv "$out.cut" "$out"',
-    "another library": OUT + 'echo "int other;" > "$out.c"; cc -shared -fPIC "$out.c" -o "$out"',
+    "another library": OUT
+    + 'echo "int other;" > "$out.c"; cc -shared -fPIC "$out.c" -o "$out"',
     "an escape": "printf '\\033]0;title\\007 error \\033[31m' >&2; exit 1",
 }
 
@@ -287,7 +310,9 @@ def one_warning(inverse: rp.RepeatableInverse) -> str:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         slow = rp.compiled(inverse)
-    assert np.array_equal(slow.velocity(Q_PANDA, np.ones(6)), inverse.velocity(Q_PANDA, np.ones(6)))
+    assert np.array_equal(
+        slow.velocity(Q_PANDA, np.ones(6)), inverse.velocity(Q_PANDA, np.ones(6))
+    )
     (said,) = (str(warning.message) for warning in caught)
     assert said.endswith("; Python serves") and said.isprintable() and len(said) < 400
     return said
@@ -296,20 +321,28 @@ def one_warning(inverse: rp.RepeatableInverse) -> str:
 @NEEDS_C
 @pytest.mark.parametrize("made", USELESS)
 def test_a_compiler_that_makes_nothing_of_use_is_one_warning(
-    made: str, panda_design: rp.Design, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    made: str,
+    panda_design: rp.Design,
+    cache: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CC", script(tmp_path, USELESS[made]))
     one_warning(panda_design.inverse)
     assert not list(cache.glob("*.so"))
 
 
-@pytest.mark.parametrize("text", ["sleep 600 & sleep 600", "yes >&2", "trap '' TERM; sleep 600"])
+@pytest.mark.parametrize("text", ["trap '' TERM; sleep 600 & sleep 600", "yes >&2"])
 def test_a_compiler_that_hangs_is_ended_with_its_children(
-    text: str, panda_design: rp.Design, cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    text: str,
+    panda_design: rp.Design,
+    cache: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CC", script(tmp_path, f"echo $$ > {tmp_path}/group; {text}"))
-    monkeypatch.setattr(build, "_COMPILES", 0.5)
-    assert "took longer than 0.5 s; Python" in one_warning(panda_design.inverse)
+    monkeypatch.setattr(build, "_COMPILES", 0.2)
+    assert "took longer than 0.2 s; Python" in one_warning(panda_design.inverse)
     with pytest.raises(ProcessLookupError):
         for _ in range(100):  # what was killed is gone a moment later
             os.killpg(int((tmp_path / "group").read_text()), 0)
@@ -321,7 +354,9 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
 
 @NEEDS_C
 @pytest.mark.parametrize("place", ["library", "checksum", "pipe"])
-def test_a_folder_or_a_pipe_in_a_files_place_does_no_harm(place: str, cache: Path) -> None:
+def test_a_folder_or_a_pipe_in_a_files_place_does_no_harm(
+    place: str, cache: Path
+) -> None:
     library = build.shared_library(CODE)
     file = library if place == "library" else library.with_suffix(".sha256")
     file.unlink()
@@ -331,7 +366,9 @@ def test_a_folder_or_a_pipe_in_a_files_place_does_no_harm(place: str, cache: Pat
 
 
 @NEEDS_C
-def test_without_a_home_a_temporary_folder_serves(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_home_a_temporary_folder_serves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """No HOME, and a user whom the system does not know."""
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
@@ -352,11 +389,13 @@ def test_without_a_home_a_temporary_folder_serves(monkeypatch: pytest.MonkeyPatc
 def test_large_numbers_have_one_rule_in_python_and_c(
     size: float, where: str, panda_pose: rp.Task
 ) -> None:
-    A = np.append(rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01))[
-        :, None
-    ]
+    A = np.append(
+        rp.redundancy.nullspace(panda_pose.jacobian(Q_PANDA))[:, 0], np.full(28, 0.01)
+    )[:, None]
     A[7] = size if where == "a coefficient" else A[7]
-    inverse = rp.RepeatableInverse(panda_pose, rp.Polynomial(Q_PANDA, 2, 0.5).weighted(A))
+    inverse = rp.RepeatableInverse(
+        panda_pose, rp.Polynomial(Q_PANDA, 2, 0.5).weighted(A)
+    )
     fast, q, xdot, twist, far = (
         rp.compiled(inverse),
         Q_PANDA + 0.01,
@@ -399,7 +438,9 @@ TURNS = {
 
 @NEEDS_C
 @pytest.mark.parametrize("name", TURNS)
-def test_what_is_no_rotation_is_refused_in_c_too(name: str, panda_design: rp.Design) -> None:
+def test_what_is_no_rotation_is_refused_in_c_too(
+    name: str, panda_design: rp.Design
+) -> None:
     inverse, task = panda_design.inverse, panda_design.task
     here = task.placement(Q_PANDA)
     R = TURNS[name] * here.rotation if np.isscalar(TURNS[name]) else TURNS[name]

@@ -26,7 +26,10 @@ def both(region: rp.Box | None = None) -> list[rp.Governor]:
     potentials = control(task, Q0, rp.Polynomial(Q0, 2, 0.5)).potentials
     inverse = rp.RepeatableInverse(task, potentials, region=region)
     kinds = rp.Governor, CompiledGovernor
-    return [kind(inverse, 0.005, acceleration=6.0, jerk=400.0, margin=0.01) for kind in kinds]
+    return [
+        kind(inverse, 0.005, rp.Limits(acceleration=6.0, jerk=400.0), margin=0.01)
+        for kind in kinds
+    ]
 
 
 @NEEDS_C
@@ -92,7 +95,9 @@ def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints() -> 
     assert said[-1] is rp.Status.OK and np.abs(q - Q0).max() < 1e-6
 
 
-def history(rng: np.random.Generator, home: pin.SE3) -> tuple[pin.SE3 | None, np.ndarray | None]:
+def history(
+    rng: np.random.Generator, home: pin.SE3
+) -> tuple[pin.SE3 | None, np.ndarray | None]:
     """A random target or twist, also beyond the reach and more than half a turn away."""
     if rng.integers(2):
         return None, rng.normal(size=6) * rng.choice([0.05, 0.5, 5.0])
@@ -104,10 +109,14 @@ def history(rng: np.random.Generator, home: pin.SE3) -> tuple[pin.SE3 | None, np
 @pytest.mark.slow
 @NEEDS_C
 @pytest.mark.parametrize("name", ["panda", "iiwa14", "xarm7", "baxter", "rail"])
-def test_after_any_history_the_same_pose_has_the_same_joints(name: str, tmp_path: Path) -> None:
+def test_after_any_history_the_same_pose_has_the_same_joints(
+    name: str, tmp_path: Path
+) -> None:
     task, q0, acceleration, jerk = ARMS[name](tmp_path)
     inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
-    governor = CompiledGovernor(inverse, 1e-3, acceleration=acceleration, jerk=jerk, margin=0.02)
+    governor = CompiledGovernor(
+        inverse, 1e-3, rp.Limits(acceleration=acceleration, jerk=jerk), margin=0.02
+    )
     home, missed = task.placement(q0), []
     for seed in range(60):
         rng = np.random.default_rng(seed)

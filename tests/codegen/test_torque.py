@@ -29,13 +29,18 @@ def in_c(inverse: rp.RepeatableInverse) -> Callable[..., tuple[int, np.ndarray]]
     def pointer(values: np.ndarray | None) -> ctypes.c_void_p | None:
         return None if values is None else ctypes.c_void_p(values.ctypes.data)
 
-    def torque(q, qdot, M, b, target, twist, leaf, gains: Gains, observer: Observer | None):
+    def torque(
+        q, qdot, M, b, target, twist, leaf, gains: Gains, observer: Observer | None
+    ):
         pose = np.r_[target.translation, np.ravel(target.rotation)]
         packed = np.r_[gains.stiffness, gains[1:5], gains.observer_limit]
         assert len(packed) == m + 4 + n
         tau, state = np.full(n, np.nan), None if observer is None else observer.state
         status = function(
-            *map(pointer, (q, qdot, np.ascontiguousarray(M), b, pose, twist, leaf, packed)),
+            *map(
+                pointer,
+                (q, qdot, np.ascontiguousarray(M), b, pose, twist, leaf, packed),
+            ),
             ctypes.c_double(0.0 if observer is None else observer.dt),
             *map(pointer, (state, tau)),
         )
@@ -52,20 +57,27 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
     ours, worst, refused = in_c(inverse), 0.0, 0
     for k in range(count):
         gains = Gains(
-            rng.uniform(50, 3000, task.m), *rng.uniform(0.5, 20, 4), rng.uniform(0.5, 5, task.n)
+            rng.uniform(50, 3000, task.m),
+            *rng.uniform(0.5, 20, 4),
+            rng.uniform(0.5, 5, task.n),
         )
         law = torque_law(task, inverse.potentials, gains)
         q = q0 + 0.4 * rng.uniform(-1, 1, task.n)
         if k % 16 == 15:
             q = np.zeros(task.n)  # stretched, for many an arm
         A = rng.normal(size=(task.n, task.n))
-        M, b, qdot = A @ A.T / task.n + 0.1 * np.eye(task.n), *rng.normal(size=(2, task.n))
+        M, b, qdot = (
+            A @ A.T / task.n + 0.1 * np.eye(task.n),
+            *rng.normal(size=(2, task.n)),
+        )
         target = task.placement(q + 0.05 * rng.normal(size=task.n))
         twist = rng.normal(size=6) if k % 3 else None
         leaf = inverse.leaf(q0) + 0.05 * rng.normal(size=task.r)
         state = rng.normal(size=task.r)
         observers = [Observer(state.copy(), 1e-3) if k % 4 else None for _ in range(2)]
-        status, tau = ours(q, qdot * (k % 9 > 0), M, b, target, twist, leaf, gains, observers[0])
+        status, tau = ours(
+            q, qdot * (k % 9 > 0), M, b, target, twist, leaf, gains, observers[0]
+        )
         try:
             python = law(q, qdot * (k % 9 > 0), M, b, target, twist, leaf, observers[1])
         except rp.SingularityError:
@@ -78,7 +90,10 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
         size = max(1.0, float(np.abs(python).max())) * hard
         worst = max(worst, float(np.abs(tau - python).max()) / size)
         if observers[0] is not None and observers[1] is not None:
-            worst = max(worst, float(np.abs(observers[0].state - observers[1].state).max()) / hard)
+            worst = max(
+                worst,
+                float(np.abs(observers[0].state - observers[1].state).max()) / hard,
+            )
     return worst, refused
 
 
@@ -107,7 +122,11 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
     inverse, task = panda_design.inverse, panda_design.task
     q, qdot, dynamics = q_panda + 0.1, np.linspace(-1, 1, 7), task.dynamics()
     M, b = task.inertias(q[None])[0], dynamics(q, qdot, np.zeros(7))
-    target, leaf, twist = task.placement(q_panda), inverse.leaf(q_panda), 0.1 * np.ones(6)
+    target, leaf, twist = (
+        task.placement(q_panda),
+        inverse.leaf(q_panda),
+        0.1 * np.ones(6),
+    )
     control = rp.LeafImpedance(inverse)
     python = control.torque(q, qdot, target, twist, leaf=leaf)
     status, tau = in_c(inverse)(q, qdot, M, b, target, twist, leaf, control.gains, None)
@@ -123,7 +142,9 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
 
 
 @NEEDS_C
-def test_what_c_refuses_changes_nothing(panda_design: rp.Design, q_panda: np.ndarray) -> None:
+def test_what_c_refuses_changes_nothing(
+    panda_design: rp.Design, q_panda: np.ndarray
+) -> None:
     inverse, task = panda_design.inverse, panda_design.task
     torque, gains = in_c(inverse), rp.LeafImpedance(inverse).gains
     upper = np.eye(7) + np.triu(0.1 * np.ones((7, 7)), 1)
@@ -196,7 +217,9 @@ def test_torques_are_the_same_bits_on_other_processors(
     run(["gcc", *options, "here"], folder)
     run([f"{target}-gcc", *options, "there"], folder)
     if target.startswith("arm"):
-        monkeypatch.setenv("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4,-AVX2_Usable")
+        monkeypatch.setenv(
+            "GLIBC_TUNABLES", "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4,-AVX2_Usable"
+        )
     here, there = run(["./here"], folder), run([emulator, "./there"], folder)
     same = sum(a == b for a, b in zip(here.split(), there.split(), strict=True))
     print(f"{target}, {name}: {same} of {len(here.split())} numbers are the same bits")

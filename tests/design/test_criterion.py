@@ -16,12 +16,18 @@ KINDS = {"pose": 1, "axis": 2, "position": 4}
 
 
 @pytest.fixture(scope="module", params=KINDS)
-def setting(request: pytest.FixtureRequest, panda: rp.Robot, q_panda_module: np.ndarray):
+def setting(
+    request: pytest.FixtureRequest, panda: rp.Robot, q_panda_module: np.ndarray
+):
     task = panda.task("panda_hand_tcp", request.param)
     box = rp.Box(q_panda_module, 0.4)
     potentials = rp.Polynomial(q_panda_module, 2, 0.4)
-    N = criterion.oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
-    builder = criterion.Builder(rp.Pseudoinverse(task), potentials, np.arange(potentials.size), N)
+    N = criterion.oriented_nullspace(
+        task.jacobian(box.center)[None], task, box.center[None]
+    )[0]
+    builder = criterion.Builder(
+        rp.Pseudoinverse(task), potentials, np.arange(potentials.size), N
+    )
     Q, weights = box.nodes(256, 3)
     return task, potentials, builder, Q, weights
 
@@ -50,7 +56,9 @@ def test_cost_is_the_mean_distance_of_the_inverses(setting) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gradient_agrees_with_finite_differences_at_random_coefficients(setting, seed: int) -> None:
+def test_gradient_agrees_with_finite_differences_at_random_coefficients(
+    setting, seed: int
+) -> None:
     task, potentials, builder, Q, weights = setting
     batch = builder(Q, weights)
     A = some_A(potentials, task.r, seed)
@@ -65,7 +73,8 @@ def test_gradient_agrees_with_finite_differences_at_random_coefficients(setting,
         # is steep
         e = 1e-6
         slopes = [
-            (criterion.cost(batch, A + s * D)[0] - criterion.cost(batch, A - s * D)[0]) / (2 * s)
+            (criterion.cost(batch, A + s * D)[0] - criterion.cost(batch, A - s * D)[0])
+            / (2 * s)
             for s in (e, 2 * e)
         ]
         assert (
@@ -108,11 +117,17 @@ def test_order_and_cut_of_the_nodes_change_nothing(setting) -> None:
         Local(builder, Q, weights, 64, stream=True),
         Local(builder, Q[order], weights[order], 100),
     ):
-        for ours, theirs in zip(whole[:3], other.total(criterion.gauss_newton, A)[:3], strict=True):
-            assert np.allclose(ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max())
+        for ours, theirs in zip(
+            whole[:3], other.total(criterion.gauss_newton, A)[:3], strict=True
+        ):
+            assert np.allclose(
+                ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max()
+            )
 
 
-def test_orientation_makes_det_EA_smooth(panda: rp.Robot, q_panda_module: np.ndarray) -> None:
+def test_orientation_makes_det_EA_smooth(
+    panda: rp.Robot, q_panda_module: np.ndarray
+) -> None:
     """With det [J; Nᵀ] > 0 the sign of det(Nᵀ V) is that of det J_V, whatever the factorisation
     does."""
     for kind in KINDS:
@@ -121,22 +136,29 @@ def test_orientation_makes_det_EA_smooth(panda: rp.Robot, q_panda_module: np.nda
         J = task.jacobians(Q)
         N = criterion.oriented_nullspace(J, task, Q)
         assert np.abs(J @ N).max() < 1e-12
-        assert (np.linalg.det(np.concatenate([J, np.swapaxes(N, 1, 2)], axis=1)) > 0).all()
+        assert (
+            np.linalg.det(np.concatenate([J, np.swapaxes(N, 1, 2)], axis=1)) > 0
+        ).all()
         V = np.random.default_rng(0).normal(size=(task.n, task.r))
-        J_V = np.concatenate([J, np.broadcast_to(V.T, (len(Q), task.r, task.n))], axis=1)
+        J_V = np.concatenate(
+            [J, np.broadcast_to(V.T, (len(Q), task.r, task.n))], axis=1
+        )
         assert np.array_equal(
-            np.sign(np.linalg.det(J_V)), np.sign(np.linalg.det(np.swapaxes(N, 1, 2) @ V))
+            np.sign(np.linalg.det(J_V)),
+            np.sign(np.linalg.det(np.swapaxes(N, 1, 2) @ V)),
         )
 
 
-def test_sides_find_a_singularity_of_V(panda_pose: rp.Task, q_panda_module: np.ndarray) -> None:
+def test_sides_find_a_singularity_of_V(
+    panda_pose: rp.Task, q_panda_module: np.ndarray
+) -> None:
     box, potentials = rp.Box(q_panda_module, 0.4), rp.Polynomial(q_panda_module, 1, 0.4)
     N = criterion.oriented_nullspace(
         panda_pose.jacobian(box.center)[None], panda_pose, box.center[None]
     )[0]
-    batch = criterion.Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N)(
-        *box.nodes(512, 0)
-    )
+    batch = criterion.Builder(
+        rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N
+    )(*box.nodes(512, 0))
     assert criterion.cost(batch, N)[1].uniform  # V = N(center)
     row = redundancy.pseudoinverse(panda_pose.jacobian(box.center))[
         :, :1
@@ -145,7 +167,9 @@ def test_sides_find_a_singularity_of_V(panda_pose: rp.Task, q_panda_module: np.n
     assert not sides.uniform and sides.positive + sides.negative == 512
 
 
-def test_signed_leaf_margin_is_the_leaf_margin(panda: rp.Robot, q_panda_module: np.ndarray) -> None:
+def test_signed_leaf_margin_is_the_leaf_margin(
+    panda: rp.Robot, q_panda_module: np.ndarray
+) -> None:
     """For every redundancy, by the inverse of J_V, against N; and at a singular J_V."""
     Q = rp.Box(q_panda_module, 0.6).random(64, 0)
     for kind in KINDS:
@@ -154,9 +178,13 @@ def test_signed_leaf_margin_is_the_leaf_margin(panda: rp.Robot, q_panda_module: 
         potentials = rp.Polynomial(q_panda_module, 1, 0.6).weighted(A)
         found = LeafMargin(task, potentials, q_panda_module)(Q)
         N, V = redundancy.nullspace(task.jacobians(Q)), potentials.gradients(Q)
-        np.testing.assert_allclose(np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12)
+        np.testing.assert_allclose(
+            np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12
+        )
     J = task.jacobian(q_panda_module)
     row = rp.Polynomial(q_panda_module, 1, 1.0)
     A = np.linalg.lstsq(row.gradients(q_panda_module[None])[0], J.T, rcond=None)[0]
-    flat = row.weighted(np.tile(A[:, :1], task.r))  # all gradients are the same row of J
+    flat = row.weighted(
+        np.tile(A[:, :1], task.r)
+    )  # all gradients are the same row of J
     assert abs(LeafMargin(task, flat, q_panda_module)(q_panda_module[None])[0]) < 1e-12

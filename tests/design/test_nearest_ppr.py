@@ -6,6 +6,8 @@ The oracles are the paper's closed forms, written out here once more, and quadra
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,8 @@ from repctl_pin.design import cost_has_converged, nearest_in_family
 from repctl_pin.redundancy import leaf_margin, null_component, null_vector
 
 PI = np.pi
-BELOW_PI = [(-0.5, 0.5), (-1.0, 1.0), (0.2, 1.0), (-1.2, 0.5), (0.3, 2.2), (-3.0, -1.1)]
-ABOVE_PI = [(-2.0, 2.0), (-3.0, 3.0), (-1.0, 3.0), (0.5, 5.0), (-2.9, 0.5)]
+BELOW_PI = [(-0.5, 0.5), (0.2, 1.0), (-3.0, -1.1)]
+ABOVE_PI = [(-2.0, 2.0), (-1.0, 3.0), (0.5, 5.0)]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,11 @@ class Family:
     def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
         t = Q[:, 2]
         n = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1) / np.sqrt(2)
-        w = np.sin(t + self.phi)[:, None] / np.sqrt(2) * [np.cos(self.phi), -np.sin(self.phi)]
+        w = (
+            np.sin(t + self.phi)[:, None]
+            / np.sqrt(2)
+            * [np.cos(self.phi), -np.sin(self.phi)]
+        )
         return rp.Pseudoinverse(self.task).batch(Q, J) + n[:, :, None] * w[:, None, :]
 
 
@@ -114,9 +120,13 @@ def test_kinematics_and_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
         assert np.allclose(
             task.placement(q).translation, [q[0] + c, q[1] + s, 0], atol=1e-14
         )  # (39)
-        assert np.allclose(task.jacobian(q), [[1, 0, -s], [0, 1, c]], atol=1e-14)  # (40)
+        assert np.allclose(
+            task.jacobian(q), [[1, 0, -s], [0, 1, c]], atol=1e-14
+        )  # (40)
         n = null_vector(task.jacobian(q))
-        assert np.allclose(n / np.sqrt(2), np.array([s, -c, 1]) / np.sqrt(2), atol=1e-14)  # (41)
+        assert np.allclose(
+            n / np.sqrt(2), np.array([s, -c, 1]) / np.sqrt(2), atol=1e-14
+        )  # (41)
 
 
 def test_curl_of_the_null_vector(task: rp.Task, some_q: np.ndarray) -> None:
@@ -147,22 +157,33 @@ def test_pseudoinverse_is_not_repeatable(task: rp.Task, some_q: np.ndarray) -> N
 
 @pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
 def test_family_is_repeatable(task: rp.Task, k: float) -> None:
-    verdict = rp.is_repeatable(printed_inverse(task, k), rp.Box(np.zeros(3), [1, 1, PI]))
+    verdict = rp.is_repeatable(
+        printed_inverse(task, k), rp.Box(np.zeros(3), [1, 1, PI])
+    )
     assert verdict and verdict.defect < 1e-7
 
 
 @pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
-def test_family_is_what_the_paper_prints(task: rp.Task, some_q: np.ndarray, k: float) -> None:
+def test_family_is_what_the_paper_prints(
+    task: rp.Task, some_q: np.ndarray, k: float
+) -> None:
     printed = printed_inverse(task, k).batch(some_q)
     assert np.allclose(Family(task, k).batch(some_q), printed, atol=1e-14)
     t = some_q[:, 2]
-    difference = np.linalg.norm(printed - rp.Pseudoinverse(task).batch(some_q), 2, axis=(1, 2)) ** 2
+    difference = (
+        np.linalg.norm(printed - rp.Pseudoinverse(task).batch(some_q), 2, axis=(1, 2))
+        ** 2
+    )
     closed = (
-        np.cos(t) ** 2 / 2 if np.isinf(k) else (np.sin(t) + k * np.cos(t)) ** 2 / (2 * (k * k + 1))
+        np.cos(t) ** 2 / 2
+        if np.isinf(k)
+        else (np.sin(t) + k * np.cos(t)) ** 2 / (2 * (k * k + 1))
     )
     assert np.allclose(difference, closed, atol=1e-14)  # (50)
     if not np.isinf(k):
-        n_hat = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1)[..., None] / np.sqrt(2)
+        n_hat = np.stack([np.sin(t), -np.cos(t), np.ones_like(t)], -1)[
+            ..., None
+        ] / np.sqrt(2)
         w = null_component(printed, n_hat)[..., 0]
         assert np.allclose(
             w[:, 0], k * w[:, 1] + (np.sin(t) + k * np.cos(t)) / np.sqrt(2), atol=1e-13
@@ -170,27 +191,34 @@ def test_family_is_what_the_paper_prints(task: rp.Task, some_q: np.ndarray, k: f
         assert np.allclose(w[:, 1], -k * w[:, 0], atol=1e-13)
 
 
-@pytest.mark.parametrize("a, b", BELOW_PI + ABOVE_PI)
+@pytest.mark.parametrize("a, b", BELOW_PI[::2] + ABOVE_PI[:2])
 def test_search_over_the_family_finds_k_star(task: rp.Task, a: float, b: float) -> None:
     found = nearest_in_family(
-        rp.Pseudoinverse(task), lambda k: Family(task, k), rp.Box.between([-1, -1, a], [1, 1, b])
+        rp.Pseudoinverse(task),
+        lambda k: Family(task, k),
+        rp.Box.between([-1, -1, a], [1, 1, b]),
     )
     k = k_star(a, b)
     assert found.unique
-    assert found.parameter == k if np.isinf(k) else found.parameter == pytest.approx(k, abs=1e-6)
+    assert (
+        found.parameter == k
+        if np.isinf(k)
+        else found.parameter == pytest.approx(k, abs=1e-6)
+    )
     assert found.cost == pytest.approx(mean_cost(a, b, k), rel=1e-10)
     assert found.cost_error < 1e-10 and found.scanned_costs.min() >= found.cost - 1e-12
 
 
-@pytest.mark.parametrize(
-    "a, b", [(-PI / 2, PI / 2), (0.3, 0.3 + PI), (-PI, PI), (1.0, 1.0 + 2 * PI)]
-)
+@pytest.mark.parametrize("a, b", [(0.3, 0.3 + PI), (-PI, PI)])
 def test_search_says_when_every_k_is_as_good(task: rp.Task, a: float, b: float) -> None:
     found = nearest_in_family(
-        rp.Pseudoinverse(task), lambda k: Family(task, k), rp.Box.between([-1, -1, a], [1, 1, b])
+        rp.Pseudoinverse(task),
+        lambda k: Family(task, k),
+        rp.Box.between([-1, -1, a], [1, 1, b]),
     )
     assert not found.unique and "every value" in found.summary()
     assert found.cost == pytest.approx(0.25, rel=1e-10)
+    assert found.parameter == pytest.approx(0.0, abs=1e-12)  # the middle of the line
 
 
 @pytest.mark.parametrize("samples", [100, 216, 1000])
@@ -215,15 +243,23 @@ def test_search_within_bounds_and_over_potentials(task: rp.Task) -> None:
 
     Q, w = region.nodes(1000, 5)
     G_d = desired.batch(Q)
-    ks = np.linspace(-1, 2, 3001)
-    costs = np.array([w @ np.sum((family(k).batch(Q) - G_d) ** 2, axis=(1, 2)) for k in ks[::10]])
-    best = ks[::10][np.argmin(costs)]
-    inside = nearest_in_family(desired, family, region, bounds=(-1, 2))
-    assert inside.parameter == pytest.approx(best, abs=0.01) and inside.cost <= costs.min() * (
-        1 + 1e-9
+    ks = np.linspace(-1, 2, 76)
+    costs = np.array(
+        [w @ np.sum((family(k).batch(Q) - G_d) ** 2, axis=(1, 2)) for k in ks]
     )
-    edge = nearest_in_family(desired, family, region, bounds=(best + 0.5, 2))
+    best = ks[np.argmin(costs)]
+    inside = nearest_in_family(desired, family, region, bounds=(-1, 2), samples=343)
+    assert inside.parameter == pytest.approx(
+        best, abs=0.04
+    ) and inside.cost <= costs.min() * (1 + 1e-9)
+    edge = nearest_in_family(
+        desired, family, region, bounds=(best + 0.5, 2), samples=343
+    )
     assert edge.parameter == best + 0.5
+    # the best value of the scan is at a bound, and the best of all is not
+    for ends in ((-1, inside.parameter + 0.01), (inside.parameter - 0.01, 2)):
+        found = nearest_in_family(desired, family, region, bounds=ends, samples=343)
+        assert found.parameter == pytest.approx(inside.parameter, abs=1e-5)
 
 
 def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
@@ -245,7 +281,7 @@ def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
 # ---- the general engine -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("a, b", BELOW_PI)
+@pytest.mark.parametrize("a, b", BELOW_PI[::2])
 def test_engine_finds_k_star_and_its_cost(task: rp.Task, a: float, b: float) -> None:
     k, C = k_star(a, b), mean_cost(a, b, k_star(a, b))
     excess = []
@@ -263,12 +299,12 @@ def test_engine_finds_k_star_and_its_cost(task: rp.Task, a: float, b: float) -> 
 
 def test_theorys_two_numbers(task: rp.Task) -> None:
     assert mean_cost(-0.5, 0.5, 0.0) == pytest.approx(0.0396322538, abs=5e-11)
-    assert true_cost(engine(task, -0.5, 0.5, 3, tolerance=1e-10), -0.5, 0.5) == pytest.approx(
-        0.0396327, abs=5e-8
-    )
+    assert true_cost(
+        engine(task, -0.5, 0.5, 3, tolerance=1e-10), -0.5, 0.5
+    ) == pytest.approx(0.0396327, abs=5e-8)
 
 
-@pytest.mark.parametrize("a, b", [(-2.0, 2.0), (0.5, 5.0), (0.0, 2 * PI)])
+@pytest.mark.parametrize("a, b", [(-2.0, 2.0), (0.0, 2 * PI)])
 def test_engine_is_honest_where_the_best_leaf_is_out_of_its_reach(
     task: rp.Task, a: float, b: float
 ) -> None:
@@ -285,7 +321,9 @@ def test_engine_is_honest_where_the_best_leaf_is_out_of_its_reach(
         assert abs(design.cost - true_cost(design, a, b)) < max(
             8 * design.cost_error, 1e-4 * design.cost
         )
-        assert design.cost > 1.2 * mean_cost(a, b, 0.0 if b - a == 2 * PI else k_star(a, b))
+        assert design.cost > 1.2 * mean_cost(
+            a, b, 0.0 if b - a == 2 * PI else k_star(a, b)
+        )
     assert len(costs) < 3 or costs[0] > 1.01 * costs[1] > 1.005 * costs[2]
 
 
@@ -294,7 +332,9 @@ def test_products_of_joints_reach_the_leaf(task: rp.Task) -> None:
     in reach."""
     half = [1.0, 1.0, 2.0]
     potentials = rp.Polynomial(np.zeros(3), 6, half, variables=[0, 2])
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(np.zeros(3), half))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), potentials, rp.Box(np.zeros(3), half)
+    )
     C = mean_cost(-2, 2, np.inf)
     assert design.cost == pytest.approx(C, rel=1e-2) and design.cost > C * (1 - 1e-4)
     assert (
@@ -316,7 +356,10 @@ def test_all_joints_do_better(task: rp.Task) -> None:
     V = design.inverse.potentials.gradients(Q)
     side = np.einsum("kir,kir->k", n, V)
     assert (side * side[0] > 0).all()  # det(n̂ᵀ V) keeps its sign
-    assert leaf_margin(n, V).min() > 0.9 and design.leaf_margin <= leaf_margin(n, V).min() + 5e-3
+    assert (
+        leaf_margin(n, V).min() > 0.9
+        and design.leaf_margin <= leaf_margin(n, V).min() + 5e-3
+    )
 
 
 def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -> None:
@@ -328,12 +371,17 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
         for degree in degrees:
             half = [1.0, 1.0, b]
             potentials = rp.Polynomial(np.zeros(3), 1, half, variables=[0, 1])
-            potentials = potentials + rp.Polynomial(np.zeros(3), degree, half, variables=[2])
+            potentials = potentials + rp.Polynomial(
+                np.zeros(3), degree, half, variables=[2]
+            )
             box = rp.Box(np.zeros(3), half)
             try:
                 found.append(
                     rp.nearest_repeatable(
-                        rp.Pseudoinverse(task), potentials, box, options=rp.FitOptions(samples=4096)
+                        rp.Pseudoinverse(task),
+                        potentials,
+                        box,
+                        options=rp.FitOptions(samples=1000, held_out=1024),
                     )
                 )
             except rp.SingularityError as error:
@@ -343,8 +391,26 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
     assert cost_has_converged(designs(0.8, (5, 7)))
     assert not cost_has_converged(designs(2.0, (5, 7)))
     refused = rp.SingularityError("it lies in Ω")
-    assert not cost_has_converged([*designs(0.8, (3,)), refused])  # a refusal settles nothing
+    assert not cost_has_converged(
+        [*designs(0.8, (3,)), refused]
+    )  # a refusal settles nothing
     with pytest.raises(rp.InputError, match="each of the designs"):
         cost_has_converged([3, refused])
     with pytest.raises(rp.InputError, match="at least two"):
         cost_has_converged(designs(0.8, (3,)))
+
+
+def test_costs_have_converged_when_the_last_two_are_equal(
+    panda_design: rp.Design,
+) -> None:
+    """By hand: |c − c'| < tolerance · c, of the last two designs alone, all of them converged."""
+
+    def judged(*costs: float, tolerance: float = 1e-4, converged: bool = True) -> bool:
+        designs = [replace(panda_design, cost=cost) for cost in costs]
+        designs[0] = replace(designs[0], converged=converged)
+        return cost_has_converged(designs, tolerance=tolerance)
+
+    assert judged(5.0, 100.009, 100.0) and judged(5.0, 100.0, 100.009)
+    assert not judged(100.0, 100.0, 100.02) and not judged(5.0, 5.0, 1.0)
+    assert not judged(0.01, 0.010009) and judged(0.01, 0.010009, tolerance=1e-3)
+    assert not judged(2.0, 1.0, 1.0, converged=False)

@@ -10,7 +10,13 @@ import pytest
 from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.design import batches, criterion, singularity_search
+from repctl_pin.design import (
+    batches,
+    continuation,
+    criterion,
+    independence,
+    singularity_search,
+)
 
 
 def test_the_verdict_does_not_hang_on_the_sample() -> None:
@@ -18,11 +24,15 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
     task = rp.Robot.load("tiago").task(None, "pose")
     desired, box = rp.Pseudoinverse(task), rp.Box(task.reference, 0.15)
     linear = rp.nearest_repeatable(
-        desired, None, box, degree=1, options=rp.FitOptions(samples=2048, held_out=4096)
+        desired, None, box, degree=1, options=rp.FitOptions(samples=2048, held_out=1024)
     )
     found = [
         rp.nearest_repeatable(
-            desired, None, box, degree=2, options=rp.FitOptions(samples=k, held_out=4096)
+            desired,
+            None,
+            box,
+            degree=2,
+            options=rp.FitOptions(samples=k, held_out=1024),
         )
         for k in (2048, 4096)
     ]
@@ -52,9 +62,12 @@ def test_panda_and_xarm_at_higher_degrees(panda_pose: rp.Task) -> None:
     refused."""
     box = rp.Box(Q_PANDA, 0.4)
     assert (
-        rp.nearest_repeatable(rp.Pseudoinverse(panda_pose), None, box, degree="auto").cost < 0.1525
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(panda_pose), None, box, degree="auto"
+        ).cost
+        < 0.1525
     )
-    study = rp.study("xarm7", kind="pose")
+    study = rp.study(rp.Problem("xarm7", kind="pose"))
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(study.task), None, study.design.region, degree=4
     )
@@ -63,9 +76,9 @@ def test_panda_and_xarm_at_higher_degrees(panda_pose: rp.Task) -> None:
 
 def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     box, potentials = rp.Box(Q_PANDA, 0.4), rp.Polynomial(Q_PANDA, 2, 0.4)
-    N = criterion.oriented_nullspace(panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None])[
-        0
-    ]
+    N = criterion.oriented_nullspace(
+        panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None]
+    )[0]
     builder = criterion.Builder(
         rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N
     )
@@ -84,9 +97,13 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     assert sides.positive + sides.negative == len(Q) + 2
     # the first potentials alone: the same as the others' coefficients at 0
     alone = guarded.total(criterion.gauss_newton, A[:7])
-    padded = guarded.total(criterion.gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))]))
+    padded = guarded.total(
+        criterion.gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))])
+    )
     assert alone[0] == pytest.approx(padded[0])
-    assert np.allclose(alone[1], padded[1][:7]) and np.allclose(alone[2], padded[2][:, :7, :, :7])
+    assert np.allclose(alone[1], padded[1][:7]) and np.allclose(
+        alone[2], padded[2][:, :7, :, :7]
+    )
 
 
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
@@ -122,6 +139,61 @@ class Open(rp.Box):
 def test_the_search_for_singularities_stays_in_the_region() -> None:
     task = rp.Robot.load("planar7r").task("tool", "xy")
     for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
-        for measure in (singularity_search.Dexterity(task), lambda Q: 2 + Q.sum(axis=1)):
+        for measure in (
+            singularity_search.Dexterity(task),
+            lambda Q: 2 + Q.sum(axis=1),
+        ):
             found = singularity_search.search(measure, box, box.random(256, 0))
             assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9
+
+
+@pytest.fixture(scope="module")
+def fit_of_planar3r():
+    """A function that makes the continuation of a fit of degree 3, with 64 nodes."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    desired, box = rp.Pseudoinverse(task), rp.Box([0.3, 1.0, 0.8], 0.3)
+    potentials = rp.Polynomial(box.center, 3, box.half_width)
+    Q, weights = box.nodes(64, 0)
+    chosen = independence.independent(desired, potentials, Q, weights)
+    N = criterion.oriented_nullspace(
+        task.jacobian(box.center)[None], task, box.center[None]
+    )[0]
+    builder = criterion.Builder(desired, potentials, chosen.kept, N)
+
+    def made(warm: np.ndarray | None = None) -> continuation.Continuation:
+        nodes = batches.BarrierCost(
+            batches.Local(builder, Q, weights, 16), builder, 1 / len(Q)
+        )
+        problem = continuation.FitProblem(
+            desired, potentials, box, rp.FitOptions(), warm
+        )
+        return continuation.Continuation(problem, chosen, nodes)
+
+    return made
+
+
+def test_lower_degrees_are_offered_after_the_highest(fit_of_planar3r) -> None:
+    first, *ladder = fit_of_planar3r().regular()
+    assert [len(one.A) for one in ladder] == [len(first.A), 9, 3]
+    assert first.cost == pytest.approx(ladder[0].cost, rel=1e-3)
+    assert ladder[0].cost < 0.5 * ladder[1].cost < 0.25 * ladder[2].cost
+    assert max(one.steps for one in (first, *ladder)) < 8  # as Newton's method would
+    # a design of degree 1 replaces the ladder: it is offered as it is
+    warm = fit_of_planar3r(ladder[2].A)
+    best, last = warm.regular()
+    assert best.cost == pytest.approx(first.cost, rel=1e-3)
+    assert np.array_equal(last.A, ladder[2].A) and not last.converged
+    assert last.cost == pytest.approx(ladder[2].cost) and last.gradient_norm == 0
+    assert last.steps == 0 and last.sides.uniform
+
+
+def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) -> None:
+    """Where no V is found singular, and no error was raised: at the last barrier point."""
+    way = fit_of_planar3r()
+    Q = way.problem.region.random(32, 0)
+    for at in (way.problem.region.center, Q[3]):
+        error = way.refusal(Q, None)
+        assert "32 nodes do not determine 19 potentials" in str(error)
+        assert "give more samples" in str(error) and error.free is None
+        assert np.array_equal(error.at, at)
+        way.coarse.guard(Q[3:5])

@@ -14,12 +14,14 @@ import repctl_pin as rp
 from repctl_pin.design import criterion, workers
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-OPTIONS = {"samples": 2048, "held_out": 256, "batch": 128}
+OPTIONS = {"samples": 1024, "held_out": 256, "batch": 128}
 
 
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Executor]:
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(
+        2, mp_context=multiprocessing.get_context("spawn")
+    ) as pool:
         yield pool
 
 
@@ -42,13 +44,14 @@ def alone(panda: rp.Robot) -> rp.Design:
 
 def same(a: rp.Design, b: rp.Design) -> bool:
     return bool(
-        np.abs(a.coefficients - b.coefficients).max() <= 1e-10 * np.abs(b.coefficients).max()
+        np.abs(a.coefficients - b.coefficients).max()
+        <= 1e-10 * np.abs(b.coefficients).max()
         and abs(a.cost - b.cost) <= 1e-10 * b.cost
         and a.steps == b.steps
     )
 
 
-@pytest.mark.parametrize("stream", [False, True])
+@pytest.mark.parametrize("stream", [True])
 def test_processes_give_the_same_design(
     panda: rp.Robot, alone: rp.Design, processes: Executor, stream: bool
 ) -> None:
@@ -60,44 +63,75 @@ def test_threads_give_the_same_design(panda: rp.Robot, alone: rp.Design) -> None
         assert same(design(panda, executor=pool), alone)
 
 
-def test_few_nodes_first_then_all(panda: rp.Robot, processes: Executor) -> None:
-    """8192 nodes start from the optimum on 4096."""
-    many = {"samples": 8192, "degree": 1, "batch": 1024}
+def test_few_nodes_first_then_all(panda: rp.Robot, few_nodes: None) -> None:
+    """2048 nodes start from the optimum on 1024; nothing is left on the worker."""
+    many = {"samples": 2048, "degree": 1, "batch": 256}
     one = design(panda, **many)
-    assert same(design(panda, executor=processes, **many), one)
-    assert one.converged and one.samples == 8192
+    with ThreadPoolExecutor(1) as pool:
+        assert same(design(panda, executor=pool, **many), one)
+        assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
+    assert one.converged and one.samples == 2048
 
 
-@pytest.mark.parametrize("processes", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "processes", [False, pytest.param(True, marks=pytest.mark.slow)]
+)
 def test_a_cluster_gives_the_same_design(
     panda: rp.Robot, alone: rp.Design, processes: bool
 ) -> None:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=processes, dashboard_address=None
+            n_workers=1,
+            threads_per_worker=1,
+            processes=processes,
+            dashboard_address=None,
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
         assert same(design(panda, executor=client, stream=True), alone)
 
 
-def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(panda: rp.Robot) -> None:
+class Counting(ThreadPoolExecutor):
+    """One thread, and the number of tasks that it was given."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.tasks = 0
+
+    def submit(self, *task, **options):
+        self.tasks += 1
+        return super().submit(*task, **options)
+
+
+def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(
+    panda: rp.Robot,
+) -> None:
     task = panda.task("panda_hand_tcp", "pose")
     box, potentials = rp.Box(Q0, 0.4), rp.Polynomial(Q0, 1, 0.4)
     N = criterion.oriented_nullspace(task.jacobian(Q0)[None], task, Q0[None])[0]
     builder = criterion.Builder(rp.Pseudoinverse(task), potentials, np.arange(7), N)
     Q, w = box.nodes(512, 0)
-    with ThreadPoolExecutor(1) as pool:
+    with Counting() as pool:
+        streamed = workers.hand_out(builder, Q, w, 64, pool, stream=True)
+        assert streamed.total(criterion.cost, N) == streamed.total(criterion.cost, N)
+        assert pool.tasks == 16
         batches = workers.hand_out(builder, Q, w, 64, pool)
         first = batches.total(criterion.cost, N)
+        assert pool.tasks == 24
+        assert batches.total(criterion.cost, N) == first
+        assert pool.tasks == 25  # the worker is asked once for all that it holds
         held = pool.submit(lambda: dict(workers._held.batches)).result()
-        assert sorted(held) == list(range(8)) and all(len(pieces) == 1 for pieces in held.values())
+        assert sorted(held) == list(range(8)) and all(
+            len(pieces) == 1 for pieces in held.values()
+        )
         pool.submit(_drop_one).result()
         again = batches.total(criterion.cost, N)
         assert again == first
         kept = pool.submit(lambda: dict(workers._held.batches)).result()
-        assert sum(kept[i][0] is held[i][0] for i in held) == 7 and sorted(kept) == sorted(held)
+        assert sum(kept[i][0] is held[i][0] for i in held) == 7 and sorted(
+            kept
+        ) == sorted(held)
         batches.close()
         assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
 
@@ -136,7 +170,9 @@ def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> N
             rp.Pseudoinverse(task),
             class_free,
             rp.Box(Q0, 0.4),
-            options=rp.FitOptions(samples=4096, held_out=64, batch=128, executor=processes),
+            options=rp.FitOptions(
+                samples=4096, held_out=64, batch=128, executor=processes
+            ),
         )
 
 
@@ -149,10 +185,12 @@ def test_progress_is_reported(panda: rp.Robot) -> None:
     design(panda, progress=lambda what, share: said.append((what, share)))
     assert all(0 <= share <= 1 for _, share in said)
     text = " ".join(what for what, _ in said)
-    assert "2048 nodes" in text and "step 1, cost " in text and "evaluating" in text
+    assert "1024 nodes" in text and "step 1, cost " in text and "evaluating" in text
 
 
-def test_a_bar_is_drawn_on_stderr(panda: rp.Robot, capsys: pytest.CaptureFixture) -> None:
+def test_a_bar_is_drawn_on_stderr(
+    panda: rp.Robot, capsys: pytest.CaptureFixture
+) -> None:
     design(panda, progress=True)
     captured = capsys.readouterr()
     assert captured.out == "" and "%|" in captured.err
@@ -165,4 +203,6 @@ def test_interruption_passes_through(panda: rp.Robot, processes: Executor) -> No
 
     with pytest.raises(KeyboardInterrupt):
         design(panda, executor=processes, progress=stop)
-    assert processes.submit(abs, -1).result(timeout=30) == 1  # the pool is not left clogged
+    assert (
+        processes.submit(abs, -1).result(timeout=30) == 1
+    )  # the pool is not left clogged

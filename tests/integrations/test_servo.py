@@ -18,14 +18,16 @@ FEW = rp.FitOptions(samples=64, held_out=64)
 def design() -> rp.Design:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     potentials = rp.Polynomial(Q0, 2, 0.5)
-    return rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, rp.Box(Q0, 0.6), options=FEW)
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task), potentials, rp.Box(Q0, 0.6), options=FEW
+    )
 
 
 class Bench:
     """A servo, and an arm that is always where it was commanded to be."""
 
     def __init__(self, q: np.ndarray = Q0) -> None:
-        self.servo = Servo(design(), RATE, acceleration=A, jerk=J)
+        self.servo = Servo(design(), RATE, rp.Limits(acceleration=A, jerk=J))
         self.task, self.q, self.now, self.answers = self.servo.task, q.copy(), 0.0, True
         self.sent: list[np.ndarray] = []
 
@@ -35,7 +37,9 @@ class Bench:
         for _ in range(round(seconds * RATE)):
             self.now += 1 / RATE
             if self.answers:
-                self.servo.joints(dict(zip(self.task.joint_names, self.q, strict=True)), self.now)
+                self.servo.joints(
+                    dict(zip(self.task.joint_names, self.q, strict=True)), self.now
+                )
             q = self.servo.tick(self.now)
             if q is not None:
                 self.q = q
@@ -70,7 +74,9 @@ def test_nothing_is_sent_before_the_joints_are_known_and_rest() -> None:
     bench.answers = False
     assert bench.run(0.5) is None and bench.servo.reason == "no joint states yet"
     bench.servo.joints({bench.task.joint_names[0]: 0.3, "finger": 1.0}, bench.now)
-    assert bench.run(0.1) is None and bench.servo.reason.startswith("no joint state of ")
+    assert bench.run(0.1) is None and bench.servo.reason.startswith(
+        "no joint state of "
+    )
     bench.answers = True
     for k in range(100):  # pushed by hand
         bench.q = Q0 + 0.002 * k
@@ -113,7 +119,9 @@ def test_a_bad_target_stops_the_arm(
     assert said.replace("'base'", repr(base)) in bench.servo.reason
     bench.run(1.0)
     assert bench.servo.at_rest and bench.servo.state is State.RUNNING
-    assert np.abs(bench.sent[-1] - bench.sent[0]).max() > 1e-3 and bench.used() <= 1 + 1e-6
+    assert (
+        np.abs(bench.sent[-1] - bench.sent[0]).max() > 1e-3 and bench.used() <= 1 + 1e-6
+    )
     bench.at(0.0, 0.0)
     bench.run(2.0)
     assert bench.servo.reason == "" and np.abs(bench.q - Q0).max() < 1e-9
@@ -122,7 +130,9 @@ def test_a_bad_target_stops_the_arm(
 def test_a_twist_holds_for_the_timeout_only(bench: Bench) -> None:
     bench.servo.twist((0.1, 0, 0, 0, 0, 0), bench.now)
     bench.run(1.0)
-    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    moved = (
+        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    )
     assert 0 < moved[0] < 0.03 and abs(moved[1]) < 1e-6 and bench.servo.at_rest
     assert bench.servo.reason == "the last twist is more than 0.1 s old"
     bench.servo.twist((np.inf, 0, 0, 0, 0, 0), bench.now)
@@ -155,7 +165,9 @@ def test_stale_joints_brake_then_nothing_is_sent(bench: Bench) -> None:
     assert (last == bench.sent[-3]).all()
     bench.answers = True
     q = bench.run(0.5)
-    assert q is not None and (q == last).all()  # on the same leaf, without the old target
+    assert (
+        q is not None and (q == last).all()
+    )  # on the same leaf, without the old target
 
 
 def test_hold_outlasts_stale_joints(bench: Bench) -> None:
@@ -169,7 +181,9 @@ def test_hold_outlasts_stale_joints(bench: Bench) -> None:
     assert bench.servo.reason == "held on request"
 
 
-def test_an_arm_that_does_not_follow_gets_no_commands_until_resumed(bench: Bench) -> None:
+def test_an_arm_that_does_not_follow_gets_no_commands_until_resumed(
+    bench: Bench,
+) -> None:
     pushed = Q0 + [0.0, 0.3, 0.0]
     for _ in range(100):
         bench.q = pushed
@@ -199,7 +213,10 @@ def test_a_leaf_is_reached_before_the_next_target(bench: Bench) -> None:
     assert np.abs(bench.task.placement(bench.q).translation - goal).max() < 1e-9
     assert bench.used() <= 1 + 1e-6
     way = [bench.task.placement(q).translation for q in bench.sent]
-    there = np.abs(np.array([inverse.leaf(q) for q in bench.sent]) - wanted).max(axis=1) < 1e-9
+    there = (
+        np.abs(np.array([inverse.leaf(q) for q in bench.sent]) - wanted).max(axis=1)
+        < 1e-9
+    )
     first = int(np.argmax(there))
     assert np.abs(way[first] - bench.task.placement(Q0).translation).max() < 1e-9
 
@@ -208,7 +225,9 @@ def test_a_leaf_out_of_reach_holds(bench: Bench) -> None:
     bench.servo.leaf(design().inverse.leaf(Q0) + 50.0)
     bench.at(0.05, 0.0)
     bench.run(8.0)
-    assert bench.servo.state is State.HOLDING and bench.servo.reason.startswith("leaf refused: ")
+    assert bench.servo.state is State.HOLDING and bench.servo.reason.startswith(
+        "leaf refused: "
+    )
     assert bench.used() <= 1 + 1e-6
 
 
@@ -233,7 +252,9 @@ def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
             )
             bench.servo.pose(p, rng.normal(size=4))
         elif kind == 4:
-            bench.servo.twist(rng.normal(size=6) * rng.choice([0.1, 10, 1e9]), bench.now)
+            bench.servo.twist(
+                rng.normal(size=6) * rng.choice([0.1, 10, 1e9]), bench.now
+            )
         elif kind == 5:
             bench.servo.pose(rng.choice([np.nan, np.inf, 0.0], 3), (0, 0, 0, 0))
         elif kind == 6:
@@ -248,4 +269,8 @@ def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
     Q = np.array(bench.sent)
     assert bench.used() <= 1 + 1e-6 and np.isfinite(Q).all() and len(Q) > 1000
     assert max(np.abs(inverse.leaf(q) - inverse.leaf(Q0)).max() for q in Q[::5]) < 1e-8
-    assert set(State) <= said and (Q > bench.task.lower).all() and (Q < bench.task.upper).all()
+    assert (
+        set(State) <= said
+        and (Q > bench.task.lower).all()
+        and (Q < bench.task.upper).all()
+    )

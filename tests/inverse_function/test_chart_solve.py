@@ -15,6 +15,7 @@ from repctl_pin.inverse_function import chart as charts
 from repctl_pin.inverse_function import kinematics
 from repctl_pin.inverse_function.chart_solve import compiled_chain
 from repctl_pin.inverse_function.margins import lowest_distances
+from repctl_pin.inverse_function.posture_search import judged
 from repctl_pin.robot.bodies import bodies_of
 
 EXACT = 1e-12
@@ -22,7 +23,9 @@ EXACT = 1e-12
 
 def agree_in_place(task: rp.Task) -> None:
     """Compare f and J with the task's own."""
-    Q = np.clip(task.reference + np.random.default_rng(0).normal(size=(20, task.n)), -3, 3)
+    Q = np.clip(
+        task.reference + np.random.default_rng(0).normal(size=(20, task.n)), -3, 3
+    )
     fast = compiled_chain(task)
     assert fast is not None
     p, R, J = fast.placed(Q)
@@ -42,7 +45,9 @@ def test_kinematics_in_c_are_the_tasks(kind: str, tmp_path: Path) -> None:
 
 @NEEDS_C
 @pytest.mark.parametrize("name", CELLS)
-def test_newtons_method_in_c_is_numpys(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_newtons_method_in_c_is_numpys(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The same solutions, residuals and failures, from good starts and from bad ones."""
     chart = function_of(name).chart
     U, r = chart.cell.sample(64), chart.cell.task.r
@@ -53,7 +58,7 @@ def test_newtons_method_in_c_is_numpys(name: str, monkeypatch: pytest.MonkeyPatc
             patch.setattr(module, "compiled_chain", lambda task: None)
         slow = chart.solve(U, s)
     assert np.array_equal(fast.found, slow.found) and fast.found[:32].all()
-    for one in ("Q", "R", "J"):
+    for one in ("Q", "R", "J", "q_ref", "n_ref", "U"):
         away = np.abs(getattr(fast, one) - getattr(slow, one))[slow.found]
         assert away.max() < 1e-11
     assert fast.residual[slow.found].max() < EXACT
@@ -70,3 +75,10 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
         assert found.min() == exact.min()
         assert abs(share - (exact < 0).mean()) < 0.2
         assert (found >= exact - 1e-12).all() or exact.min() < 0
+    # and of a configuration whose hulls overlap, in the middle of a cell, but no bodies
+    q = np.array([-1.25, -0.15, 0.35, -0.1, -0.8, -0.87, 0.43])
+    assert bodies.hull_distances(q[None])[0] < -0.005
+    (one,) = judged(
+        rp.Pseudoinverse(task), rp.Cell(task, task.placement(q), 1e-3), q[None]
+    )
+    assert one.share == 1 and one.body_distance >= 0

@@ -30,9 +30,14 @@ from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cell_potentials import CellPotentials
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
-from repctl_pin.inverse_function.failures import touching
+from repctl_pin.inverse_function.failures import round_the_base, touching
 from repctl_pin.inverse_function.monomials import Monomials
-from repctl_pin.inverse_function.posture_search import judged, searched
+from repctl_pin.inverse_function.posture_search import (
+    Candidate,
+    judged,
+    searched,
+)
+from repctl_pin.inverse_function.posture_search import chosen as choose
 from repctl_pin.inverse_function.reference import rays
 from repctl_pin.inverse_function.sample_path import tour
 
@@ -56,17 +61,24 @@ def found(rotation: float = 0.0) -> rp.CellDesign:
 def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
     omega = np.random.default_rng(0).normal(size=(20, 3))
     omega[0] *= 1e-6
-    for w, R, J in zip(omega, rotations.exp3(omega), rotations.left_jacobian(omega), strict=True):
+    omega[1] *= 9e-5 / np.linalg.norm(omega[1])
+    for w, R, J in zip(
+        omega, rotations.exp3(omega), rotations.left_jacobian(omega), strict=True
+    ):
         assert np.allclose(R, pin.exp3(w))
         assert np.allclose(
-            J, pin.Jexp3(w).T
+            J, pin.Jexp3(w).T, rtol=0, atol=1e-12
         )  # the left one is the transpose of Pinocchio's right one
         assert np.allclose(rotations.log3(R[None])[0], pin.log3(R))
+    assert rotations.exp3(np.empty((0, 3))).shape == (0, 3, 3)
     goal = rotations.exp3(omega[::-1])
     from repctl_pin.robot.chain_formulas import axis_turn
 
     for R, aim, turn in zip(
-        rotations.exp3(omega), goal, rotations.tilts(rotations.exp3(omega), goal), strict=True
+        rotations.exp3(omega),
+        goal,
+        rotations.tilts(rotations.exp3(omega), goal),
+        strict=True,
     ):
         assert np.allclose(turn, axis_turn(R, aim))
 
@@ -82,7 +94,9 @@ def test_rotations_by_the_batch_agree_with_pinocchio() -> None:
         ("xy", 0),
     ],
 )
-def test_coordinates_placements_and_their_velocities(kind: str, rotation: object) -> None:
+def test_coordinates_placements_and_their_velocities(
+    kind: str, rotation: object
+) -> None:
     task = panda(kind)
     cell = rp.Cell(task, middle(kind), 0.1, rotation)
     U = cell.sample(8)
@@ -91,20 +105,27 @@ def test_coordinates_placements_and_their_velocities(kind: str, rotation: object
     assert np.allclose(back, U) and np.allclose(off, 0)
     assert np.allclose([cell.coordinates_of(cell.at(u)) for u in U], U)
     E, h = cell.twists(U, R), 1e-6
-    for k in range(cell.k):  # E is the velocity of the placement: errors to one a little further
+    for k in range(
+        cell.k
+    ):  # E is the velocity of the placement: errors to one a little further
         step = h * np.eye(cell.k)[k]
-        assert np.allclose(cell.errors(*cell.placements(U + step), p, R) / h, E[:, :, k], atol=1e-5)
+        assert np.allclose(
+            cell.errors(*cell.placements(U + step), p, R) / h, E[:, :, k], atol=1e-5
+        )
     # a task's error in coordinates: u(f(q)) changes by ∂u/∂x J
     Q = np.array([rp.solve_ik(task, Q_PANDA, cell.at(u)) for u in U[:3]])
     placements = [task.placement(q) for q in Q]
     p, R = (
-        np.array([getattr(x, name) for x in placements]) for name in ("translation", "rotation")
+        np.array([getattr(x, name) for x in placements])
+        for name in ("translation", "rotation")
     )
     _, dU = cell.slopes(p, R)
     for q, slope in zip(Q, dU @ task.jacobians(Q), strict=True):
         d = 1e-6 * np.random.default_rng(1).normal(size=task.n)
         ends = [task.placement(q + s * d) for s in (1, -1)]
-        up, down = (cell.coordinates(x.translation[None], x.rotation[None])[0][0] for x in ends)
+        up, down = (
+            cell.coordinates(x.translation[None], x.rotation[None])[0][0] for x in ends
+        )
         assert np.allclose((up - down) / 2, slope @ d, atol=1e-11)
 
 
@@ -118,7 +139,9 @@ def test_a_cell_goes_round_poses_and_paths() -> None:
     assert (np.abs(U) <= 1).all() and np.allclose(off, 0) and np.abs(U).max() > 0.8
     path = rp.circle(task, Q_PANDA, 0.1, normal="x")
     assert np.allclose(
-        rp.Cell.around(task, path, margin=0.01).half_width, [0.01, 0.11, 0.11], atol=1e-3
+        rp.Cell.around(task, path, margin=0.01).half_width,
+        [0.01, 0.11, 0.11],
+        atol=1e-3,
     )
 
 
@@ -145,6 +168,29 @@ def test_cells_that_make_no_sense(change: dict, says: str) -> None:
         rp.Cell(**options)
     with pytest.raises(rp.InputError, match="leaves the rotation free"):
         rp.Cell(panda("position"), middle(), 0.1, 0.2)
+
+
+def test_a_cell_says_its_size_and_where_a_pose_is() -> None:
+    def cell(kind: str, *widths) -> rp.Cell:
+        return rp.Cell(panda(kind), middle(kind), *widths)
+
+    u, wide = np.array([1.0, 0.0, -1.0, 1.0, 0.5]), (0.1, 0.15, 0.1)
+    turned = cell("pose", wide, (0.2, 0, 0.4))
+    assert turned.size() == "±(0.1, 0.15, 0.1) m, turned by ±(0.2, 0, 0.4) rad"
+    place = "({:.3g}, {:.3g}, {:.3g}) m".format(
+        *np.round(middle().translation + 0.1 * u[:3], 9) + 0.0
+    )
+    by = ", turned by (0.2, 0, 0.2) rad from the middle's orientation"
+    assert turned.where(u) == place + by and turned.where(u * (1, 1, 1, 0, 0)) == place
+    assert turned.names == ("x", "y", "z", "about x", "about z")
+    assert turned.units == ("m", "m", "m", "rad", "rad")
+    assert cell("axis", wide, 0.3).size() == "±(0.1, 0.15, 0.1) m, turned by ±0.3 rad"
+    assert cell("axis", wide).size() == "±(0.1, 0.15, 0.1) m, one orientation"
+    assert cell("position", wide).size() == "±(0.1, 0.15, 0.1) m"
+    assert cell("axis", 0.1, (0, 0.3)).names == ("x", "y", "z", "about tool y")
+    text = f"<Cell ±(0.1, 0.15, 0.1) m around {place}, panda_hand_tcp position>"
+    at = pin.SE3(np.eye(3), middle().translation + 0.1 * u[:3])
+    assert repr(rp.Cell(panda("position"), at, wide)) == text
 
 
 # ---- sections ------------------------------------------------------------------------------------
@@ -186,11 +232,17 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(
     for q, u in zip(points.Q, U, strict=True):
         assert np.abs(cell.task.error(q, cell.at(u))).max() < 1e-9
     q_ref, n_ref = chart.reference(U)
-    assert np.allclose(np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref), terms.values(U) @ a)
-    dF, B = chart.derivative(points, np.einsum("KNk,Nr->Krk", terms.slopes(terms.values(U)), a))
+    assert np.allclose(
+        np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref), terms.values(U) @ a
+    )
+    dF, B = chart.derivative(
+        points, np.einsum("KNk,Nr->Krk", terms.slopes(terms.values(U)), a)
+    )
     for j in range(cell.k):
         d = 1e-5 * np.eye(cell.k)[j]
-        assert np.allclose((section(U + d) - section(U - d)) / 2e-5, dF[:, :, j], atol=1e-7)
+        assert np.allclose(
+            (section(U + d) - section(U - d)) / 2e-5, dF[:, :, j], atol=1e-7
+        )
     for j in range(r):
         d = 1e-5 * np.eye(r)[j]
         up, down = (chart.solve(U, terms.values(U) @ a + w * d).Q for w in (1, -1))
@@ -201,7 +253,9 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(
 def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     """With the joint limits, the bodies and σ_min in it, each below what is asked for somewhere."""
     cell = cell_of(kind, 0.2 if kind != "position" else 0.0, 0.08)
-    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
+    chart = chart_of(
+        cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64
+    )
     terms, edge = Monomials(cell.k, 2), 0.9 * cell.sample(8, 5)
     rng = np.random.default_rng(0)
     asked_for = [
@@ -210,8 +264,12 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
         (margins.singular_values_of(cell.task), 1.0),
     ]
     for chosen, exact in [(asked_for[:1], 1e-5), (asked_for, 1e-3)]:
-        kept = [Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen]
-        cost = Cost(rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0)
+        kept = [
+            Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen
+        ]
+        cost = Cost(
+            rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0
+        )
         a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
         value = cost.value(a)
         gradient, H = cost.model(value)
@@ -229,7 +287,9 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
         )
         for _ in range(3):
             v = rng.normal(size=a.shape)
-            slope = (cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost) / 2e-5
+            slope = (
+                cost.value(a + 1e-5 * v).cost - cost.value(a - 1e-5 * v).cost
+            ) / 2e-5
             assert gradient @ v.ravel() == pytest.approx(slope, rel=exact)
         assert np.linalg.eigvalsh(H).min() > -1e-9 * np.linalg.eigvalsh(H).max()
 
@@ -244,7 +304,9 @@ def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
     for margin in (margins.limits_of(task), margins.singular_values_of(task)):
         ends = margins.searched(section, margin, cell.sample(8))
         lowest = margin.least(section.at(ends[-8:])).min()
-        assert (np.abs(ends) <= 1).all() and lowest <= margin.least(section.at(grid)).min() + 1e-6
+        assert (np.abs(ends) <= 1).all() and lowest <= margin.least(
+            section.at(grid)
+        ).min() + 1e-6
 
 
 def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
@@ -259,7 +321,9 @@ def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
     assert costs[-1].value.cost < 0.8 * costs[0].value.cost
     rng = np.random.default_rng(1)
     for _ in range(3):  # a random start elsewhere comes to the same
-        again = descend(Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1)))
+        again = descend(
+            Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1))
+        )
         assert again.value.cost > 0.999 * costs[-1].value.cost
 
 
@@ -274,7 +338,10 @@ def test_the_function_is_exact_and_without_history(rotation: float) -> None:
     U = cell.sample(64, 9)
     targets = [cell.at(u) for u in U]
     Q = F.batch(targets)
-    assert max(np.abs(task.error(q, x)).max() for q, x in zip(Q, targets, strict=True)) < 1e-9
+    assert (
+        max(np.abs(task.error(q, x)).max() for q, x in zip(Q, targets, strict=True))
+        < 1e-9
+    )
     order = np.random.default_rng(0).permutation(len(U))
     for i in order:
         assert np.abs(F(targets[i]) - Q[i]).max() < 1e-9
@@ -282,7 +349,9 @@ def test_the_function_is_exact_and_without_history(rotation: float) -> None:
     for i in order:  # the same joints by the control, step after step, whatever the way
         q = inverse.solve(targets[i], q, leaf=np.zeros(1))
         assert np.abs(q - Q[i]).max() < 1e-9
-    assert np.allclose(F.batch(U), Q) and np.allclose([inverse.leaf(q) for q in Q], 0, atol=1e-9)
+    assert np.allclose(F.batch(U), Q) and np.allclose(
+        [inverse.leaf(q) for q in Q], 0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])
@@ -298,7 +367,9 @@ def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
     for q, V in zip(Q, potentials.gradients(Q), strict=True):
         for _ in range(2):
             d = rng.normal(size=task.n)
-            slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
+            slope = (
+                potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)
+            ) / 2e-6
             assert np.allclose(V.T @ d, slope, atol=1e-7)
     u = 0.5 * np.ones(cell.k)
     G = F.jacobian(cell.at(u))
@@ -350,10 +421,14 @@ def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> 
 def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     design = found(0.25)
     path = tour(design.cell, 1, reach=1.0)
-    U = np.array([design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)])
+    U = np.array(
+        [design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)]
+    )
     assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
     q0 = design.function(path.placement(0.0))
-    kept = rp.follow(design.inverse, path, q0, cycles=10, steps=200, integrator=rp.LeafLock(3))
+    kept = rp.follow(
+        design.inverse, path, q0, cycles=10, steps=200, integrator=rp.LeafLock(3)
+    )
     crept = rp.follow(design.desired, path, q0, cycles=10, steps=200)
     assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
     Q = design.function.batch(U)
@@ -364,13 +439,20 @@ def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
 def test_a_closed_tour_closes_and_a_pushed_arm_comes_back() -> None:
     design = found()
     path = rp.circle(
-        design.task, design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))), 0.08, normal="z"
+        design.task,
+        design.function(design.cell.at(np.array([0.8, 0.0, 0.0]))),
+        0.08,
+        normal="z",
     )
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(design.inverse, path, q0, cycles=2, steps=40, integrator=rp.LeafLock(3))
+    motion = rp.follow(
+        design.inverse, path, q0, cycles=2, steps=40, integrator=rp.LeafLock(3)
+    )
     assert motion.drift.max() < 1e-9
     for i in range(0, 41, 8):
-        assert np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
+        assert (
+            np.abs(motion.q[i] - design.function(path.placement(i / 40))).max() < 1e-8
+        )
     pushed = rp.follow(
         design.inverse,
         path,
@@ -408,6 +490,35 @@ def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
     squares = [((G_d(one) @ E @ cell.speeds(u[None])[0]) ** 2).sum() for one, E, u in
                zip(ends.Q, cell.twists(U, R), U, strict=True)]  # fmt: skip
     assert candidate.speed == pytest.approx(np.mean(squares), rel=1e-9)
+    bodies = rp.Bodies(cell.task)
+    nearest = bodies.distances(np.concatenate([q[None], ends.Q])).min()
+    assert candidate.body_distance == pytest.approx(nearest, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "best"),
+    [
+        ((0.9, 0.1, 0.1, 1.0), (1.0, -0.1, 0.0, 9.0), 1),  # most corners
+        ((1, -0.01, 0.5, 1.0), (1, 0.0, 0.05, 9.0), 1),  # no collision
+        ((1, -0.10, 0.5, 1.0), (1, -0.05, 0.1, 1.0), 1),  # the smaller collision
+        ((1, -0.06, 0.1, 1.0), (1, -0.05, 0.1, 1.5), 0),  # as small: the quicker
+        ((1, 0.1, 0.05, 1.0), (1, 0.1, 0.08, 9.0), 1),  # the larger limit margin
+        ((1, 0.1, 0.10, 1.0), (1, 0.1, 0.50, 1.3), 0),  # of enough: the quicker
+        ((1, 0.1, 0.09, 1.3), (1, 0.1, 0.10, 1.0), 1),
+        ((1, 0.1, 0.09, 1.1), (1, 0.1, 0.10, 1.0), 0),  # as quick: the nearer
+    ],
+)
+def test_the_best_posture_is_chosen_in_this_order(
+    first: tuple, second: tuple, best: int
+) -> None:
+    """Share of the corners, collisions, limit margin, joint speed, distance from the reference."""
+    near, far = np.full(7, 0.1), np.full(7, 0.5)
+    two = [
+        Candidate(q, share, margin, body_distance, speed)
+        for q, (share, body_distance, margin, speed) in ((near, first), (far, second))
+    ]
+    for candidates in (two, two[::-1]):
+        assert choose(candidates, np.zeros(7)) is two[best]
 
 
 def test_what_a_design_says_of_itself() -> None:
@@ -423,16 +534,46 @@ def test_what_a_design_says_of_itself() -> None:
     assert said["extra joint speed"].startswith(
         f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
     )
-    assert said["coverage"] == "100.00%" and f"{j.limit_margin:.3g}" in said["limit margin"]
+    assert (
+        said["coverage"] == "100.00%"
+        and f"{j.limit_margin:.3g}" in said["limit margin"]
+    )
     assert (
         f"{100 * j.body_distance:.3g} cm" in said["body distance"]
         and "no" not in said["body distance"].split()
     )
-    free = replace(design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf))
+    free = replace(
+        design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf)
+    )
     assert (
         free.figures()["body distance"] == "no collision bodies"
         and free.figures()["limit margin"] == "no limits"
     )
+
+
+def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered() -> None:
+    """n_ref is turned out of the null space until σ_min(Nᵀ n̂_ref) is as given."""
+    cell = cell_of(half_width=0.001)
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    chart = chart_of(cell, q, 1, 32)
+    row = cell.task.jacobian(q)[0] / np.linalg.norm(cell.task.jacobian(q)[0])
+    for margin, covered in ((0.1, 1.0), (0.03, 0.0)):
+        coefficients = chart.coefficients.copy()
+        coefficients[:, :, 1:] *= margin
+        coefficients[0, :, 1] += row
+        tilted = replace(chart, coefficients=coefficients)
+        j = evaluate_cell(rp.Pseudoinverse(cell.task), tilted, 64, 1, quick=True)
+        assert j.coverage == covered
+        assert {stop.cause for stop in j.failures} == (set() if covered else {"fold"})
+        assert not covered or j.leaf_margin == pytest.approx(margin, rel=0.1)
+
+
+def test_the_final_chart_is_the_function() -> None:
+    """Its q_ref is so near that Newton's method takes two steps, at any pose of the cell."""
+    design = found()
+    U = design.cell.sample(500, 21)
+    chart = design.function.chart
+    assert np.abs(chart.reference(U)[0] - design.function.batch(U)).max() < 6e-5
 
 
 def test_the_judgement_is_honest() -> None:
@@ -459,7 +600,10 @@ def test_the_judgement_is_honest() -> None:
     )
     distances = bodies.distances(every)
     assert 0.05 < j.body_distance <= distances.min() + 1e-9
-    assert j.smallest_singular_value <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
+    assert (
+        j.smallest_singular_value
+        <= np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
+    )
 
 
 def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
@@ -467,17 +611,21 @@ def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
     one alone."""
     design = found(0.25)
     cell, task, rng = design.cell, design.task, np.random.default_rng(3)
-    U = np.concatenate([cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)])
+    U = np.concatenate(
+        [cell.corners(), np.sign(cell.sample(400, 5)), cell.sample(400, 6)]
+    )
     Q = design.function.batch(U)
     G, G_d = design.inverse.batch(Q), design.desired.batch(Q)
-    E = cell.twists(U, np.array([task.placement(q).rotation for q in Q])) @ cell.speeds(U)
+    E = cell.twists(U, np.array([task.placement(q).rotation for q in Q])) @ cell.speeds(
+        U
+    )
     own, wanted = G @ E, G_d @ E
     whole = np.linalg.norm(own, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2)) - 1
     xdot = rng.normal(size=(task.m, 2000))
     single = np.linalg.norm(G @ xdot, axis=1) / np.linalg.norm(G_d @ xdot, axis=1) - 1
-    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[:64].max() > 2 * np.median(
-        whole
-    )
+    assert whole.max() <= design.extra_speed_worst + 1e-9 and whole[
+        :64
+    ].max() > 2 * np.median(whole)
     assert single.max() <= design.extra_speed_direction + 1e-9
     assert 0.8 * design.extra_speed_direction < single.max()  # and it is there
     assert (
@@ -502,8 +650,14 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
 def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {"posture": q, "degree": 1, "options": rp.FitOptions(samples=32, held_out=64)}
-    asked = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=9.0, **small)
+    small = {
+        "posture": q,
+        "degree": 1,
+        "options": rp.FitOptions(samples=32, held_out=64),
+    }
+    asked = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, sigma_min=9.0, **small
+    )
     assert "the requested 9 is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert "asked for" not in plain.summary()
@@ -518,6 +672,7 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
     design = rp.nearest_inverse_function(
         rp.Pseudoinverse(task), cell, options=rp.FitOptions(held_out=256)
     )
+    assert design.samples > 200  # of 256, and no fewer than a quick design's
     costs = dict(design.degrees)
     assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
 
@@ -525,7 +680,9 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
 def test_a_degree_whose_start_has_no_joints_begins_at_the_reference() -> None:
     """Whatever the start, the cost at the end of a fit is finite, so the design can be saved."""
     cell = cell_of()
-    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64)
+    chart = chart_of(
+        cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64
+    )
     cost = Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64))
     start = 50 * np.ones((4, 1))
     assert not np.isfinite(descend(cost, start).value.cost)
@@ -555,7 +712,11 @@ def test_bodies_that_touch_are_named_with_the_pose() -> None:
     assert touching(cell, U, distances, ("hand", "link1"), 1 / 14) is None
     distances[3] = -0.02
     stop = touching(cell, U, distances, ("hand", "link1"), 1 / 14)
-    assert stop is not None and stop.cause == "collision" and stop.share == pytest.approx(1 / 14)
+    assert (
+        stop is not None
+        and stop.cause == "collision"
+        and stop.share == pytest.approx(1 / 14)
+    )
     assert str(stop) == f"at {cell.where(U[3])}, hand and link1 collide"
 
 
@@ -564,10 +725,16 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     x = task.placement([0.6, -1.2, 1.4])
     cell = rp.Cell(task, x, 0.35)
     q = rp.solve_ik(task, [0.6, -1.2, 1.4], x)
-    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=256)}
+    small = {
+        "posture": q,
+        "degree": 2,
+        "options": rp.FitOptions(samples=64, held_out=256),
+    }
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     Q = free.function.batch(cell.sample(256))
-    bound = float(Q[:, 2].max()) - 0.05  # a joint limit where the free function goes beyond it
+    bound = (
+        float(Q[:, 2].max()) - 0.05
+    )  # a joint limit where the free function goes beyond it
     text = (tmp_path / "planar3.urdf").read_text().split('name="theta3"')
     text[1] = text[1].replace('upper="7.0"', f'upper="{bound}"', 1)
     (tmp_path / "bound.urdf").write_text('name="theta3"'.join(text))
@@ -593,21 +760,28 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     small = {
         "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
         "degree": 2,
-        "options": rp.FitOptions(samples=64, held_out=128),
+        "options": rp.FitOptions(samples=64, held_out=64),
     }
     free, kept = (
-        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, body_distance=a, **small)
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(task), cell, body_distance=a, **small
+        )
         for a in (0.0, 0.02)
     )
-    assert free.body_distance < 0 and any(stop.cause == "collision" for stop in free.failures)
+    assert free.body_distance < 0 and any(
+        stop.cause == "collision" for stop in free.failures
+    )
     assert kept.body_distance > 0.01 and not kept.failures
     assert "post" in kept.evaluation.nearest_bodies and kept.extra_speed < 0.001
-    Q = kept.function.batch(cell.sample(200, 31))
+    Q = kept.function.batch(cell.sample(100, 31))
     anywhere = np.random.default_rng(0).uniform(task.lower, task.upper, (50, task.n))
-    bodies, Q = rp.Bodies(task), np.concatenate([Q, free.function.batch(cell.corners()), anywhere])
+    bodies, Q = (
+        rp.Bodies(task),
+        np.concatenate([Q, free.function.batch(cell.corners()), anywhere]),
+    )
     distances, hulls = bodies.distances(Q), bodies.hull_distances(Q)
     assert (
-        distances[:200].min() > 0.01
+        distances[:100].min() > 0.01
         and (hulls[distances <= 0] <= 0).all()
         and (hulls < -0.001).any()
     )
@@ -617,7 +791,11 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
 def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
-    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
+    small = {
+        "posture": q,
+        "degree": 2,
+        "options": rp.FitOptions(samples=64, held_out=128),
+    }
     free, kept = (
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, sigma_min=a, **small)
         for a in (0.0, 0.9)
@@ -643,7 +821,9 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(
         options=rp.FitOptions(samples=64, held_out=64),
     )
     assert (
-        design.coverage == 1.0 and design.extra_speed < 0.03 and design.evaluation.residual < 1e-9
+        design.coverage == 1.0
+        and design.extra_speed < 0.03
+        and design.evaluation.residual < 1e-9
     )
     Q = design.function.batch(cell.sample(8))
     assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
@@ -707,7 +887,9 @@ def corner_out_of_reach(folder: Path) -> rp.Cell:
     return rp.Cell(task, pin.SE3(np.eye(3), np.array([1.9, 0.0, 0.0])), (0.72, 0.72))
 
 
-def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path) -> None:
+def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
+    tmp_path: Path,
+) -> None:
     """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
     cell = corner_out_of_reach(tmp_path)
     task = cell.task
@@ -719,9 +901,14 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert 0.5 < caught.value.fits < 1
-    kept = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, incomplete="keep", **small)
+    kept = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, incomplete="keep", **small
+    )
     assert kept.coverage == 1.0 and not kept.evaluation.everywhere
-    assert kept.figures()["coverage"] == "all held-out poses, but not every pose of the cell"
+    assert (
+        kept.figures()["coverage"]
+        == "all held-out poses, but not every pose of the cell"
+    )
     assert "out of reach" in kept.figures()["stopped"]
     assert "100" not in kept.figures()["coverage"] + repr(kept)
     smaller = rp.nearest_inverse_function(
@@ -747,7 +934,10 @@ def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
         ({"degree": 0}, "degree must be a whole number from 1 up"),
         ({"degree": 10**12}, "degree can be at most 12"),
         ({"options": rp.FitOptions(samples=10**6)}, "samples can be at most 65,536"),
-        ({"options": rp.FitOptions(held_out=2 * 10**6)}, "held_out can be at most 1,048,576"),
+        (
+            {"options": rp.FitOptions(held_out=2 * 10**6)},
+            "held_out can be at most 1,048,576",
+        ),
         ({"sigma_min": 1e300}, r"sigma_min can be at most 1e\+06"),
         ({"limit_margin": 1e300}, r"limit_margin can be at most 1e\+06"),
         ({"body_distance": -1}, "body_distance must be 0 m or more"),
@@ -756,6 +946,13 @@ def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
 def test_options_have_bounds(options: dict, says: str) -> None:
     with pytest.raises(rp.InputError, match=says):
         rp.nearest_inverse_function(rp.Pseudoinverse(panda()), cell_of(), **options)
+
+
+def test_a_degree_has_at_most_so_many_unknowns() -> None:
+    """Those of the polynomials of degree d in three coordinates, times r = 4."""
+    cell = cell_of("position")
+    with pytest.raises(rp.InputError, match="more than 1040 unknowns; lower"):
+        rp.nearest_inverse_function(rp.Pseudoinverse(cell.task), cell, degree=10)
 
 
 def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
@@ -770,7 +967,9 @@ def test_a_cell_that_reaches_too_far_and_what_would_fit() -> None:
     )
 
 
-def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: Path) -> None:
+def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "narrow.urdf").write_text(
         planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8"
     )
@@ -787,10 +986,12 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: 
     )  # folded together, it has no way outward along its links
     x = pin.SE3(np.eye(3), np.array([0.9, 0.0, 0.0]))
     says = refused(
-        rp.Cell(task, x, (0.3, 0.1)), rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x)
+        rp.Cell(task, x, (0.3, 0.1)),
+        rp.solve_ik(task, [0.0, np.pi - 0.15, np.pi + 0.15], x),
     )
     assert re.search(
-        r"between the middle of the cell and \(.*\) m the arm passes a singularity", says
+        r"between the middle of the cell and \(.*\) m the arm passes a singularity",
+        says,
     ), says
 
 
@@ -803,7 +1004,9 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
     )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
     q = searched(rp.Pseudoinverse(xarm), cell)[0].q
-    assert (np.abs(q - xarm.reference) <= np.pi).all()  # not wound up: the joints turn by two pi
+    assert (
+        np.abs(q - xarm.reference) <= np.pi
+    ).all()  # not wound up: the joints turn by two pi
     s = np.linalg.svd(xarm.jacobian(q), compute_uv=False)
     assert rp.Bodies(xarm).nearest(q).distance > 0
     assert s[-1] > 0.01 * s[0] and np.abs(xarm.error(q, cell.placement)).max() < 1e-8
@@ -828,9 +1031,30 @@ def test_the_largest_cell_that_works() -> None:
 def test_a_cell_round_the_base() -> None:
     x = pin.SE3(middle().rotation, np.array([0.0, 0.0, 0.9]))
     says = refused(
-        rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)), rp.solve_ik(panda("position"), Q_PANDA, x)
+        rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)),
+        rp.solve_ik(panda("position"), Q_PANDA, x),
     )
     assert "contains the axis of panda_joint1" in says, says
+
+
+def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
+    """Against points along it, for axes that point anywhere; none of a slide or of a sector."""
+    task = spatial_task(4, tmp_path, seed=1)
+    point, axis = task.joint_origins(task.reference)[0], task.axes(task.reference)[0]
+    line, found = point + np.linspace(-9, 9, 20001)[:, None] * axis, []
+    for x in np.random.default_rng(0).uniform(-1.2, 1.2, (24, 3)):
+        cell = rp.Cell(task, pin.SE3(np.eye(3), x), (0.6, 0.5, 0.7))
+        inside = (np.abs(line - x) <= cell.half_width).all(axis=1).any()
+        assert ("the axis of q1," in round_the_base(cell)) == inside
+        found.append(inside)
+    assert 4 < sum(found) < 20
+    for y, says in ((0.0, True), (0.69, True), (0.71, False), (-0.71, False)):
+        upright = pin.SE3(np.eye(3), np.array([0.0, y, 0.9]))
+        cell = rp.Cell(panda("position"), upright, (0.7, 0.7, 0.1))
+        assert ("panda_joint1" in round_the_base(cell)) is says
+    assert round_the_base(rp.Sector(panda("position"), middle(), radius=0.1)) == ""
+    slides = rp.Robot.load("ppr").task(None, "xy")
+    assert round_the_base(rp.Cell(slides, np.zeros(3), 9.0)) == ""
 
 
 def test_targets_outside_and_other_wrong_things() -> None:
@@ -851,7 +1075,9 @@ def test_targets_outside_and_other_wrong_things() -> None:
     with pytest.raises(rp.InputError, match="both for one task"):
         rp.nearest_inverse_function(rp.Pseudoinverse(panda("position")), design.cell)
     with pytest.raises(rp.InputError, match="incomplete"):
-        rp.nearest_inverse_function(rp.Pseudoinverse(panda()), design.cell, incomplete="yes")  # type: ignore[arg-type]
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(panda()), design.cell, incomplete="yes"
+        )  # type: ignore[arg-type]
 
 
 def broken_rotations(R: np.ndarray) -> list[np.ndarray]:
@@ -873,7 +1099,9 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
     """By cells, F, the step of the control, and files; one off by rounding of a file is taken."""
     task, design = panda(kind), found()
     x = task.placement(Q_PANDA)
-    controls = [rp.ExtendedJacobian(task, Q_PANDA), design.inverse][: 1 + (kind == "pose")]
+    controls = [rp.ExtendedJacobian(task, Q_PANDA), design.inverse][
+        : 1 + (kind == "pose")
+    ]
     for R in broken_rotations(x.rotation):
         wrong = pin.SE3(R, x.translation)
         with pytest.raises(rp.InputError, match="is not a rotation matrix"):
@@ -884,13 +1112,15 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
             task.error(Q_PANDA, wrong)
         for control in controls:
             with pytest.raises(
-                rp.InputError, match="the rotation of the target is not a rotation matrix"
+                rp.InputError,
+                match="the rotation of the target is not a rotation matrix",
             ):
                 control.step(Q_PANDA, wrong, 0.01)
         if kind == "pose":
             within = pin.SE3(R, design.cell.placement.translation)
             with pytest.raises(
-                rp.InputError, match="the rotation of the target is not a rotation matrix"
+                rp.InputError,
+                match="the rotation of the target is not a rotation matrix",
             ):
                 design.function(within)
             with pytest.raises(
@@ -899,7 +1129,9 @@ def test_what_is_not_a_rotation_is_refused(kind: str, tmp_path: Path) -> None:
                 design.function.batch([design.cell.placement, within])
     rounded = pin.SE3(np.round(x.rotation, 7), x.translation)
     assert np.allclose(
-        controls[0].step(Q_PANDA, rounded, 0.01), controls[0].step(Q_PANDA, x, 0.01), atol=1e-6
+        controls[0].step(Q_PANDA, rounded, 0.01),
+        controls[0].step(Q_PANDA, x, 0.01),
+        atol=1e-6,
     )
     with pytest.raises(rp.InputError, match="finite"):
         controls[0].step(Q_PANDA, pin.SE3(np.full((3, 3), np.nan), x.translation), 0.01)
@@ -911,24 +1143,34 @@ def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> 
     design = found()
     inverse, cell, task = design.inverse, design.cell, design.task
     assert inverse.region is cell
-    q, beyond = design.function(cell.at(np.zeros(3))), cell.at(np.array([1.2, 0.0, 0.0]))
+    q, beyond = (
+        design.function(cell.at(np.zeros(3))),
+        cell.at(np.array([1.2, 0.0, 0.0])),
+    )
     far = rp.solve_ik(task, q, beyond)
     for how in (inverse, pickle.loads(pickle.dumps(inverse)), rp.compiled(inverse)):
         inside = how.step(q, cell.at(np.array([0.02, 0.0, 0.0])), 0.01, outside="raise")
         assert np.abs(inside - q).max() < 0.1
         with pytest.raises(
-            rp.InputError, match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)"
+            rp.InputError,
+            match=r"outside Ω \(scaled distance 1\.2; the boundary is at 1\)",
         ):
             how.step(far, beyond, 0.01, outside="raise")
     corner = corner_beyond_a_limit(tmp_path)
     control, start = corner.inverse, corner.posture
     path = [start]
     for s in np.linspace(0, 1, 21)[1:]:
-        path.append(control.step(path[-1], corner.cell.at(s * np.ones(2)), 0.01, leaf=np.zeros(1)))
+        path.append(
+            control.step(
+                path[-1], corner.cell.at(s * np.ones(2)), 0.01, leaf=np.zeros(1)
+            )
+        )
     assert corner.task.limit_margin(np.array(path)).min() < -0.01
     first = int(np.argmax(corner.task.limit_margin(np.array(path)).min(axis=1) < -1e-9))
     target = corner.cell.at(np.linspace(0, 1, 21)[first] * np.ones(2))
-    with pytest.raises(rp.InputError, match=r"the next q: theta3 = .* is outside its limits"):
+    with pytest.raises(
+        rp.InputError, match=r"the next q: theta3 = .* is outside its limits"
+    ):
         control.step(path[first - 1], target, 0.01, leaf=np.zeros(1), outside="raise")
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -941,7 +1183,11 @@ def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
     """A function kept on the part of its cell where the third joint is within its limit."""
     task, q = planar_task([1.0, 0.9, 0.8], folder), [0.6, -1.2, 1.4]
     cell = rp.Cell(task, task.placement(q), 0.35)
-    small = {"posture": q, "degree": 2, "options": rp.FitOptions(samples=64, held_out=128)}
+    small = {
+        "posture": q,
+        "degree": 2,
+        "options": rp.FitOptions(samples=64, held_out=128),
+    }
     free = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     edge = float(free.function(cell.at(np.ones(2)))[2])
     bound = 0.5 * (edge + 1.4)
@@ -972,9 +1218,13 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
         and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
     )
     touching = replace(
-        design, evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0)
+        design,
+        evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0),
     )
-    assert rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst == 0.0
+    assert (
+        rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst
+        == 0.0
+    )
     with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
         rp.load(file, panda("axis"))
     file.write_text(file.read_text().replace('"degree": ', '"degree":  1'))
@@ -986,16 +1236,24 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
     ("changes", "says"),
     [
         ({"degrees": []}, "must name at least one degree"),
-        ({"degree": -1}, "the degree of a cell's polynomials must be a whole number from 0 up"),
+        (
+            {"degree": -1},
+            "the degree of a cell's polynomials must be a whole number from 0 up",
+        ),
         ({"degree": 10**9}, "can be at most 64"),
-        ({"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "is not a rotation matrix"),
+        (
+            {"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()},
+            "is not a rotation matrix",
+        ),
         (
             {"widths": [1e-300, 0.1, 0.1, 0, 0, 0]},
             "half_width must be 0, which holds the coordinate",
         ),
     ],
 )
-def test_files_that_describe_no_cell_are_refused(changes: dict, says: str, tmp_path: Path) -> None:
+def test_files_that_describe_no_cell_are_refused(
+    changes: dict, says: str, tmp_path: Path
+) -> None:
     file = rp.save(found(), tmp_path / "cell.json")
     content = json.loads(file.read_text()) | changes
     content["checksum"] = checksum(content)
@@ -1011,5 +1269,11 @@ def test_a_file_without_the_worst_task_direction_is_read(tmp_path: Path) -> None
     content["checksum"] = checksum(content)
     file.write_text(json.dumps(content))
     again = rp.load(file, panda())
-    assert isinstance(again, rp.CellDesign) and "single task direction" not in again.summary()
-    assert rp.load(rp.save(again, tmp_path / "b.json"), panda()).summary() == again.summary()
+    assert (
+        isinstance(again, rp.CellDesign)
+        and "single task direction" not in again.summary()
+    )
+    assert (
+        rp.load(rp.save(again, tmp_path / "b.json"), panda()).summary()
+        == again.summary()
+    )

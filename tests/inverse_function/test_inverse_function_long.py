@@ -45,7 +45,11 @@ def test_the_prototypes_cells(
 ) -> None:
     design = found(half_width, rotation)
     print(design.summary())
-    assert design.extra_speed < most and design.limit_margin > margin and design.coverage == 1.0
+    assert (
+        design.extra_speed < most
+        and design.limit_margin > margin
+        and design.coverage == 1.0
+    )
     for least, attainable in (
         (design.limit_margin, design.evaluation.attainable_margin),
         (design.limit_margin_worst, design.evaluation.attainable_margin_worst),
@@ -60,7 +64,9 @@ def test_the_prototypes_cells(
 @pytest.mark.parametrize(
     ("limit_margin", "is_there"), [(0.02, False), (0.003, False), (0.002, True)]
 )
-def test_the_limit_margin_of_the_largest_of_them(limit_margin: float, is_there: bool) -> None:
+def test_the_limit_margin_of_the_largest_of_them(
+    limit_margin: float, is_there: bool
+) -> None:
     """Whatever the function: from all joints with this margin at one pose, none lead to the
     middle along the ray.
 
@@ -71,7 +77,9 @@ def test_the_limit_margin_of_the_largest_of_them(limit_margin: float, is_there: 
     middle.translation = middle.translation + np.array([0.15, 0.0, -0.19])
     cell = rp.Cell(task, middle, (0.15, 0.25, 0.15), 0.4)
     u = cell.sample(8192, 2)  # of the held-out poses the one with the smallest margin
-    u = u[np.argmin(np.abs(u - [-0.941, -0.106, -0.651, -0.421, -0.9, 0.656]).max(axis=1))]
+    u = u[
+        np.argmin(np.abs(u - [-0.941, -0.106, -0.651, -0.421, -0.9, 0.656]).max(axis=1))
+    ]
     starts = task.lower + (task.upper - task.lower) * np.random.default_rng(1).random(
         (1500, task.n)
     )
@@ -95,7 +103,9 @@ def self_motions(
     def kept(Q: np.ndarray) -> np.ndarray:
         """Those at the pose, inside the limits, in cells of joint space not yet seen."""
         Q, left = reached(cell, Q, u, iterations=4)
-        good = np.flatnonzero((left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= limit_margin))
+        good = np.flatnonzero(
+            (left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= limit_margin)
+        )
         fresh = []
         for i in good:
             key = tuple(np.round(Q[i] / step).astype(int))
@@ -107,9 +117,9 @@ def self_motions(
 
     front = kept(Q)
     while len(front):
-        N = kinematics.bases(kinematics.placed(task, front)[2], np.zeros((len(front), task.n, 1)))[
-            1
-        ][:, :, 0]
+        N = kinematics.bases(
+            kinematics.placed(task, front)[2], np.zeros((len(front), task.n, 1))
+        )[1][:, :, 0]
         front = kept(np.concatenate([front + step * N, front - step * N]))
     return np.concatenate(every)
 
@@ -132,7 +142,9 @@ def test_other_arms_and_tasks(
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)
     print(design.summary())
     assert (
-        design.extra_speed < 0.03 and design.coverage == 1.0 and design.evaluation.residual < 1e-9
+        design.extra_speed < 0.03
+        and design.coverage == 1.0
+        and design.evaluation.residual < 1e-9
     )
 
 
@@ -155,7 +167,11 @@ def test_ten_thousand_poses_in_three_orders() -> None:
             worst = max(worst, np.abs(q - Q[i]).max())
         assert worst < 1e-9
     assert (
-        max(np.abs(design.task.error(q, x)).max() for q, x in zip(Q, targets, strict=True)) < 1e-9
+        max(
+            np.abs(design.task.error(q, x)).max()
+            for q, x in zip(Q, targets, strict=True)
+        )
+        < 1e-9
     )
 
 
@@ -175,7 +191,9 @@ def test_ten_thousand_cycles_without_a_trend() -> None:
     design = found()
     path = tour(design.cell, 1)
     q0 = design.function(path.placement(0.0))
-    motion = rp.follow(design.inverse, path, q0, cycles=10_000, steps=40, integrator=rp.LeafLock(3))
+    motion = rp.follow(
+        design.inverse, path, q0, cycles=10_000, steps=40, integrator=rp.LeafLock(3)
+    )
     late = motion.drift[5000:]
     print("drift after 1, 10, 10,000 cycles:", motion.drift[[0, 9, -1]])
     assert motion.drift.max() < 1e-5 and np.ptp(motion.drift) < 1e-9
@@ -186,7 +204,10 @@ def test_twenty_random_starts_find_nothing_better() -> None:
     design = found()
     cell, desired, rng = design.cell, design.desired, np.random.default_rng(0)
     ends = reference.rays(desired, cell, design.posture, cell.sample(512))
-    chart, terms = reference.fitted(cell, ends.U, ends.Q, ends.N, 2), Monomials(cell.k, 2)
+    chart, terms = (
+        reference.fitted(cell, ends.U, ends.Q, ends.N, 2),
+        Monomials(cell.k, 2),
+    )
     cost = Cost(desired, chart, terms, ends.U)
     best, ended = descend(cost, np.zeros((terms.size, 1))).value.cost, []
     for _ in range(20):
@@ -199,6 +220,9 @@ def test_twenty_random_starts_find_nothing_better() -> None:
 def test_the_held_out_figures_hold_on_100_000_poses() -> None:
     design = found()
     j = evaluate_cell(design.desired, design.function.chart, 100_000, 99)
-    assert abs(j.extra_speed - design.extra_speed) < 2 * design.evaluation.extra_speed_error
+    assert (
+        abs(j.extra_speed - design.extra_speed)
+        < 2 * design.evaluation.extra_speed_error
+    )
     assert abs(j.cost - design.cost) < 2 * design.evaluation.cost_error
     print(design.extra_speed, j.extra_speed, design.limit_margin, j.limit_margin)

@@ -52,16 +52,23 @@ def test_the_placement_in_cylindrical_coordinates_by_hand() -> None:
         spin=0.5,
     )
     x = sector.at([1.0, 1.0, 0.5, 1.0, 0.0, 1.0])
-    turn, tilt, spin = (pin.exp3(np.array(v)) for v in ([0, 0, 1.0], [0.3, 0, 0], [0, 0, 0.5]))
+    turn, tilt, spin = (
+        pin.exp3(np.array(v)) for v in ([0, 0, 1.0], [0.3, 0, 0], [0, 0, 0.5])
+    )
     assert np.allclose(x.translation, turn @ [0.36, 0.48, 0.3])
     assert np.allclose(x.rotation, turn @ sector.placement.rotation @ tilt @ spin)
 
 
 def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
     both = sector_of("pose").symmetries
-    assert [(one.coordinate, one.joint, one.sign) for one in both] == [(1, 0, 1), (5, 6, 1)]
+    assert [(one.coordinate, one.joint, one.sign) for one in both] == [
+        (1, 0, 1),
+        (5, 6, 1),
+    ]
     assert sector_of("another axis").symmetries == ()
-    assert [one.coordinate for one in sector_of("a turn without its symmetry").symmetries] == [1]
+    assert [
+        one.coordinate for one in sector_of("a turn without its symmetry").symmetries
+    ] == [1]
     upside_down = sector_of("position", axis=[[0, 0, 0], [0, 0, -1]])
     assert [(one.joint, one.sign) for one in upside_down.symmetries] == [(0, -1)]
     off_axis = rp.Robot.load("panda").task("panda_leftfinger", "pose")
@@ -83,17 +90,27 @@ def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"radius": 0.5}, "radius of ±0.5 m reaches the axis, which is 0.461 m from the placement"),
+        (
+            {"radius": 0.5},
+            "radius of ±0.5 m reaches the axis, which is 0.461 m from the placement",
+        ),
         ({"angle": 3.5}, "angle of ±3.5 rad is more than a full turn"),
         ({"angle": "half"}, "all"),
         ({"spin": 4.0}, "spin of ±4 rad is more than a full turn"),
         ({"placement": [0, 0, 0.4]}, "placement lies on the axis"),
-        ({"radius": 0.0, "height": 0.0}, "needs a radius, height or half_angle above 0"),
+        (
+            {"radius": 0.0, "height": 0.0},
+            "needs a radius, height or half_angle above 0",
+        ),
         ({"radius": -0.1}, "radius must be 0 m or more"),
+        ({"half_angle": -0.1}, "half_angle must be 0 rad or more"),
         ({"half_angle": 3.0}, "half_angle reaches half a turn"),
         ({"half_angle": (0.1, 0.1, 0.1), "spin": 0.1}, "mutually exclusive"),
         ({"axis": [0, 0, 1]}, "axis must be a point"),
-        ({"axis": [[0, 0.1, 0], [0, 0, 1]]}, "'all' requires a joint that turns the whole arm"),
+        (
+            {"axis": [[0, 0.1, 0], [0, 0, 1]]},
+            "'all' requires a joint that turns the whole arm",
+        ),
     ],
 )
 def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
@@ -112,13 +129,23 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
             {"spin": 0.2},
             "spin: a position task leaves the rotation about the tool free",
         ),
-        ("axis", {"spin": "all"}, "spin: an? axis task leaves the rotation about the tool free"),
-        ("position", {"half_angle": 0.2}, "half_angle: a position task leaves the rotation free"),
+        (
+            "axis",
+            {"spin": "all"},
+            "spin: an? axis task leaves the rotation about the tool free",
+        ),
+        (
+            "position",
+            {"half_angle": 0.2},
+            "half_angle: a position task leaves the rotation free",
+        ),
         ("xy", {"height": 0.2}, "height: a xy task does not command it"),
         ("xz", {}, "axis of a sector of an xz task must be along y"),
     ],
 )
-def test_coordinates_that_a_task_leaves_free(kind: str, change: dict, says: str) -> None:
+def test_coordinates_that_a_task_leaves_free(
+    kind: str, change: dict, says: str
+) -> None:
     x = panda().placement(Q_PANDA)
     with pytest.raises(rp.InputError, match=says):
         rp.Sector(panda(kind), x, **({"radius": 0.1} | change))
@@ -142,7 +169,9 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
         V = U.copy()
         V[:, i] = -0.3 * V[:, i]
         due = Q.copy()
-        due[:, one.joint] += one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
+        due[:, one.joint] += (
+            one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
+        )
         assert np.abs(F.batch(V) - due).max() < 4e-15
     lower, upper = F.leaves(targets[0])[0]
     assert lower < -0.02 and upper > 0.02
@@ -160,13 +189,22 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
     for u in rng.uniform(-0.8, 0.8, (4, design.cell.k)):
         q = design.function(design.cell.at(u)) + 0.1 * rng.normal(size=task.n)
         q[-1] += 0.5  # the spin is outside the sector
-        q[design.function.chart.cell.removed[0].joint if name == "pose" else 0] += 2 * np.pi
+        q[design.function.chart.cell.removed[0].joint if name == "pose" else 0] += (
+            2 * np.pi
+        )
         V, h = inverse.potentials.gradient(q), 1e-6
-        ends = [[inverse.potentials.value(q + w * h * e) for e in np.eye(task.n)] for w in (1, -1)]
+        ends = [
+            [inverse.potentials.value(q + w * h * e) for e in np.eye(task.n)]
+            for w in (1, -1)
+        ]
         assert np.allclose((np.array(ends[0]) - ends[1]) / (2 * h), V, atol=1e-6)
         xdot = rng.normal(size=task.m)
         assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-8)
         assert np.allclose(V.T @ inverse(q), 0, atol=1e-9)
+    for size in (2e-4, 0.0):  # tilts so small that their formulas are series; none
+        q = design.function(design.cell.at(size * rng.uniform(-1, 1, design.cell.k)))
+        xdot = rng.normal(size=task.m)
+        assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["pose", "axis", "one orientation"])
@@ -210,16 +248,36 @@ def test_how_far_round_and_what_ends_it() -> None:
     assert np.isclose(turn.reach, turn.joint_range - turn.spread)
     assert turn.reach - 1e-9 <= turn.nearly <= turn.most <= turn.joint_range
     assert np.isclose(cell.widths[1], turn.reach / 2)
-    for end in (-1.0, 1.0):  # both ends of the angle are inside the limits, further is not
+    for end in (
+        -1.0,
+        1.0,
+    ):  # both ends of the angle are inside the limits, further is not
         U[:, 1] = end
         assert task.limit_margin(F.batch(U))[:, 0].min() > -1e-9
         U[:, 1] = end * np.pi / cell.widths[1] * 0.999
         with pytest.raises(rp.InputError, match="panda_joint1 = .* outside its limits"):
             F.batch(U)
     map_ = turn_at(F.chart, F.chart.cell.sample(4))
-    assert map_ is not None and np.allclose(map_, turn.joint_range)  # one orientation: no spread
+    assert map_ is not None and np.allclose(
+        map_, turn.joint_range
+    )  # one orientation: no spread
     assert f"{np.degrees(turn.reach):.4g}° at every covered pose" in design.summary()
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
+
+
+def test_tilts_narrow_the_range_of_the_angle() -> None:
+    """By what joint 1 differs over the tilts at one radius and height, of poses of our own."""
+    design = found("pose")
+    chart, (turn, *_) = design.function.chart, design.evaluation.turns
+    cell = chart.cell
+    edge = np.array([u for u in cell.corners() if (u[:2] == 1).all()])
+    inside = np.random.default_rng(3).uniform(-1, 1, (200, cell.k))
+    inside[:, :2] = 1.0
+    U = np.concatenate([edge, inside])
+    spread = np.ptp(chart.solve(U, np.zeros((len(U), 1))).Q[:, 0])
+    map_ = turn_at(chart, U[:2])
+    assert map_ is not None and spread > 0.05
+    assert np.allclose(map_, turn.joint_range - spread, atol=0.02)
 
 
 def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
@@ -252,8 +310,12 @@ def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
     assert [one.coordinate for one in reduced(sector, weighted).removed] == [1, 5]
     assert reduced(sector, limits).removed == ()
     free = sector_of("one orientation")
-    with pytest.raises(rp.InputError, match="angle 'all' requires the symmetry .* body_distance="):
-        rp.nearest_inverse_function(rp.Pseudoinverse(free.task), free, body_distance=0.02)
+    with pytest.raises(
+        rp.InputError, match="angle 'all' requires the symmetry .* body_distance="
+    ):
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(free.task), free, body_distance=0.02
+        )
 
 
 @pytest.mark.slow
@@ -295,7 +357,9 @@ def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
     F = design.function
     angles = np.linspace(-np.pi, np.pi, 25)[1:-1]
     q = [F(design.cell.at([0.3, a / np.pi])) for a in angles]
-    assert np.allclose(np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12)
+    assert np.allclose(
+        np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12
+    )
     path = tour(design.cell)
     motion = rp.follow(design.inverse, path, F(path.placement(0.0)), steps=300)
     assert motion.drift[-1] < 1e-5
@@ -338,6 +402,44 @@ def test_the_tour_of_a_sector_closes_and_stays_inside() -> None:
         assert np.allclose(path.twist(s), [*v, *w], atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("name", "change", "size", "where"),
+    [
+        (
+            "pose",
+            {},
+            "radius ±0.08 m, height ±0.08 m, angle as far as the joints go, "
+            "tilted by ±(0.2, 0.3) rad, spin ±0.3 rad",
+            ", tilted by (0.2, -0.3) rad, spun by 0.3 rad",
+        ),
+        (
+            "pose",
+            {"angle": 1.0, "half_angle": 0.2, "spin": 0.0},
+            "radius ±0.08 m, height ±0.08 m, angle ±1 rad, tilted by ±0.2 rad",
+            ", tilted by (0.2, -0.2) rad",
+        ),
+        (
+            "one orientation",
+            {"angle": 1.0},
+            "radius ±0.08 m, height ±0.08 m, angle ±1 rad, "
+            "one orientation, which turns with the angle",
+            "",
+        ),
+        ("position", {}, "radius ±0.08 m, height ±0.08 m, angle ±1 rad", ""),
+        ("xy", {}, "radius ±0.08 m, angle as far as the joints go", ""),
+    ],
+)
+def test_a_sector_says_its_size_and_where_a_pose_is(
+    name: str, change: dict[str, Any], size: str, where: str
+) -> None:
+    sector = sector_of(name, **change)
+    u = np.array([1.0, 0.0, -1.0, 1.0, -1.0, 1.0])[: sector.k]
+    place = "({:.3g}, {:.3g}, {:.3g}) m".format(*sector.at(u).translation)
+    assert sector.size() == size and sector.where(u) == place + where
+    assert repr(sector).startswith(f"<Sector {size} around (0.45, 0.1, 0.35) m")
+    assert sector.symmetry() == "not used"
+
+
 def test_the_edges_of_a_sector() -> None:
     from repctl_pin.show.cell_page import box_of
 
@@ -346,6 +448,8 @@ def test_the_edges_of_a_sector() -> None:
     U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (len(p), 1, 1)))
     assert np.allclose(np.abs(U[:, [0, 2]]), 1) and np.abs(U[:, 1]).max() <= 1 + 1e-9
     steps = np.diff(U[:, :3], axis=0)
-    assert (np.abs(steps) > 1e-9).sum(axis=1).max() == 1  # along one coordinate at a time
+    assert (np.abs(steps) > 1e-9).sum(
+        axis=1
+    ).max() == 1  # along one coordinate at a time
     ends = {tuple(map(int, np.rint(u))) for u in U[np.abs(U[:, 1]) > 1 - 1e-9][:, :3]}
     assert len(ends) == 8

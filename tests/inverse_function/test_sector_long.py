@@ -29,14 +29,24 @@ class Case:
     joints: list[int]
 
 
-TILTED = {"radius": 0.08, "height": 0.08, "half_angle": 0.2, "spin": 0.3, "angle": "all"}
+TILTED = {
+    "radius": 0.08,
+    "height": 0.08,
+    "half_angle": 0.2,
+    "spin": 0.3,
+    "angle": "all",
+}
 CASES = {
     "panda": Case(None, (0.525, 0.0, 0.25), TILTED, [0, 6]),
     "iiwa14": Case((0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0), None, TILTED, [0, 6]),
     "gen3": Case((0.0, 0.5, np.pi, -1.9, 0.0, 0.9, np.pi / 2), None, TILTED, [0, 6]),
     "xarm7": Case((0.0, 0.2, 0.0, 1.0, 0.0, 0.8, 0.0), None, TILTED, [0, 6]),
-    "rail": Case((0.0, 0.1, 0.5, 0.9, 0.1, 0.4, 0.1), None, TILTED | {"angle": 0.2}, [6]),
-    "baxter": Case((0.1, -0.5, 0.2, 1.2, -0.3, 0.9, 0.1), None, TILTED | {"angle": 0.1}, [6]),
+    "rail": Case(
+        (0.0, 0.1, 0.5, 0.9, 0.1, 0.4, 0.1), None, TILTED | {"angle": 0.2}, [6]
+    ),
+    "baxter": Case(
+        (0.1, -0.5, 0.2, 1.2, -0.3, 0.9, 0.1), None, TILTED | {"angle": 0.1}, [6]
+    ),
 }
 
 
@@ -101,16 +111,17 @@ def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
     with capsys.disabled():
         turns = [f"{np.degrees(turn.reach):.0f}°" for turn in design.evaluation.turns]
         print(f"\n{name}: {design.cell.size()}; {design.extra_speed:.2%}; {turns}")
-    F, cell, rng = design.function, design.cell, np.random.default_rng(1)
+    F, cell, rng, worst = design.function, design.cell, np.random.default_rng(1), 0.0
     for _ in range(_POSES // 10_000):
         U = rng.uniform(-1, 1, (10_000, cell.k))
         Q = F.batch(U)
         p, R = cell.placements(U)
         targets = [pin.SE3(*pair) for pair in zip(R, p, strict=True)]
-        assert np.abs(task.errors(Q, targets)).max() < 1e-10
+        worst = max(worst, np.abs(task.errors(Q, targets)).max())
         ahead = U + 1e-4 * rng.uniform(-1, 1, U.shape)
         step = np.abs(F.batch(np.clip(ahead, -1, 1)) - Q).max()
         assert step < 0.02  # no jump
+    assert worst < 1e-10
     for k in rng.permutation(len(U))[:_ONE_BY_ONE]:  # the same, whatever came before
         assert np.abs(F(targets[k]) - Q[k]).max() < 1e-10
     for one in F.chart.cell.removed:
@@ -118,7 +129,9 @@ def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
         V = U.copy()
         V[:, i] = rng.uniform(-1, 1, len(U))
         due = Q.copy()
-        due[:, one.joint] += one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
+        due[:, one.joint] += (
+            one.sign * cell.widths[one.coordinate] * (V[:, i] - U[:, i])
+        )
         assert np.abs(F.batch(V) - due).max() < 1e-14
     path = tour(cell)
     motion = rp.follow(
@@ -127,7 +140,8 @@ def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
         F(path.placement(0.0)),
         cycles=3,
         steps=400,
-        integrator=rp.LeafLock(2),
+        integrator=rp.LeafLock(4),
     )
-    assert motion.drift[-1] < 1e-6  # steps of 400 per cycle, the same in each
-    assert abs(motion.drift[-1] - motion.drift[0]) < 1e-9
+    with capsys.disabled():
+        print(f"{name}: task error {worst:.1e}, drift {motion.drift[-1]:.1e}")
+    assert motion.drift.max() < 1e-10

@@ -15,7 +15,9 @@ def function() -> rp.InverseFunction:
     return function_of("poses")
 
 
-def forms(function: rp.InverseFunction, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def forms(
+    function: rp.InverseFunction, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coordinates U (K, k), matrices (K, 4, 4), and positions with quaternions (K, 7)."""
     U = 0.9 * function.cell.sample(count, seed=2)
     X = np.array([function.cell.at(u).homogeneous for u in U])
@@ -48,7 +50,10 @@ def test_compiled_it_takes_the_same(function: rp.InverseFunction) -> None:
     _, X, rows = forms(function, 64)
     C = np.random.default_rng(4).uniform(-0.1, 0.1, (64, 1))
     for leaf in (None, [0.05], C):
-        assert np.abs(compiled.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max() < 1e-9
+        assert (
+            np.abs(compiled.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max()
+            < 1e-9
+        )
 
 
 def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
@@ -60,23 +65,37 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
         found = one.batch(rows, missing="nan")
         assert np.isnan(found[[1, 4]]).all()
         assert np.abs(found[[0, 2, 3, 5]] - Q[[0, 2, 3, 5]]).max() < 1e-9
-    far = function.batch(X, leaf=[50.0], missing="nan")  # no configuration, or beyond a limit
+    far = function.batch(
+        X, leaf=[50.0], missing="nan"
+    )  # no configuration, or beyond a limit
     assert np.isnan(far).any(axis=1).all()
     assert function.batch(rows[:0], missing="nan").shape == (0, 7)
     X, C = function.pose_and_leaf(np.tile(function.task.reference, (2, 1)))
     assert X.shape == (2, 4, 4) and C.shape == (2, 1)
 
 
+LAST = np.array([[1.0], [1.0], [1.1]])
+"""Factors that change the last of three targets only."""
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda X, rows: rows * [1, 1, 1, 2, 2, 2, 2], "quaternion of target 0 has length 2"),
+        (
+            lambda X, rows: rows * [1, 1, 1, 2, 2, 2, 2],
+            "quaternion of target 0 has length 2",
+        ),
         (lambda X, rows: rows[:, :5], "coordinates of this cell"),
         (lambda X, rows: X[:, :3], "matrices"),
         (lambda X, rows: X * 1.1, "last row of target 0"),
+        (lambda X, rows: X * LAST[:, :, None], "last row of target 2"),
+        (lambda X, rows: rows * LAST, "quaternion of target 2 has length 1.1"),
         (lambda X, rows: X * np.array([1.1, 1.1, 1.1, 1]), "rotation of target 0"),
         (lambda X, rows: X.astype(complex), "real numbers"),
-        (lambda X, rows: rows * [1000, 1000, 1000, 1, 1, 1, 1], "target 0 lies outside the cell"),
+        (
+            lambda X, rows: rows * [1000, 1000, 1000, 1, 1, 1, 1],
+            "target 0 lies outside the cell",
+        ),
     ],
 )
 def test_bad_arrays_are_refused_by_number(

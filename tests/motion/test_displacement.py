@@ -32,7 +32,8 @@ def test_a_body_is_off_by_the_way_of_its_farthest_point() -> None:
             inside = rng.dirichlet(np.ones(len(points)), 50) @ points
             D = (after - before)[t, s]
             assert (
-                np.linalg.norm(np.c_[inside, np.ones(50)] @ D.T, axis=1).max() <= way[t, s] + 1e-9
+                np.linalg.norm(np.c_[inside, np.ones(50)] @ D.T, axis=1).max()
+                <= way[t, s] + 1e-9
             )
 
 
@@ -44,7 +45,9 @@ def test_what_stands_still_is_not_off() -> None:
 def test_round_bodies_are_measured_to_a_percent() -> None:
     """A sphere of radius R that turns by φ about a point at distance d: 2 (d + R) sin(φ/2)."""
     visuals = Visuals.of(rp.Robot.load("planar3r"))
-    shape = next(s for s in visuals.shapes if s.kind in ("sphere", "capsule", "cylinder"))
+    shape = next(
+        s for s in visuals.shapes if s.kind in ("sphere", "capsule", "cylinder")
+    )
     sphere = replace(shape, kind="sphere", size=(0.2,), path=None)
     still, turned = np.eye(4), np.eye(4)
     turned[:3, :3] = pin.exp3(np.array([0.0, 0.0, 0.5]))
@@ -60,7 +63,9 @@ def moving(q: np.ndarray, cycles: int) -> rp.Motion:
     """A motion of planar3r with these joint positions."""
     task = rp.Robot.load("planar3r").task(kind="xy")
     q0 = np.array([0.3, 0.8, 0.8])
-    made = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=cycles, steps=40)
+    made = rp.follow(
+        rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=cycles, steps=40
+    )
     return replace(made, q=q, qdot=np.zeros_like(q), drift=np.ones(cycles))
 
 

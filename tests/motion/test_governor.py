@@ -29,8 +29,12 @@ def planar(region: bool = False) -> rp.RepeatableInverse:
     return rp.compiled(rp.RepeatableInverse(task, inverse.potentials, region=box))
 
 
-def governed(jerk: float | None = J, *, region: bool = False, **more: float) -> rp.Governor:
-    governor = rp.Governor(planar(region), DT, velocity=2.0, acceleration=A, jerk=jerk, **more)
+def governed(
+    jerk: float | None = J, *, region: bool = False, **more: float
+) -> rp.Governor:
+    governor = rp.Governor(
+        planar(region), DT, rp.Limits(velocity=2.0, acceleration=A, jerk=jerk), **more
+    )
     governor.start(Q0)
     return governor
 
@@ -42,7 +46,10 @@ def moved(x: float = 0.0, y: float = 0.0) -> pin.SE3:
 
 
 def run(
-    governor: rp.Governor, ticks: int, target: pin.SE3 | None = None, twist: object = None
+    governor: rp.Governor,
+    ticks: int,
+    target: pin.SE3 | None = None,
+    twist: object = None,
 ) -> tuple[np.ndarray, list[rp.Status]]:
     """Ticks of one input, up to a target: the joints before and after each, and the statuses."""
     Q, said = [governor.q], []
@@ -55,7 +62,9 @@ def run(
     return np.array(Q), said
 
 
-def used(Q: np.ndarray, velocity: float, acceleration: float, jerk: float | None) -> float:
+def used(
+    Q: np.ndarray, velocity: float, acceleration: float, jerk: float | None
+) -> float:
     """Largest share of a limit that samples use, by their differences alone."""
     shares = [
         np.abs(np.diff(Q, k, axis=0)).max() / DT**k / most
@@ -74,7 +83,10 @@ def inputs(rng: np.random.Generator, home: pin.SE3, ticks: int) -> Iterator[Inpu
             target = None
             if kind < 3:
                 p = home.translation + rng.normal(size=3) * rng.choice([0.02, 0.3, 5.0])
-                target, twist = pin.SE3(pin.exp3(0.3 * rng.normal(size=3)) @ home.rotation, p), None
+                target, twist = (
+                    pin.SE3(pin.exp3(0.3 * rng.normal(size=3)) @ home.rotation, p),
+                    None,
+                )
             elif kind == 3 and twist is not None:
                 twist = -twist
             elif kind < 6:
@@ -86,7 +98,9 @@ def inputs(rng: np.random.Generator, home: pin.SE3, ticks: int) -> Iterator[Inpu
 
 
 @pytest.mark.parametrize("jerk", [J, pytest.param(None, marks=pytest.mark.slow)])
-def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(jerk: float | None) -> None:
+def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(
+    jerk: float | None,
+) -> None:
     governor, home = governed(jerk, margin=0.1), moved()
     rng = np.random.default_rng(9)
     Q = [governor.q]
@@ -103,7 +117,9 @@ def test_no_limit_is_exceeded_and_the_same_pose_has_the_same_joints(jerk: float 
 
 
 def test_a_straight_line_is_followed_at_the_speed_that_the_limits_allow() -> None:
-    governor = rp.Governor(planar(), DT, velocity=0.25, acceleration=A, jerk=J)
+    governor = rp.Governor(
+        planar(), DT, rp.Limits(velocity=0.25, acceleration=A, jerk=J)
+    )
     governor.start(Q0)
     Q, said = run(governor, 3000, moved(0.0, -0.4))
     speed = np.abs(np.diff(Q, axis=0)).max(axis=1) / DT / 0.25
@@ -133,7 +149,9 @@ def test_garbage_stops_the_arm_and_it_goes_on_afterwards() -> None:
     skewed = pin.SE3(np.diag([1.0, 1.0, 2.0]), np.array([np.nan, 0, 0]))
     stopping, said = run(governor, 500, skewed)
     assert set(said) == {rp.Status.BAD_NUMBER}
-    assert np.ptp(stopping[-50:], axis=0).max() == 0 and np.ptp(stopping, axis=0).max() > 0
+    assert (
+        np.ptp(stopping[-50:], axis=0).max() == 0 and np.ptp(stopping, axis=0).max() > 0
+    )
     on, said = run(governor, 2500, moved(0.2, -0.4))
     assert said[-1] is rp.Status.OK
     assert used(np.vstack([stopping, on[1:]]), 2.0, A, J) <= 1 + 1e-9
@@ -173,7 +191,9 @@ def test_out_of_reach_it_rests_and_comes_back() -> None:
 @pytest.mark.slow
 def test_a_cell_is_not_left() -> None:
     function = function_of("positions")
-    governor = rp.Governor(function.inverse, 0.004, acceleration="panda", jerk="panda")
+    governor = rp.Governor(
+        function.inverse, 0.004, rp.Limits(acceleration="panda", jerk="panda")
+    )
     q0 = function(function.cell.placement)
     governor.start(q0)
     Q, said = run(governor, 200, twist=[0.4, 0.1, 0, 0, 0, 0])
@@ -207,14 +227,20 @@ def test_the_rates_of_frame_motions_are_derivatives() -> None:
             found, derivative = motion.rates(t)
             np.testing.assert_allclose(found, np.concatenate([v, omega]), atol=1e-6)
             ahead, behind = motion.rates(t + step)[0], motion.rates(t - step)[0]
-            np.testing.assert_allclose(derivative, (ahead - behind) / (2 * step), atol=1e-5)
+            np.testing.assert_allclose(
+                derivative, (ahead - behind) / (2 * step), atol=1e-5
+            )
         first = motion.rates(0.0)
         np.testing.assert_allclose(first[0], twist, atol=1e-12)
         np.testing.assert_allclose(first[1], rate, atol=1e-12)
     for motion in motions[1:]:
-        np.testing.assert_allclose(motion.rates(motion.duration), np.zeros((2, 6)), atol=1e-9)
+        np.testing.assert_allclose(
+            motion.rates(motion.duration), np.zeros((2, 6)), atol=1e-9
+        )
     end = motions[2].placement(0.9)
-    np.testing.assert_allclose(end.rotation, pin.exp3(1.5 * way[3:]) @ start.rotation, atol=1e-12)
+    np.testing.assert_allclose(
+        end.rotation, pin.exp3(1.5 * way[3:]) @ start.rotation, atol=1e-12
+    )
 
 
 def test_bad_arguments_are_named() -> None:
@@ -226,17 +252,23 @@ def test_bad_arguments_are_named() -> None:
         ({"acceleration": 5.0, "margin": 100.0}, "margin = 100 leaves no range of"),
         ({"acceleration": "panda"}, "of 7 joints"),
         ({"acceleration": 5.0, "velocity": np.inf}, "velocity= is missing"),
+        ({"acceleration": 5.0, "torque": True}, "^torque: a governor does not keep it"),
+        ({"acceleration": 5.0, "tool_speed": 1.0}, "^tool_speed: a governor does not"),
     ):
         with pytest.raises(rp.InputError, match=words) as caught:
-            rp.Governor(inverse, **({"dt": DT} | arguments))  # type: ignore[arg-type]
+            own = {k: v for k, v in arguments.items() if k in ("dt", "margin")}
+            given = {k: v for k, v in arguments.items() if k not in own}
+            rp.Governor(inverse, limits=rp.Limits(**given), **({"dt": DT} | own))
         assert "\n" not in str(caught.value)
-    governor = rp.Governor(inverse, DT, acceleration=5.0, margin=0.5)
+    governor = rp.Governor(inverse, DT, rp.Limits(acceleration=5.0), margin=0.5)
     with pytest.raises(rp.InputError, match="has not started"):
         governor.step()
     with pytest.raises(rp.InputError, match="outside its limits"):
         governor.start([0.0, 9.0, 0.0])
     near = np.array([0.3, inverse.task.upper[1] - 0.2, 0.8])
-    with pytest.raises(rp.InputError, match=r"too near to the limit of 'theta2'|too near"):
+    with pytest.raises(
+        rp.InputError, match=r"too near to the limit of 'theta2'|too near"
+    ):
         governor.start(near)
     governor.start(Q0)
     with pytest.raises(rp.InputError, match="mutually exclusive"):
@@ -247,4 +279,8 @@ def test_bad_arguments_are_named() -> None:
         governed(region=True).start(Q0 + 0.5)
     bent = inverse.task.in_coordinates(np.tril(np.ones((3, 3))))
     with pytest.raises(rp.InputError, match="original task"):
-        rp.Governor(control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)), DT, acceleration=5.0)
+        rp.Governor(
+            control(bent, Q0, rp.Polynomial(Q0, 1, 0.5)),
+            DT,
+            rp.Limits(acceleration=5.0),
+        )

@@ -9,7 +9,7 @@ from controls import control
 
 import repctl_pin as rp
 from repctl_pin.motion.leaf_change import leaf_change
-from repctl_pin.motion.profile import Limits
+from repctl_pin.motion.profile import JointLimits
 
 DT = 0.005
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -28,17 +28,23 @@ def panda() -> rp.RepeatableInverse:
 
 @pytest.mark.parametrize(("make", "q"), [(planar, Q0), (panda, Q_PANDA)])
 @pytest.mark.parametrize("jerk", [None, 300.0])
-def test_pieces_lead_to_the_leaf(make: object, q: np.ndarray, jerk: float | None) -> None:
+def test_pieces_lead_to_the_leaf(
+    make: object, q: np.ndarray, jerk: float | None
+) -> None:
     inverse = make()  # type: ignore[operator]
     n, place = inverse.task.n, inverse.task.placement(q).translation
-    limits = Limits(np.full(n, 0.5), np.full(n, 4.0), jerk=jerk and np.full(n, jerk))
+    limits = JointLimits(
+        np.full(n, 0.5), np.full(n, 4.0), jerk=jerk and np.full(n, jerk)
+    )
     wanted = inverse.leaf(q) + 0.15
     Q = q[None]
     while np.abs(inverse.leaf(Q[-1]) - wanted).max() > 1e-10:
         piece = leaf_change(inverse, Q[-1], wanted, limits, DT)
         assert np.abs(piece[-1] - Q[-1]).max() <= 0.1
         Q = np.concatenate([Q, piece])
-    assert np.abs([inverse.task.placement(p).translation - place for p in Q]).max() < 1e-10
+    assert (
+        np.abs([inverse.task.placement(p).translation - place for p in Q]).max() < 1e-10
+    )
     levels = np.array([inverse.leaf(p) for p in Q])
     assert (np.diff(levels, axis=0) > -1e-12).all()  # straight there
     Q = np.concatenate([np.tile(q, (3, 1)), Q, np.tile(Q[-1], (3, 1))])
@@ -48,7 +54,7 @@ def test_pieces_lead_to_the_leaf(make: object, q: np.ndarray, jerk: float | None
 
 
 def test_a_motion_out_of_omega_or_the_limits_is_refused() -> None:
-    limits = Limits(np.ones(3), np.ones(3))
+    limits = JointLimits(np.ones(3), np.ones(3))
     with pytest.raises(rp.InputError, match="would leave Ω"):
         inverse = planar(rp.Box(Q0, 0.03))
         leaf_change(inverse, Q0, inverse.leaf(Q0) + 0.1, limits, DT)

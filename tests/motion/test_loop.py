@@ -36,7 +36,11 @@ def test_undisturbed_it_is_what_follow_integrates(loop: Loop, controls) -> None:
     q0 = loop.cycle[0, 0]
     path = rp.circle(controls[0].task, q0, 0.15)
     plain, closed = (rp.follow(c, path, q0, cycles=3, steps=250) for c in controls)
-    for seconds in (1.3, 0.0101, 1.6899 + 1e-6):  # odd pieces make up the same three cycles
+    for seconds in (
+        1.3,
+        0.0101,
+        1.6899 + 1e-6,
+    ):  # odd pieces make up the same three cycles
         loop.run(seconds * PERIOD)
     assert (
         np.linalg.norm(loop.q[0] - q0) == pytest.approx(plain.drift[-1], rel=0.01)
@@ -45,7 +49,9 @@ def test_undisturbed_it_is_what_follow_integrates(loop: Loop, controls) -> None:
     assert np.abs(loop.q[1] - q0).max() < 1e-9 > closed.drift[-1]
     loop.run(0.2 * PERIOD + 1e-6)
     np.testing.assert_allclose(loop.q[1], loop.before[1], atol=1e-9)
-    np.testing.assert_allclose(loop.before[0], plain.cycle(0)[loop.steps // 5], atol=2e-3)
+    np.testing.assert_allclose(
+        loop.before[0], plain.cycle(0)[loop.steps // 5], atol=2e-3
+    )
     for q in loop.q:
         assert np.linalg.norm(loop.task.error(q, path.placement(0.2))) < 1e-4
 
@@ -59,12 +65,18 @@ def test_a_target_moved_and_brought_back_brings_back_who_repeats(loop: Loop) -> 
     np.testing.assert_allclose(loop.offset, moved)
     loop.run(4.0)
     assert not loop.offset.any()
-    plain, ours = (np.linalg.norm(q - then) for q, then in zip(loop.q, loop.before, strict=True))
+    plain, ours = (
+        np.linalg.norm(q - then) for q, then in zip(loop.q, loop.before, strict=True)
+    )
     undisturbed = Loop(
         loop.strategies, rp.circle(loop.task, still[0], 0.15), still[0], period=PERIOD
     )
     undisturbed.run(8.0)
-    assert ours < 1e-9 and np.linalg.norm(loop.q[0] - undisturbed.q[0]) > 1e-4 and plain > 0.003
+    assert (
+        ours < 1e-9
+        and np.linalg.norm(loop.q[0] - undisturbed.q[0]) > 1e-4
+        and plain > 0.003
+    )
 
 
 def test_a_target_out_of_reach_comes_back_as_far_as_needed(loop: Loop) -> None:
@@ -102,7 +114,9 @@ def test_out_of_reach_it_holds_says_so_and_comes_back(
         loop.run(0.1, [0.01 * min(k, 60), 0.0, 0.0])
         held.append(loop.out_of_reach)
         place = loop._targets[loop._at]
-        hands = [panda_pose.placement(q).translation - place.translation for q in loop.q]
+        hands = [
+            panda_pose.placement(q).translation - place.translation for q in loop.q
+        ]
         np.testing.assert_allclose(
             hands, [loop.offset] * 2, atol=0.01
         )  # the hand is where the target is

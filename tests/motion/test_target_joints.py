@@ -38,7 +38,9 @@ def moved(inverse: rp.RepeatableInverse, x: float, y: float) -> pin.SE3:
     return pin.SE3(place.rotation, place.translation + [x, y, 0.0])
 
 
-def test_they_are_those_of_small_steps_along_the_line(inverse: rp.RepeatableInverse) -> None:
+def test_they_are_those_of_small_steps_along_the_line(
+    inverse: rp.RepeatableInverse,
+) -> None:
     q, leaf = Q0, inverse.leaf(Q0)
     for share in [*np.linspace(0, 1, 501)[1:], 1, 1]:
         q = inverse.step(q, moved(inverse, -0.6 * share, -0.9 * share), 1.0, leaf=leaf)
@@ -47,7 +49,9 @@ def test_they_are_those_of_small_steps_along_the_line(inverse: rp.RepeatableInve
     np.testing.assert_allclose(found, q, atol=1e-9)
 
 
-def test_there_are_none_out_of_reach_or_beyond_a_limit(inverse: rp.RepeatableInverse) -> None:
+def test_there_are_none_out_of_reach_or_beyond_a_limit(
+    inverse: rp.RepeatableInverse,
+) -> None:
     assert joints_of(inverse, moved(inverse, 5.0, 5.0)) is None
     target = moved(inverse, -0.6, -0.9)
     found = joints_of(inverse, target)
@@ -66,7 +70,10 @@ def test_the_direction_is_along_the_leaf_and_around_a_singularity(
 
     goal = joints_of(inverse, moved(inverse, -0.6, -0.9))
     assert goal is not None
-    q, far = Q0, moved(inverse, 5.0, 5.0).translation - moved(inverse, 0.0, 0.0).translation
+    q, far = (
+        Q0,
+        moved(inverse, 5.0, 5.0).translation - moved(inverse, 0.0, 0.0).translation,
+    )
     V = inverse.potentials.gradients(q[None])[0]
     d = leaf_direction(inverse, q, goal)
     assert regular(q) > ALONG and np.abs(V.T @ d).max() < 1e-12

@@ -33,15 +33,27 @@ def test_the_first_limit_and_the_first_touch_in_order(
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=2, steps=10)
     assert violations_of(motion) == () and motion.first_touch is None
     refuse_violations(motion, "")
-    q, folded = motion.q.copy(), np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618])
-    q[13], q[17] = folded, q_panda + [0, 0, 0, -0.9, 0, 0, 0]  # in cycle 2: 30 % and 70 % round
+    q, folded = (
+        motion.q.copy(),
+        np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618]),
+    )
+    q[13], q[17] = (
+        folded,
+        q_panda + [0, 0, 0, -0.9, 0, 0, 0],
+    )  # in cycle 2: 30 % and 70 % round
     touch, limit = violations_of(replace(motion, q=q))
     assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
-    assert str(limit) == "panda_joint4 exceeds its limits in cycle 2, at 70 % of the cycle"
     assert (
-        set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links) and touch.moment == 1.3
+        str(limit) == "panda_joint4 exceeds its limits in cycle 2, at 70 % of the cycle"
     )
-    assert str(touch) == f"{' and '.join(touch.names)} collide in cycle 2, at 30 % of the cycle"
+    assert (
+        set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links)
+        and touch.moment == 1.3
+    )
+    assert (
+        str(touch)
+        == f"{' and '.join(touch.names)} collide in cycle 2, at 30 % of the cycle"
+    )
     with pytest.raises(
         rp.InputError, match=f"^{touch}; {limit}: no trajectory was written; go home$"
     ):
@@ -118,16 +130,23 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     ball = sum(np.exp(1j * angle) for angle in np.cumsum([0.2, 0.5, 0.3]))
     here = task.positions(np.array([[0.2, 0.5, 0.3]]))[0]
     assert np.isclose(complex(here[0], here[1]), ball - np.exp(1j))
-    far = told(capsys, *follow_past((5.0, 0.0), tmp_path), "--csv", str(tmp_path / "m.csv"))
+    far = told(
+        capsys, *follow_past((5.0, 0.0), tmp_path), "--csv", str(tmp_path / "m.csv")
+    )
     assert far["first_touch"] is None and far["body_distance"] > 0.5
     (tmp_path / "m.csv").unlink()
     words = follow_past((ball.real, ball.imag), tmp_path)
     assert "tip and post collide at the start: no trajectory" in refused(
         capsys, *words, "--csv", str(tmp_path / "m.csv")
     )
-    near = follow_past((ball.real - 0.25, ball.imag), tmp_path)  # not at the start, but on the way
+    near = follow_past(
+        (ball.real - 0.25, ball.imag), tmp_path
+    )  # not at the start, but on the way
     error = refused(capsys, *near, "--yaml", str(tmp_path / "m.yaml"))
-    assert "tip and post collide in cycle 1, " in error and not (tmp_path / "m.yaml").exists()
+    assert (
+        "tip and post collide in cycle 1, " in error
+        and not (tmp_path / "m.yaml").exists()
+    )
     assert main(near) == 0
     out, warning = capsys.readouterr()
     assert (
@@ -165,11 +184,15 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     assert violation.cycle == 7 and violation.names == ("left_w2",)
     assert ours.drift.max() < 1e-3 and violations_of(ours, ours.thinned(10)) == ()
     drift, joints = (
-        figure([("J⁺", plain, "#D55E00")], "") for figure in (drift_figure, joints_figure)
+        figure([("J⁺", plain, "#D55E00")], "")
+        for figure in (drift_figure, joints_figure)
     )
     assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
     crosses = [
-        ax.get_title("left") for ax in joints.axes for line in ax.lines if line.get_marker() == "x"
+        ax.get_title("left")
+        for ax in joints.axes
+        for line in ax.lines
+        if line.get_marker() == "x"
     ]
     assert crosses == ["left_w2"]
 
@@ -177,9 +200,13 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
 def test_the_page_marks_the_touch(tmp_path) -> None:
     """The words and the moment, and a point that moves with the link."""
     words = follow_past((2.035, 1.684), tmp_path)
-    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=words[-1]).task("tip", "xy")
+    task = rp.Robot.load(tmp_path / "chain.urdf", surroundings=words[-1]).task(
+        "tip", "xy"
+    )
     q0 = np.array([0.2, 0.5, 0.3])
-    motion = rp.follow(rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100)
+    motion = rp.follow(
+        rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100
+    )
     assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
     scene, _, _ = read(
         playback_page([TracedChain(task, 1)], [playback_of("J⁺", motion, "#D55E00")])

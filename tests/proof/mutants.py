@@ -11,8 +11,14 @@ import pytest
 PACKAGE = "repctl_pin.proof"
 
 NUMPY = {
-    "no products of slopes": ("np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2", "0 * pairs"),
-    "half the products": ("np.swapaxes(pairs, 1, 2)) / 2", "np.swapaxes(pairs, 1, 2)) / 4"),
+    "no products of slopes": (
+        "np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2",
+        "0 * pairs",
+    ),
+    "half the products": (
+        "np.swapaxes(pairs, 1, 2)) / 2",
+        "np.swapaxes(pairs, 1, 2)) / 4",
+    ),
     "products subtracted": ("np.abs(pairs + np.", "np.abs(pairs - np."),
     "no R N_j": ("at.R @ first + D @ rough", "D @ rough"),
     "half of R N_j": ("at.R @ first + D @ rough", "0.5 * at.R @ first + D @ rough"),
@@ -45,9 +51,15 @@ NUMPY = {
     "β without ν": ("@ (first + nu)", "@ first"),
     "β without half of ν": ("@ (first + nu)", "@ (first + 0.5 * nu)"),
     "β without π": ("np.swapaxes(pi, 1, 2) @ np.abs(T) + tiny", "tiny"),
-    "β with half of π": ("+ np.swapaxes(pi, 1, 2) @", "+ 0.5 * np.swapaxes(pi, 1, 2) @"),
+    "β with half of π": (
+        "+ np.swapaxes(pi, 1, 2) @",
+        "+ 0.5 * np.swapaxes(pi, 1, 2) @",
+    ),
     "b without slopes": ("b = _summed(PT, half) + beta", "b = beta"),
-    "b with half of the slopes": ("b = _summed(PT, half)", "b = 0.5 * _summed(PT, half)"),
+    "b with half of the slopes": (
+        "b = _summed(PT, half)",
+        "b = 0.5 * _summed(PT, half)",
+    ),
     "b without β": ("b = _summed(PT, half) + beta", "b = _summed(PT, half)"),
     "ρ without ν": ("rho = nu + pi + np", "rho = pi + np"),
     "ρ with half of ν": ("rho = nu + pi + np", "rho = 0.5 * nu + pi + np"),
@@ -56,7 +68,10 @@ NUMPY = {
     "ρ without β": ("np.abs(T) @ beta + tiny", "tiny"),
     "ρ with half of β": ("np.abs(T) @ beta + tiny", "0.5 * np.abs(T) @ beta + tiny"),
     "ρ without b": ("rho + again + row[:, :, None]", "rho"),
-    "ρ with half of b": ("rho + again + row[:, :, None]", "rho + 0.5 * again + row[:, :, None]"),
+    "ρ with half of b": (
+        "rho + again + row[:, :, None]",
+        "rho + 0.5 * again + row[:, :, None]",
+    ),
     "ρ with b once": ("rho + again + row[:, :, None]", "rho + again"),
     "b² only": ("(size / (1 - size) * slack)", "size"),
     "slopes not in |S − T_c|": ("again = (wide + rho) @ b", "again = rho @ b"),
@@ -97,7 +112,10 @@ C = {
     "one of two products": ("if (turns[k][c] && k > j)", "if (0)"),
     "no R N_j": ("+= R[i][c] * first[c][a] + D", "+= D"),
     "no D R X": (" + D[i][c] * rough[c][a]", ""),
-    "R not in D": ("D[i][c] = R[i][c] = e + fabs(s)", "D[i][c] = 0, R[i][c] = e + fabs(s)"),
+    "R not in D": (
+        "D[i][c] = R[i][c] = e + fabs(s)",
+        "D[i][c] = 0, R[i][c] = e + fabs(s)",
+    ),
     "no R X": ("e[i][a] = rough[i][a] + Y[i][6 + a]", "e[i][a] = Y[i][6 + a]"),
     "no z": ("e[i][a] = rough[i][a] + Y[i][6 + a]", "e[i][a] = rough[i][a]"),
     "N turns the other way": ("dN[j][i][a] -= s[i]", "dN[j][i][a] += s[i]"),
@@ -106,7 +124,10 @@ C = {
     "V's rest not in M": ("s += rest[a][i] * fabs(V[c][i]);", ";"),
     "V's rest not projected": ("s += fabs(V[c][i]) * fabs(V[c][l]) * rest[a][l];", ";"),
     "M not at all": ("loose[i][a] += row, all", "all"),
-    "β without slopes of N": ("all[i][a] * (first[i][c] + e[i][c])", "all[i][a] * e[i][c]"),
+    "β without slopes of N": (
+        "all[i][a] * (first[i][c] + e[i][c])",
+        "all[i][a] * e[i][c]",
+    ),
     "β without ν": ("(first[i][c] + e[i][c])", "first[i][c]"),
     "β without π": (" + loose[i][a] * fabs(T[i][c]);", ";"),
     "b without slopes": ("b[a][c] += h[j] * fabs(PT[a][c]);", ";"),
@@ -128,13 +149,22 @@ C = {
 
 
 POTENTIALS = {
-    "half of the third derivatives": ("rest = 0.5 * np.einsum", "rest = 0.25 * np.einsum"),
-    "no third derivatives": ("rest = 0.5 * np.einsum", "rest = 0 * np.einsum"),
-    "half of those at the centre": ("rest + 0.5 * np.einsum", "rest + 0.25 * np.einsum"),
+    "half of the third derivatives": (
+        '0.5 * np.einsum("aijl,Kj',
+        '0.25 * np.einsum("aijl,Kj',
+    ),
+    "no third derivatives": ('0.5 * np.einsum("aijl,Kj', '0 * np.einsum("aijl,Kj'),
+    "half of those at the centre": (
+        "rest + 0.5 * np.einsum",
+        "rest + 0.25 * np.einsum",
+    ),
     "no fourth derivatives": ("third += np.einsum", "0 * np.einsum"),
     "half of the fourth derivatives": ("half) / 3", "half) / 6"),
-    "powers' factors forgotten": ("np.abs(c) * (by_m * size", "np.abs(c) * (size"),
-    "fourth derivatives at the centre": ("= [self._most(v) for v in z]", "= [0.0] * len(z)"),
+    "powers' factors forgotten": ("by_m * size / scale[m]", "size / scale[m]"),
+    "fourth derivatives at the centre": (
+        "= [self._most(v) for v in z]",
+        "= [0.0] * len(z)",
+    ),
     "one scale missing": ("by_l / scale[l]", "by_l"),
     "half of a third power": ("+= np.abs(cubic)", "+= 0.5 * np.abs(cubic)"),
 }
@@ -150,9 +180,9 @@ TAYLOR = {
     ),
     "no products of degree 3 and 1": ("a[..., 3] * (b[..., 1] + ", "a[..., 3] * ("),
     "half of degree 3": ("beyond + a[..., 3]", "beyond + 0.5 * a[..., 3]"),
-    "the left rest dropped": ("self.r * two + self.r", "self.r"),
-    "the right rest dropped": ("one * other.r + ", ""),
-    "both rests dropped": (" + self.r * other.r +", " +"),
+    "the left rest dropped": ("            + self.r * two\n", ""),
+    "the right rest dropped": ("            + one * other.r\n", ""),
+    "both rests dropped": ("            + self.r * other.r\n", ""),
     "a rest dropped in a sum": ("(self.r + other.r)", "self.r"),
     "a rest not scaled": ("self.r * np.abs(factor)", "self.r"),
     "a negative factor": ("(np.abs(A) @ self.r", "(A @ self.r"),
@@ -175,7 +205,10 @@ CELLS = {
     "the sine taken for the angle": ("np.maximum(more, 1.0) * (1 + 1e-12)", "1.0"),
     "the angular part not turned": ("+ turned * angle\n", "\n"),
     "the angle's linear part": ("(more - 1) * w * p + e * angle", "e * angle"),
-    "the product of both ways": ("(more - 1) * w * p + e * angle", "(more - 1) * w * p"),
+    "the product of both ways": (
+        "(more - 1) * w * p + e * angle",
+        "(more - 1) * w * p",
+    ),
     "the linear part not turned": ("turned * (e + p * angle + e * angle) + ", ""),
     "e not turned": ("turned * (e + p * angle", "turned * (p * angle"),
     "the moment not turned": ("turned * (e + p * angle + e * angle)", "turned * e"),
@@ -184,15 +217,41 @@ CELLS = {
 """What is wrong with a cell's bounds: a piece of cells.py, and what is put in its place."""
 
 CHAIN = {
-    "the base on the other side": ("o = o - _combined(R, chain.p", "o = o + _combined(R, chain.p"),
+    "the base on the other side": (
+        "o = o - _combined(R, chain.p",
+        "o = o + _combined(R, chain.p",
+    ),
     "joints towards the base turn forwards": ("R, o, -theta[", "R, o, theta["),
-    "the frame's place forgotten": ("_applied(R_b, pose[0]) - p2", "_applied(R_b, pose[0])"),
+    "the frame's place forgotten": (
+        "_applied(R_b, pose[0]) - p2",
+        "_applied(R_b, pose[0])",
+    ),
     "the moment of the other sign": ("moment = e + cross", "moment = e - cross"),
-    "the rotation back": ("cross(a, b) for", "cross(b, a) for"),
+    "the rotation back": ("s + cross(a, b)", "s + cross(b, a)"),
     "twice the rotation": (".scaled(0.5), np", ", np"),
-    "turned the other way": ("[c * x + s * y, c * y - s * x", "[c * x - s * y, c * y + s * x"),
+    "turned the other way": (
+        "[c * x + s * y, c * y - s * x",
+        "[c * x - s * y, c * y + s * x",
+    ),
 }
 """What is wrong with a chain's models: a piece of taylor_chain.py, and what is put in its place."""
+
+COMMUTATOR = {
+    "joints beyond forgotten": ("= turns[:, beyond] @ away[beyond]", "= 0"),
+    "half of the joints beyond": ("= turns[:, beyond] @", "= 0.5 * turns[:, beyond] @"),
+    "joint l forgotten": ("joints >= max(joint, k)", "joints >= max(joint + 1, k)"),
+    "joints between forgotten": ("+= away[joint]", "+= 0 * away[joint]"),
+    "half of the joints between": ("+= away[joint]", "+= 0.5 * away[joint]"),
+    "prismatic joints forgotten": (
+        "K[:, joint] += slides[:, joints > joint].sum(axis=1)",
+        "pass",
+    ),
+    "turned prismatic joints": ("= turns[:, among].sum(axis=1)\n", "= 0\n"),
+    "no mean": ("mean = (0.5 * Omega", "mean = (0 * Omega"),
+    "no spin": ("return np.where(spins, step[", "return np.where(spins, 0 * step["),
+}
+"""What is wrong with the bounds of two solutions: a piece of commutator.py, and what is put in its
+place."""
 
 _CELL, _TAYLOR = "cell_bounds.c", "taylor.c"
 CELL_C = {
@@ -205,16 +264,32 @@ CELL_C = {
     "the rest of a sum": (_TAYLOR, "fabs(a) * x->r + fabs(b) * y->r", "fabs(a) * x->r"),
     "no fourth derivatives": (_CELL, "out[c].r += v *", "out[c].r += 0 * v *"),
     "the tilt of the other sign": (_CELL, "{0, b[2], -b[1],", "{0, -b[2], b[1],"),
-    "joints towards the base turn forwards": (_CELL, "if (sign < 0) scale", "if (0) scale"),
-    "the frame's place forgotten": (_CELL, ", add(g, e + i, -1, f->tip + i, e + i);", ";"),
+    "joints towards the base turn forwards": (
+        _CELL,
+        "if (sign < 0) scale",
+        "if (0) scale",
+    ),
+    "the frame's place forgotten": (
+        _CELL,
+        ", add(g, e + i, -1, f->tip + i, e + i);",
+        ";",
+    ),
     "no rest in J": (
         _CELL,
         "* (y->r + g->eps * size_of(y));\n      }\n      rest",
         "* 0;\n      }\n      rest",
     ),
     "no higher degrees in J": (_CELL, "else e += absolute(v);", ""),
-    "no slopes beside the chart": (_CELL, "e += fabs(B[(j * N + i) * N + c]) * near[j];", ";"),
-    "no remainder of screws": (_CELL, "norms[2 * i] * (two_v[c] - one_v[c] * (1 - 1e-12))", "0"),
+    "no slopes beside the chart": (
+        _CELL,
+        "e += fabs(B[(j * N + i) * N + c]) * near[j];",
+        ";",
+    ),
+    "no remainder of screws": (
+        _CELL,
+        "norms[2 * i] * (two_v[c] - one_v[c] * (1 - 1e-12))",
+        "0",
+    ),
     "no angular remainder": (
         _CELL,
         " + norms[2 * i + 1] * (two_w[c] - one_w[c] * (1 - 1e-12));",
@@ -226,19 +301,119 @@ CELL_C = {
         "linear +=",
     ),
     "the middle link not moved": (_CELL, " + moved * angle;", ";"),
-    "no linear part of it": (_CELL, "at->step[i] + norms[2 * i] * linear", "at->step[i]"),
+    "no linear part of it": (
+        _CELL,
+        "at->step[i] + norms[2 * i] * linear",
+        "at->step[i]",
+    ),
 }
 """What is wrong with a cell's kernel: the file, a piece of it, and what is put in its place."""
+
+ARM = {
+    "the wrist's force of the other sign": (
+        "return alpha, turning - beta",
+        "return alpha, turning + beta",
+    ),
+    "no connection": ("return alpha, turning - beta", "return alpha, -beta"),
+    "the connection of the other sign": (
+        "return alpha, turning - beta",
+        "return alpha, -turning - beta",
+    ),
+    "the elbow's force of the other sign": (
+        "alpha = (rho * lever) * a",
+        "alpha = -(rho * lever) * a",
+    ),
+    "the elbow's force without ρ": ("alpha = (rho * lever) * a", "alpha = lever * a"),
+    "the wrist's force without 1/ρ": (
+        "_dot(w, e) * inverse * lever",
+        "_dot(w, e) * lever",
+    ),
+    "t on the other side": ("rho * (rho - along)", "rho * (rho + along)"),
+    "r × w for w × r": ("w.combined(-skew(", "w.combined(skew("),
+    "the shoulder does not balance": (
+        "[-(alpha + beta), alpha, beta]",
+        "[-alpha, alpha, beta]",
+    ),
+    "the wrist's moment forgotten": (
+        "cross(e, alpha) + cross(w, beta)",
+        "cross(e, alpha)",
+    ),
+    "moments about the base": (
+        "cross(points[f] - origins[joint], forces[f])",
+        "cross(points[f], forces[f])",
+    ),
+    "prismatic joints turn": ("o = o + one * axes[joint]", "pass"),
+    "couplings forgotten": ("one.scaled(chain.S[joint, i])", "one"),
+    "offsets forgotten": (
+        "np.tile(chain.o, (len(Q), 1))",
+        "0 * np.tile(chain.o, (len(Q), 1))",
+    ),
+    "no terms of higher degree": ("np.abs(P[..., 1 + k :]).sum(axis=-1) + r", "r"),
+    "half of the terms of higher degree": (
+        "more = np.abs(P[..., 1 + k :])",
+        "more = 0.5 * np.abs(P[..., 1 + k :])",
+    ),
+    "no remainder": (".sum(axis=-1) + r\n        more", ".sum(axis=-1)\n        more"),
+    "slopes not divided": ("P[..., 1 : 1 + k] / h, 0.0", "P[..., 1 : 1 + k], 0.0"),
+}
+"""What is wrong with an arm angle's gradient: a piece of arm_angle.py, and what is put in its
+place."""
+
+POWER = {
+    "no rest": ("/ 24 * least ** (s - 4)", "* 0"),
+    "half of the rest": ("/ 24 * least ** (s - 4)", "/ 48 * least ** (s - 4)"),
+    "the rest at the centre": ("* least ** (s - 4)", "* x ** (s - 4)"),
+    "a third of the second term": (
+        "((s - i) / ((i + 1) * x))",
+        "((s - i) / ((i + 2) * x))",
+    ),
+    "a sign": ("f = f * ((s - i)", "f = f * ((i - s)"),
+}
+"""What is wrong with a power: a piece of taylor.py, and what is put in its place."""
+
+ARM_C = {
+    "the rest of a power": ("/ 24 * pow(least, s - 4)", "/ 48 * pow(least, s - 4)"),
+    "a power's slopes": ("((s - i) / ((i + 1) * c))", "((s - i) / ((i + 2) * c))"),
+    "the connection's sign": ("hat[9] = {0, d[2], -d[1],", "hat[9] = {0, -d[2], d[1],"),
+    "the shoulder": (", scale(g, -1, F[0] + i);", ";"),
+    "t on the other side": (
+        "add(g, &rho, -1, &along, &x)",
+        "add(g, &rho, 1, &along, &x)",
+    ),
+    "the wrist's force": ("add(g, F[2] + i, -1, F[0] + i, F[2] + i);", ";"),
+    "the wrist's moment": ("add(g, whole + i, 1, x + i, whole + i);", ";"),
+    "moments about the base": (
+        "add(g, points[c] + i, -1, origins[l] + i, way + i)",
+        "way[i] = points[c][i]",
+    ),
+    "prismatic joints": (
+        "times_model(g, &theta, axes[l], x);",
+        "times_model(g, &theta, axes[l], x), x[0].p[0] += all(1);",
+    ),
+    "couplings": (
+        "add(g, V + i, s->S[l * k + i], &one, V + i)",
+        "add(g, V + i, 2, &one, V + i)",
+    ),
+    "the places of the points": (
+        "add(g, f->o + i, 1, points[c] + i, points[c] + i);",
+        ";",
+    ),
+}
+"""What is wrong with an arm angle's kernel: a piece of arm_angle.c, and what is put instead."""
 
 
 def source(name: str, piece: str, instead: str) -> str:
     """Read a file of the package, with one piece replaced."""
     text = files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
-    assert not piece or text.count(piece) == 1, f"{piece!r} is there {text.count(piece)} times"
+    assert not piece or text.count(piece) == 1, (
+        f"{piece!r} is there {text.count(piece)} times"
+    )
     return text.replace(piece, instead) if piece else text
 
 
-def wrong(monkeypatch: pytest.MonkeyPatch, name: str, piece: str, instead: str) -> ModuleType:
+def wrong(
+    monkeypatch: pytest.MonkeyPatch, name: str, piece: str, instead: str
+) -> ModuleType:
     """Make a module of the package with one piece replaced."""
     module = ModuleType(f"{PACKAGE}.wrong")
     module.__package__ = PACKAGE

@@ -21,7 +21,12 @@ def used(actual: np.ndarray, bound: np.ndarray) -> float:
 
 
 def compared(
-    kernels: ModuleType, found: object, i: int, delta: np.ndarray, N: np.ndarray, V: np.ndarray
+    kernels: ModuleType,
+    found: object,
+    i: int,
+    delta: np.ndarray,
+    N: np.ndarray,
+    V: np.ndarray,
 ) -> Ratios:
     """Compare what N and V are at a point of box i, (n, r) each in V_c's gauge, with their bounds.
 
@@ -106,8 +111,16 @@ def crossed(kernels: ModuleType, seed: int, r: int, width: float) -> Ratios:
     parts = []
     for _ in range(12):
         delta = half * np.sign(rng.standard_normal(k))
-        J = J_c + np.einsum("j,jac->ac", delta, dJ) + J_2 * np.sign(rng.standard_normal((6, n)))
-        V = V_c + np.einsum("j,jia->ia", delta, dV) + rest * np.sign(rng.standard_normal((n, r)))
+        J = (
+            J_c
+            + np.einsum("j,jac->ac", delta, dJ)
+            + J_2 * np.sign(rng.standard_normal((6, n)))
+        )
+        V = (
+            V_c
+            + np.einsum("j,jia->ia", delta, dV)
+            + rest * np.sign(rng.standard_normal((n, r)))
+        )
         N = np.linalg.solve(np.concatenate([J, V_c.T]), np.eye(n)[:, 6:])
         parts.append(compared(kernels, found, 0, delta, N, V))
     return worst(parts)
@@ -121,9 +134,13 @@ def in_chain(
     task, region, rng = design.task, design.region, np.random.default_rng(seed)
     problem = kernels.leaf_margin_of(task, design.inverse.potentials, region)
     chain, n = problem.chain, task.n
-    Q = region.clip(region.center + region.half_width * rng.uniform(-1, 1, (boxes, n)) * 0.8)
+    Q = region.clip(
+        region.center + region.half_width * rng.uniform(-1, 1, (boxes, n)) * 0.8
+    )
     half = width * region.half_width * rng.uniform(0.2, 1, Q.shape)
-    half *= rng.uniform(size=Q.shape) < rng.choice([0.2, 0.5, 1], (boxes, 1))  # some stand still
+    half *= rng.uniform(size=Q.shape) < rng.choice(
+        [0.2, 0.5, 1], (boxes, 1)
+    )  # some stand still
     at = kernels._along_axes(kernels._expansion(problem, Q, half))
     found, bounds = kernels.graphs(at, half, n, problem.eps), problem.bounds(Q, half)
     potentials, parts = design.inverse.potentials, []
@@ -134,7 +151,9 @@ def in_chain(
         wide = np.zeros((V_c.shape[1], chain.N))
         wide[:, :n] = V_c.T
         for trial in range(16):
-            way = np.sign(rng.standard_normal(n)) if trial % 4 else rng.uniform(-1, 1, n)
+            way = (
+                np.sign(rng.standard_normal(n)) if trial % 4 else rng.uniform(-1, 1, n)
+            )
             delta = half[i] * way
             theta = chain.S[:, :n] @ (Q[i] + delta) + chain.o
             J = np.einsum("lx,lc->xc", screws.screws(chain, theta[None])[0][0], chain.S)

@@ -9,21 +9,21 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from arms import spatial_task
+from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
-from mutants import CELL_C, CELLS, CHAIN, source, wrong
+from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, source, wrong
 from sectors import sector_of
 
 import repctl_pin as rp
 from repctl_pin.c_library import loaded_library
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.monomials import Monomials
-from repctl_pin.proof import cell_kernel, cells, taylor_chain
+from repctl_pin.proof import cell_kernel, cells, commutator, taylor_chain
 from repctl_pin.proof.cell_poses import Poses
 from repctl_pin.proof.cells import CellProof
 from repctl_pin.proof.chain import Chain, chain_of
-from repctl_pin.proof.commutator import commutator
 from repctl_pin.proof.screws import screws, slopes, turn
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
@@ -61,7 +61,14 @@ def points_in(boxes: Boxes, trial: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "cell", [cell_of(rotation=0.3), sector_of("pose"), sector_of("another axis")], ids=repr
+    "cell",
+    [
+        cell_of(rotation=0.3),
+        cell_of("axis", rotation=0.3),
+        sector_of("pose"),
+        sector_of("another axis"),
+    ],
+    ids=repr,
 )
 def test_poses_are_those_of_the_cell(cell: rp.Cell) -> None:
     Uc, h = boxes_of(cell.k, 12)
@@ -86,7 +93,8 @@ def screws_off(
     chain, k, n = problem.chain, problem.cell.k, problem.chain.n
     Uc, h = boxes_of(k, count)
     reference, normals = problem._models(Uc, h)
-    along = closure.closure_of(chain, problem.poses.at(Uc, h), reference, problem.eps)
+    poses, kind = problem.poses.at(Uc, h), problem.task.kind
+    along = closure.closure_of(chain, kind, poses, reference, problem.eps)
     theta = reference.P[..., 0] @ chain.S[:, :n].T + chain.o
     g = np.array([0.05, 0.005])[np.arange(count) % 2, None] * np.ones(n)
     A = np.tile(np.eye(chain.N), (count, 1, 1))
@@ -116,7 +124,11 @@ def screws_off(
         p, R = problem.cell.placements(Uc + h * t)
         e = np.einsum("Kab,Kb->Ka", R_b, p) + o_b - tip
         s = 0.5 * np.cross(R_t, R_b @ R, axisa=1, axisb=1, axisc=1).sum(axis=2)
-        ratio("ξ", at(along.xi) - np.concatenate([e + np.cross(tip, s), s], axis=1), along.xi.r)
+        ratio(
+            "ξ",
+            at(along.xi) - np.concatenate([e + np.cross(tip, s), s], axis=1),
+            along.xi.r,
+        )
         sizes = np.linalg.norm(np.stack([tip, e, s]), axis=2)
         assert (sizes <= along.sizes).all()
     return used
@@ -132,7 +144,11 @@ def seen(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
     R_t = R
     for joint in range(len(chain.p)):
         if joint == chain.middle:
-            middle, place, R = R, o + R @ chain.shift, np.tile(np.eye(3), (len(q), 1, 1))
+            middle, place, R = (
+                R,
+                o + R @ chain.shift,
+                np.tile(np.eye(3), (len(q), 1, 1)),
+            )
         o = o + R @ chain.p[joint]
         R = R @ chain.R[joint]
         R_t = R
@@ -165,7 +181,9 @@ def test_an_arm_with_a_prismatic_joint_has_the_same_bounds(tmp_path: Path) -> No
 # ---- the way from f(q_ref) to x ----------------------------------------------------------------
 
 
-def turned_off(problem: CellProof, seed: int, scale: tuple[float, float, float]) -> np.ndarray:
+def turned_off(
+    problem: CellProof, seed: int, scale: tuple[float, float, float]
+) -> np.ndarray:
     """How far a twist is from ξ, seen from the middle link beside q_ref: ratios to the bounds."""
     rng, chain, worst = np.random.default_rng(seed), problem.chain, np.zeros(2)
     count, n = 40, chain.n
@@ -189,7 +207,10 @@ def turned_off(problem: CellProof, seed: int, scale: tuple[float, float, float])
         w = np.einsum("Kab,Kb->Ka", R, omega)
         v = np.einsum("Kab,Kb->Ka", R, v) + np.cross(o, w)
         dv, dw = v - e - np.cross(tip, s), w - s
-        ratios = np.linalg.norm(dv, axis=1) / linear, np.linalg.norm(dw, axis=1) / angular
+        ratios = (
+            np.linalg.norm(dv, axis=1) / linear,
+            np.linalg.norm(dw, axis=1) / angular,
+        )
         worst = np.maximum(worst, [r.max() for r in ratios])
     return worst
 
@@ -229,64 +250,161 @@ def test_a_wrong_sign_in_a_chain_s_models_is_noticed(
 # ---- two solutions at one pose -----------------------------------------------------------------
 
 
-def separated(chain: Chain, Q: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Integrate J δ along the straight way from Q to other, (K, 2): its linear and angular size."""
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    delta, found = other - Q, 0.0
-    for t, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
-        xi, _ = screws(chain, (Q + t * delta) @ chain.S.T + chain.o)
-        found = found + weight * np.einsum("Klx,lc,Kc->Kx", xi, chain.S, delta)
-    return np.linalg.norm(np.asarray(found).reshape(-1, 2, 3), axis=2)
+def velocities(
+    task: rp.Task, chain: Chain, q: np.ndarray, other: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """ζ (N,), the motion from q to other that closes the chain, and J ζ (T, 6) at the nodes of a
+    quadrature of it, from the middle link; the rotations of a position task cancel the frame's."""
+    x, y = task.placement(q), task.placement(other)
+    zeta = np.zeros(chain.N)
+    zeta[: chain.n] = other - q
+    if task.kind == "axis":
+        zeta[-1] = -pin.log3(x.rotation.T @ y.rotation)[2]
+    elif task.m == 2:
+        axis = ({0, 1, 2} - set(task.rows.tolist())).pop()
+        zeta[chain.n] = (x.translation - y.translation)[axis]
+    nodes, _ = np.polynomial.legendre.leggauss(12)
+    Q = q + (nodes[:, None] + 1) / 2 * (other - q)
+    xi, tip = screws(chain, Q @ chain.S[:, : chain.n].T + chain.o)
+    V = np.einsum("Klx,lc,c->Kx", xi, chain.S, zeta)
+    if chain.loose.any():
+        V[:, :3] += np.cross(V[:, 3:], tip)
+        V[:, 3:] = 0
+    return zeta, V
 
 
-def apart(task: rp.Task, chain: Chain, seed: int, factor: float = 1.0) -> tuple[float, float]:
-    """Compare pairs of configurations at one pose with Λ: the largest share of both rows."""
-    rng, n = np.random.default_rng(seed), task.n
-    Q = task.reference + rng.uniform(-0.5, 0.5, (12, n))
-    used = np.zeros(2)
+def apart(
+    task: rp.Task, chain: Chain, seed: int, law: ModuleType = commutator
+) -> np.ndarray:
+    """Compare pairs of configurations at one pose with Λ: the largest shares of the integral's two
+    rows, and of the largest velocity's linear one."""
+    rng, n, done = np.random.default_rng(seed), task.n, 0
+    Q = task.reference + rng.uniform(-0.5, 0.5, (24, n))
+    used, weights = np.zeros(3), np.polynomial.legendre.leggauss(12)[1] / 2
     for q in Q:
-        x, N = task.placement(q), np.linalg.svd(task.jacobian(q))[2][-1]
-        other = q + N * rng.uniform(0.02, 0.25)
+        x, N = task.placement(q), np.linalg.svd(task.jacobian(q))[2][task.m :]
+        way = N.T @ rng.standard_normal(task.r)
+        other = q + way * rng.uniform(0.02, 0.25) / np.linalg.norm(way)
         for _ in range(8):
             other = other + np.linalg.pinv(task.jacobian(other)) @ task.error(other, x)
         if np.abs(task.error(other, x)).max() > 1e-12 or np.abs(other - q).sum() > 0.8:
             continue
         steps = np.abs(other - q) + 1e-12
-        bound = commutator(chain, steps[None], np.abs(q) + 1)[0] @ steps
-        used = np.maximum(used, separated(chain, q[None], other[None])[0] / (factor * bound))
-    return float(used[0]), float(used[1])
+        zeta, V = velocities(task, chain, q, other)
+        if task.kind == "axis":
+            step = law.closed(chain, steps[None] @ np.abs(chain.S[:, :n]).T)[0]
+            used[2] = max(used[2], abs(zeta[-1]) / (step[-1] + 1e-12))
+        (mean, most) = law.commutator(chain, steps[None], np.abs(q) + 1)[0]
+        if mean.max() > 1e20:
+            continue
+        mean, most, done = mean @ np.abs(zeta), most @ np.abs(zeta), done + 1
+        both = np.linalg.norm((weights @ V).reshape(2, 3), axis=1)
+        used[:2] = np.maximum(used[:2], both / (mean + 1e-13))
+        if chain.loose.any():
+            V_max = np.linalg.norm(V[:, :3], axis=1).max()
+            used[2] = max(used[2], V_max / most[0])
+    assert done > 3
+    return used
 
 
 def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
-    task = panda()
     for task in (panda(), spatial_task(7, tmp_path, kind="pose", seed=3)):
         for middle in (2, 4, 5):
-            linear, angular = apart(task, chain_of(task).seen_from(middle, 0.5), middle)
-            assert 0 < linear <= 1 and 0 < angular <= 1
-    linear, angular = apart(panda(), chain_of(panda()).seen_from(4, 0.5), 4)
-    assert max(linear, angular) > 0.02  # third order: signs cancel, what is left is small
+            used = apart(task, chain_of(task).seen_from(middle, 0.5), middle)
+            assert (used <= 1).all() and (used[:2] > 0).all()
+    used = apart(panda(), chain_of(panda()).seen_from(4, 0.5), 4)
+    assert used.max() > 0.02  # third order: signs cancel, what is left is small
+
+
+KINDS = ("axis", "position", "yz")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_solutions_of_other_tasks_are_apart_as_bounded(
+    kind: str, tmp_path: Path
+) -> None:
+    used = np.zeros(3)
+    for task in (panda(kind), spatial_task(7, tmp_path, kind=kind, seed=3)):
+        chain = chain_of(task)
+        for middle in (3, len(chain.p) - 1):
+            found = apart(task, chain.seen_from(middle, 0.5), middle)
+            used = np.maximum(used, found)
+    assert (used <= 1).all()
+    assert used[0] > 0.003 and used[2] > 0.1
+
+
+def velocity_changes_off(task: rp.Task, law: ModuleType = commutator) -> float:
+    """The largest share of the bounds that the frame's velocity changes by, joint by joint: small
+    steps of any sign."""
+    whole, rng, worst = chain_of(task), np.random.default_rng(0), 0.0
+    moves = whole.S[:, : task.n].any(axis=1)
+    S = np.where(moves[:, None], np.eye(len(whole.p)), 0.0)
+    for trial in range(120):
+        chain = whole.seen_from(1 + trial % (len(whole.p) - 1), 0.5)
+        theta = rng.uniform(-1, 1, (2, len(S))) * [[0.3 if trial % 2 else 1.5], [0.02]]
+        theta[1] *= moves & (rng.uniform(size=len(S)) < 0.4)
+        ways = [
+            (xi, tip)
+            for xi, tip in (screws(chain, x[None]) for x in (theta[0], theta.sum(0)))
+        ]
+        c = [(xi[0, :, :3] + np.cross(xi[0, :, 3:], tip[0]))[moves] for xi, tip in ways]
+        slide = np.where(chain.revolute, 0.0, np.abs(theta).sum(axis=0))
+        K = law.velocity_changes(chain, np.abs(theta[1:]), slide)[0, moves]
+        worst = max(
+            worst, float((np.linalg.norm(c[1] - c[0], axis=1) / (K + 1e-12)).max())
+        )
+    return worst
+
+
+def test_the_frame_s_velocity_changes_as_bounded(tmp_path: Path) -> None:
+    assert 0.9 < velocity_changes_off(planar_task((1.0, 0.9, 0.8), tmp_path)) <= 1
+    assert 0.9 < velocity_changes_off(sliding_task(tmp_path)) <= 1
+    assert 0.5 < velocity_changes_off(spatial_task(5, tmp_path)) <= 1
+
+
+@pytest.mark.parametrize(
+    "mutant",
+    [
+        pytest.param(m, marks=[pytest.mark.slow] if i > 1 else [])
+        for i, m in enumerate(COMMUTATOR)
+    ],
+)
+def test_a_wrong_bound_of_two_solutions_is_noticed(
+    mutant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law = wrong(monkeypatch, "commutator.py", *COMMUTATOR[mutant])
+    arms = planar_task((1.0, 0.9, 0.8), tmp_path), sliding_task(tmp_path)
+    found = [velocity_changes_off(arm, law) for arm in arms]
+    for kind in ("axis", "position") if max(found) <= 1 else ():
+        found += [apart(panda(kind), chain_of(panda(kind)).seen_from(3, 0.5), 3, law)]
+    assert np.max(np.hstack(found)) > 1
 
 
 # ---- C -----------------------------------------------------------------------------------------
 
 
-def test_both_kernels_give_the_same_enclosures(chart: Chart, plain: CellProof) -> None:
+def test_both_kernels_give_the_same_enclosures(
+    chart: Chart, plain: CellProof, quick_compiler: None
+) -> None:
     compiled = CellProof(chart)
     if compiled._kernel is None:
         pytest.skip("there is no C compiler")
     rng, k = np.random.default_rng(3), 6
     U = rng.uniform(-0.9, 0.9, (21, k))
-    h = np.array([0.5, 0.2, 0.05])[np.arange(21) % 3, None] * rng.uniform(0.3, 1, U.shape)
+    h = np.array([0.5, 0.2, 0.05])[np.arange(21) % 3, None] * rng.uniform(
+        0.3, 1, U.shape
+    )
     (one, Q, reach), (two, Q_c, reach_c) = plain.enclosed(U, h), compiled.enclosed(U, h)
     good = one.leaf_margin > 0
     assert 0.3 < good.mean() < 1 and (good == (two.leaf_margin > 0)).all()
     np.testing.assert_allclose(Q_c, Q, atol=1e-12)
     np.testing.assert_allclose(reach_c[good], reach[good], rtol=1e-8, atol=1e-12)
-    # C bounds the leaf margin and σ_min to first order, NumPy to second
     for name in ("leaf_margin", "sigma_min"):
-        first, second = getattr(two, name)[good], getattr(one, name)[good]
-        assert (first <= second * (1 + 1e-6)).all() and (first > 0.75 * second).all()
-    np.testing.assert_allclose(two.limit_margin[good], one.limit_margin[good], atol=1e-10)
+        values = getattr(two, name)[good], getattr(one, name)[good]
+        np.testing.assert_allclose(*values, rtol=1e-6)
+    np.testing.assert_allclose(
+        two.limit_margin[good], one.limit_margin[good], atol=1e-10
+    )
     np.testing.assert_allclose(two.away, one.away, atol=1e-12)
 
 
@@ -298,7 +416,9 @@ def test_a_wrong_term_in_c_is_noticed() -> None:
         pytest.skip("there is no C compiler")
     rng = np.random.default_rng(4)
     U = rng.uniform(-0.9, 0.9, (96, 6))
-    h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(0.3, 1, U.shape)
+    h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(
+        0.3, 1, U.shape
+    )
     bounds, _, reach = right.enclosed(U, h)
     for name, (file, piece, instead) in CELL_C.items():
         texts = [

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import planar_task, spatial_task
+from arms import planar_task, sliding_task, spatial_task
 from commands import refused, told
 from mimic_arm import MIMICS, arm
 from proofs import design_of, margins, near_null_space, smallest_singular_values
@@ -28,13 +28,15 @@ TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "position": lambda folder: spatial_task(5, folder, seed=6),
     "two coordinates": lambda folder: spatial_task(4, folder, kind="xz", seed=7),
     "planar": lambda folder: planar_task((1.0, 0.9, 0.8, 0.7), folder),
-    "mimic joints": lambda folder: rp.Robot.load(arm(folder, MIMICS, n=9)).task("l9", "axis"),
+    "mimic joints": lambda folder: rp.Robot.load(arm(folder, MIMICS, n=9)).task(
+        "l9", "axis"
+    ),
     "another base": lambda _: rp.Robot.load("baxter", base="left_gripper").task(
         "right_gripper", "pose"
     ),
-    "absolute angles": lambda folder: (lambda t: t.in_coordinates(rp.absolute_angles(t)))(
-        planar_task((1.0, 0.9, 0.8), folder)
-    ),
+    "absolute angles": lambda folder: (
+        lambda t: t.in_coordinates(rp.absolute_angles(t))
+    )(planar_task((1.0, 0.9, 0.8), folder)),
 }
 
 
@@ -46,7 +48,9 @@ def regular_start(task: rp.Task, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("case", TASKS)
-def test_every_box_s_bounds_hold_at_its_corners_and_inside(case: str, tmp_path: Path) -> None:
+def test_every_box_s_bounds_hold_at_its_corners_and_inside(
+    case: str, tmp_path: Path
+) -> None:
     task = TASKS[case](tmp_path)
     q = regular_start(task)
     box = rp.Box(q, 0.1)
@@ -58,11 +62,17 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(case: str, tmp_path: 
         half = width * rng.uniform(0.2, 1.0, Q.shape)
         found = problem.bounds(Q, half)
         some += np.count_nonzero(found.leaf_margin)
-        points = Q[:, None] + half[:, None] * np.sign(rng.standard_normal((len(Q), 40, task.n)))
-        points[:, 20:] = Q[:, None] + half[:, None] * rng.uniform(-1, 1, (len(Q), 20, task.n))
+        points = Q[:, None] + half[:, None] * np.sign(
+            rng.standard_normal((len(Q), 40, task.n))
+        )
+        points[:, 20:] = Q[:, None] + half[:, None] * rng.uniform(
+            -1, 1, (len(Q), 20, task.n)
+        )
         true = margins(design, points.reshape(-1, task.n)).reshape(len(Q), -1)
         assert (found.leaf_margin <= true.min(axis=1) + 1e-9).all()
-        sigma = smallest_singular_values(task, points.reshape(-1, task.n)).reshape(len(Q), -1)
+        sigma = smallest_singular_values(task, points.reshape(-1, task.n)).reshape(
+            len(Q), -1
+        )
         assert (found.sigma_min <= sigma.min(axis=1) + 1e-9).all()
         np.testing.assert_allclose(found.center, margins(design, Q), rtol=0.02)
         if width == 1e-9:
@@ -70,7 +80,9 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(case: str, tmp_path: 
     assert some > 20
 
 
-@pytest.mark.parametrize("case", ["pose, r = 1", "pose, r = 3", "position", "mimic joints"])
+@pytest.mark.parametrize(
+    "case", ["pose, r = 1", "pose, r = 3", "position", "mimic joints"]
+)
 def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
     task = TASKS[case](tmp_path)
     q = regular_start(task)
@@ -82,10 +94,18 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
     if library is None:
         pytest.skip("there is no C compiler")
     rng = np.random.default_rng(1)
-    Q, half = q + rng.uniform(-0.1, 0.1, (200, task.n)), 10 ** rng.uniform(-6, -2, (200, task.n))
-    C, numpy = kernels._in_c(problem, library, Q, half), kernels.in_numpy(problem, Q, half)
+    Q, half = (
+        q + rng.uniform(-0.1, 0.1, (200, task.n)),
+        10 ** rng.uniform(-6, -2, (200, task.n)),
+    )
+    C, numpy = (
+        kernels._in_c(problem, library, Q, half),
+        kernels.in_numpy(problem, Q, half),
+    )
     for name in ("leaf_margin", "center", "sigma_min"):
-        np.testing.assert_allclose(getattr(C, name), getattr(numpy, name), rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(
+            getattr(C, name), getattr(numpy, name), rtol=1e-6, atol=1e-9
+        )
     assert (C.leaf_margin > 0).mean() > 0.3
 
 
@@ -102,17 +122,23 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
 
         def columns(q: np.ndarray, chain: object = chain) -> np.ndarray:
             theta = chain.S[:, : chain.n] @ q + chain.o
-            return np.einsum("lx,lc->xc", screws.screws(chain, theta[None])[0][0], chain.S)
+            return np.einsum(
+                "lx,lc->xc", screws.screws(chain, theta[None])[0][0], chain.S
+            )
 
         J = columns(q)
-        still = np.linalg.qr(J[:, chain.n :], mode="complete")[0][:, chain.N - chain.n :]
+        still = np.linalg.qr(J[:, chain.n :], mode="complete")[0][
+            :, chain.N - chain.n :
+        ]
         ours, theirs = (
             np.linalg.svd(still.T @ J[:, : chain.n])[2][: task.m],
             np.linalg.svd(task.jacobian(q))[2],
         )
         assert np.abs(ours @ theirs[task.m :].T).max() < 1e-9
         theta = chain.S[:, : chain.n] @ q + chain.o
-        by_bracket = screws.slopes(chain, *screws.screws(chain, theta[None]))[0]  # (n, N, 6)
+        by_bracket = screws.slopes(chain, *screws.screws(chain, theta[None]))[
+            0
+        ]  # (n, N, 6)
         for j, e in enumerate(1e-6 * np.eye(task.n)):
             np.testing.assert_allclose(
                 by_bracket[j].T, (columns(q + e) - columns(q - e)) / 2e-6, atol=1e-7
@@ -136,7 +162,11 @@ def worst_ratio(task: rp.Task, count: int = 120) -> float:
             * 10 ** rng.uniform(-2, 0)
             * (moves & (rng.uniform(size=P) < 0.7))
         )
-        delta = eta * np.sign(rng.standard_normal(P)) if trial % 2 else eta * rng.uniform(-1, 1, P)
+        delta = (
+            eta * np.sign(rng.standard_normal(P))
+            if trial % 2
+            else eta * rng.uniform(-1, 1, P)
+        )
         here, tip = screws.screws(chain, theta)
         there, _ = screws.screws(chain, theta + delta)
         rest = (there - here)[0] - np.einsum(
@@ -144,11 +174,15 @@ def worst_ratio(task: rp.Task, count: int = 120) -> float:
         )
         linear, angular = remainder.remainders(chain, theta, eta)
         for actual, bound in ((rest[:, :3], linear[0]), (rest[:, 3:], angular[0])):
-            worst = max(worst, float((np.linalg.norm(actual, axis=1) / (bound + 1e-12)).max()))
+            worst = max(
+                worst, float((np.linalg.norm(actual, axis=1) / (bound + 1e-12)).max())
+            )
     return worst
 
 
-def test_remainders_of_screws_are_bounded_and_the_bound_is_tight(tmp_path: Path) -> None:
+def test_remainders_of_screws_are_bounded_and_the_bound_is_tight(
+    tmp_path: Path,
+) -> None:
     assert 0.9 < worst_ratio(planar_task((1.0, 0.9, 0.8, 0.7), tmp_path)) <= 1
     assert 0.5 < worst_ratio(sliding_task(tmp_path)) <= 1
     for seed in range(2):
@@ -156,7 +190,10 @@ def test_remainders_of_screws_are_bounded_and_the_bound_is_tight(tmp_path: Path)
 
 
 MUTANTS = {
-    "half of it": lambda H_R, H_P, L: (0.25 * H_R**2 * L + 0.5 * H_R * H_P, 0.25 * H_R**2),
+    "half of it": lambda H_R, H_P, L: (
+        0.25 * H_R**2 * L + 0.5 * H_R * H_P,
+        0.25 * H_R**2,
+    ),
     "without the product of turning and sliding": lambda H_R, H_P, L: (
         0.5 * H_R**2 * L,
         0.5 * H_R**2,
@@ -165,9 +202,18 @@ MUTANTS = {
         0.5 * H_R**2 * L + 0.5 * H_R * H_P,
         0.5 * H_R**2,
     ),
-    "half the angular part": lambda H_R, H_P, L: (0.5 * H_R**2 * L + H_R * H_P, 0.25 * H_R**2),
-    "half the linear part": lambda H_R, H_P, L: (0.25 * H_R**2 * L + H_R * H_P, 0.5 * H_R**2),
-    "minus the product": lambda H_R, H_P, L: (abs(0.5 * H_R**2 * L - H_R * H_P), 0.5 * H_R**2),
+    "half the angular part": lambda H_R, H_P, L: (
+        0.5 * H_R**2 * L + H_R * H_P,
+        0.25 * H_R**2,
+    ),
+    "half the linear part": lambda H_R, H_P, L: (
+        0.25 * H_R**2 * L + H_R * H_P,
+        0.5 * H_R**2,
+    ),
+    "minus the product": lambda H_R, H_P, L: (
+        abs(0.5 * H_R**2 * L - H_R * H_P),
+        0.5 * H_R**2,
+    ),
     "no angular part": lambda H_R, H_P, L: (0.5 * H_R**2 * L + H_R * H_P, 0.0 * H_R),
     "no lengths": lambda H_R, H_P, L: (0.5 * H_R**2 * 0.5 + H_R * H_P, 0.5 * H_R**2),
 }
@@ -186,28 +232,6 @@ def test_a_wrong_remainder_is_noticed(
     assert max(worst_ratio(task, 40) for task in tasks) > 1
 
 
-def sliding_task(folder: Path) -> rp.Task:
-    """A planar arm: revolute, prismatic along the link, revolute."""
-    kinds = [
-        ("revolute", "0 0 1", "0 0 0"),
-        ("prismatic", "1 0 0", "0.1 0 0"),
-        ("revolute", "0 0 1", "0.1 0 0"),
-        ("prismatic", "0 1 0", "0.1 0 0"),
-        ("revolute", "0 0 1", "0.1 0 0"),
-    ]
-    text = '<robot name="sliding"><link name="l0"/>'
-    for i, (kind, axis, xyz) in enumerate(kinds):
-        text += (
-            f'<joint name="j{i}" type="{kind}"><parent link="l{i}"/><child link="l{i + 1}"/>'
-            f'<origin xyz="{xyz}"/>'
-            f'<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-            f'<link name="l{i + 1}"/>'
-        )
-    file = folder / "sliding.urdf"
-    file.write_text(text + "</robot>", encoding="utf-8")
-    return rp.Robot.load(file).task("l5", "xy")
-
-
 # ---- whole regions -----------------------------------------------------------------------------
 
 
@@ -217,11 +241,16 @@ def test_panda_s_box_is_proved_within_a_few_per_cent_of_the_sampled_margin(
     proof = rp.prove(panda_design, margin=0.5)
     assert proof and proof.proved and proof.leaf_margin >= 0.5 and proof.boxes < 20_000
     best = rp.prove(panda_design, seconds=20)
-    assert best and 0.9 * panda_design.leaf_margin < best.leaf_margin < panda_design.leaf_margin
+    assert (
+        best
+        and 0.9 * panda_design.leaf_margin < best.leaf_margin < panda_design.leaf_margin
+    )
     assert (
         0
         < best.sigma_min
-        < smallest_singular_values(panda_design.task, panda_design.region.random(512, 0)).min()
+        < smallest_singular_values(
+            panda_design.task, panda_design.region.random(512, 0)
+        ).min()
     )
     assert "proved: panda" in best.summary() and repr(best).startswith(
         "<Proof: proved, leaf margin > 0.7"
@@ -230,7 +259,9 @@ def test_panda_s_box_is_proved_within_a_few_per_cent_of_the_sampled_margin(
     assert margins(panda_design, Q).min() > best.leaf_margin
 
 
-def test_what_is_false_is_not_proved_and_the_place_is_shown(panda_design: rp.Design) -> None:
+def test_what_is_false_is_not_proved_and_the_place_is_shown(
+    panda_design: rp.Design,
+) -> None:
     proof = rp.prove(panda_design, margin=0.9)
     assert (
         not proof
@@ -252,15 +283,24 @@ def test_limit_margin_is_that_of_the_region(panda_design: rp.Design) -> None:
     assert proof and exact - 1e-12 < proof.limit_margin <= exact
 
 
-def test_a_tube_is_proved_with_all_that_lies_between_its_samples(panda_design: rp.Design) -> None:
+def test_a_tube_is_proved_with_all_that_lies_between_its_samples(
+    panda_design: rp.Design,
+) -> None:
     center = panda_design.region.center
-    samples = center + 0.3 * np.linspace(-1, 1, 5)[:, None] * np.array([1, -1, 1, -1, 1, -1, 1])
-    tube = rp.Tube(samples, 0.01)  # the samples are farther from each other than the radius
+    samples = center + 0.3 * np.linspace(-1, 1, 5)[:, None] * np.array(
+        [1, -1, 1, -1, 1, -1, 1]
+    )
+    tube = rp.Tube(
+        samples, 0.01
+    )  # the samples are farther from each other than the radius
     proof = rp.prove(replace(panda_design, region=tube))
     between = (samples[1:] + samples[:-1]) / 2
     assert proof and not tube.contains(between).any()
     assert proof.leaf_margin < margins(panda_design, between).min()
-    assert proof.leaf_margin > 0.9 * margins(panda_design, np.concatenate([between, samples])).min()
+    assert (
+        proof.leaf_margin
+        > 0.9 * margins(panda_design, np.concatenate([between, samples])).min()
+    )
 
 
 def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
@@ -272,17 +312,28 @@ def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
     rng = np.random.default_rng(0)
     k, share = rng.integers(len(t) - 1, size=4000), rng.uniform(size=(4000, 1))
     edge = rng.uniform(-1, 1, (4000, 4))
-    edge[::2] /= np.abs(edge[::2]).max(axis=1, keepdims=True)  # half of them on the sides
+    edge[::2] /= np.abs(edge[::2]).max(
+        axis=1, keepdims=True
+    )  # half of them on the sides
     points = samples[k] + share * (samples[k + 1] - samples[k]) + tube.radius * edge
-    inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).sum(axis=1)
+    inside = (
+        ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).sum(axis=1)
+    )
     assert (inside >= 1).all() and inside.mean() < 1.5
 
 
-def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(panda_design: rp.Design) -> None:
+def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(
+    panda_design: rp.Design,
+) -> None:
     task, box = panda_design.task, panda_design.region.shrunk(0.2)
-    region = rp.WorkspaceBox(task, task.placement(box.center).translation, 0.05, within=box)
+    region = rp.WorkspaceBox(
+        task, task.placement(box.center).translation, 0.05, within=box
+    )
     proof = rp.prove(replace(panda_design, region=region), margin=0.8)
-    assert proof and proof.boxes == rp.prove(replace(panda_design, region=box), margin=0.8).boxes
+    assert (
+        proof
+        and proof.boxes == rp.prove(replace(panda_design, region=box), margin=0.8).boxes
+    )
 
 
 def test_what_has_no_bounds_is_refused_by_name(panda_design: rp.Design) -> None:
@@ -311,15 +362,20 @@ def planted(
     potentials, rng = rp.Polynomial(center, 2, width), np.random.default_rng(seed)
     A = 0.1 * width * rng.standard_normal((potentials.size, task.r))
     N, N_at = nullspace(task.jacobian(center)), nullspace(task.jacobian(at))
-    across = np.linalg.svd(N_at.T)[2][task.r :].T @ rng.standard_normal((task.n - task.r, task.r))
+    across = np.linalg.svd(N_at.T)[2][task.r :].T @ rng.standard_normal(
+        (task.n - task.r, task.r)
+    )
     V_at = across / np.linalg.norm(across)  # all of it in the row space of J
-    D = np.concatenate([potentials.gradients(center[None])[0], potentials.gradients(at[None])[0]])
+    D = np.concatenate(
+        [potentials.gradients(center[None])[0], potentials.gradients(at[None])[0]]
+    )
     A += np.linalg.lstsq(D, np.concatenate([N, V_at]) - D @ A, rcond=None)[0]
     return design_of(task, potentials.weighted(A), rp.Box(center, width))
 
 
 @pytest.mark.parametrize(
-    "seed", [pytest.param(k, marks=[pytest.mark.slow] if k > 8 else []) for k in range(24)]
+    "seed",
+    [pytest.param(k, marks=[pytest.mark.slow] if k > 5 else []) for k in range(24)],
 )
 def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> None:
     """A third inside the box, a third a little outside it, a third with none: the proof is never
@@ -327,7 +383,9 @@ def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> Non
     check_planted(seed, tmp_path)
 
 
-def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> tuple[float, float]:
+def check_planted(
+    seed: int, folder: Path, seconds: float = 0.25
+) -> tuple[float, float]:
     """Hold a proof to a search of another kind: the margin that it proves, and the smallest that
     the search finds."""
     rng = np.random.default_rng(seed)
@@ -352,7 +410,11 @@ def check_planted(seed: int, folder: Path, seconds: float = 0.5) -> tuple[float,
     )
     found = margins(design, Q)
     if not kind:
-        assert not proof and proof.leaf_margin == 0 and not rp.prove(design, margin=0, seconds=0.1)
+        assert (
+            not proof
+            and proof.leaf_margin == 0
+            and not rp.prove(design, margin=0, seconds=0.1)
+        )
     best = Q[np.argmin(found)]
     for step in width * 0.5 ** np.arange(
         1, 18
@@ -379,23 +441,27 @@ def test_two_hundred_random_designs_are_never_contradicted(tmp_path: Path) -> No
 # ---- against rigorous arithmetic ---------------------------------------------------------------
 
 
-def test_a_thousand_boxes_against_ball_arithmetic(panda_design: rp.Design) -> None:
+def test_boxes_against_ball_arithmetic(panda_design: rp.Design) -> None:
     """In tiny boxes the bound is within rounding of the margin itself, and must stay below it."""
     pytest.importorskip("flint")
     from arb_margin import leaf_margin_in_balls
 
     task, box = panda_design.task, panda_design.region
-    problem: kernels.LeafMargin = kernels.leaf_margin_of(task, panda_design.inverse.potentials, box)
+    problem: kernels.LeafMargin = kernels.leaf_margin_of(
+        task, panda_design.inverse.potentials, box
+    )
     rng = np.random.default_rng(0)
-    Q = box.center + box.half_width * rng.uniform(-1, 1, (1000, 7))
-    half = 10 ** rng.uniform(-15, -1.5, (1000, 1)) * np.ones((1, 7))
+    Q = box.center + box.half_width * rng.uniform(-1, 1, (300, 7))
+    half = 10 ** rng.uniform(-15, -1.5, (300, 1)) * np.ones((1, 7))
     found = problem.bounds(Q, half)
     points = Q + half * np.where(
-        rng.uniform(size=(1000, 1)) < 0.3, 0, rng.uniform(-1, 1, (1000, 7))
+        rng.uniform(size=(300, 1)) < 0.3, 0, rng.uniform(-1, 1, (300, 7))
     )
     assert (found.leaf_margin > 0).mean() > 0.9
     for q, bound in zip(points, found.leaf_margin, strict=True):
-        assert leaf_margin_in_balls(panda_design, q) > bound  # of balls: certain, or False
+        assert (
+            leaf_margin_in_balls(panda_design, q) > bound
+        )  # of balls: certain, or False
 
 
 # ---- certificates ------------------------------------------------------------------------------
@@ -410,13 +476,15 @@ def test_a_certificate_is_saved_with_the_design_and_holds_again(
     design = replace(panda_design, proof=proof)
     assert "at worst, proved > 0.6" in design.summary()
     loaded = rp.load(rp.save(design, tmp_path / "design.json"))
-    assert repr(loaded.proof) == repr(proof) and loaded.proof.summary() == proof.summary()
+    assert (
+        repr(loaded.proof) == repr(proof) and loaded.proof.summary() == proof.summary()
+    )
     again = rp.prove(loaded, margin=0.6)
     assert (again.leaf_margin, again.boxes) == (proof.leaf_margin, proof.boxes)
     without = rp.load(rp.save(panda_design, tmp_path / "design.json"))
-    assert without.proof is None and "proof" not in (tmp_path / "design.json").read_text(
-        encoding="utf-8"
-    )
+    assert without.proof is None and "proof" not in (
+        tmp_path / "design.json"
+    ).read_text(encoding="utf-8")
 
 
 def test_the_commands_prove_and_check_what_they_saved(
@@ -444,5 +512,7 @@ def test_the_commands_prove_and_check_what_they_saved(
     assert main(["check", str(tmp_path / "out" / "design.json"), "--prove"]) == 0
     said = capsys.readouterr().out
     assert "(asked: " in said and said.startswith("proved")
-    assert "mutually exclusive" in refused(capsys, "check", file, "--prove", "--region", "0.1")
+    assert "mutually exclusive" in refused(
+        capsys, "check", file, "--prove", "--region", "0.1"
+    )
     assert "requires a saved design" in refused(capsys, "check", "panda", "--prove")

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 import sectors
 from arms import spatial_task
+from cell_functions import chart_of
 
 import repctl_pin as rp
 from repctl_pin.inverse_function import CellDesign, InverseFunction
@@ -26,7 +27,10 @@ def function_over(
 ) -> CellDesign:
     cell = rp.Cell(task, placement, half_width, rotation)
     return rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, degree=3, options=rp.FitOptions(samples=256, held_out=256)
+        rp.Pseudoinverse(task),
+        cell,
+        degree=3,
+        options=rp.FitOptions(samples=256, held_out=256),
     )
 
 
@@ -46,7 +50,7 @@ def turned(panda_pose: rp.Task, middle: pin.SE3) -> CellDesign:
     return function_over(panda_pose, middle, 0.03, 0.1)
 
 
-def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
+def check_enclosures(found: CellDesign, width: float, count: int = 16) -> float:
     """Evaluate F in many boxes of poses: inside the enclosure; how much of its width is used; the
     share enclosed."""
     chart, task = found.function.chart, found.task
@@ -57,7 +61,11 @@ def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
     good = bounds.leaf_margin > 0
     used = 0.0
     for trial in range(12):
-        way = np.sign(rng.standard_normal(Uc.shape)) if trial % 2 else rng.uniform(-1, 1, Uc.shape)
+        way = (
+            np.sign(rng.standard_normal(Uc.shape))
+            if trial % 2
+            else rng.uniform(-1, 1, Uc.shape)
+        )
         points = chart.solve(Uc + half * way, np.zeros((count, task.r)))
         inside = (np.abs(points.Q - Q) / reach)[good]
         used = max(used, float(inside.max()))
@@ -67,7 +75,9 @@ def check_enclosures(found: CellDesign, width: float, count: int = 40) -> float:
         assert (leaf_margin(N, points.n_ref) >= bounds.leaf_margin - 1e-9).all()
         sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
         assert (sigma >= bounds.sigma_min - 1e-9).all()
-        assert (task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9).all()
+        assert (
+            task.limit_margin(points.Q).min(axis=1) >= bounds.limit_margin - 1e-9
+        ).all()
     assert used > 0.5
     return float(good.mean())
 
@@ -79,21 +89,31 @@ def test_the_function_stays_in_the_boxes_it_is_enclosed_in(
     assert check_enclosures(turned, 0.05) > 0.9
 
 
-def test_a_cell_is_proved_near_to_what_was_found(places: CellDesign, tmp_path: Path) -> None:
+def test_a_cell_is_proved_near_to_what_was_found(
+    places: CellDesign, tmp_path: Path
+) -> None:
     proof = rp.prove(places)
     assert proof and "is the only solution" in proof.what
     assert 0.9 * places.leaf_margin <= proof.leaf_margin <= places.leaf_margin + 1e-9
-    assert places.limit_margin_worst - 0.05 < proof.limit_margin <= places.limit_margin_worst + 1e-6
+    assert (
+        places.limit_margin_worst - 0.05
+        < proof.limit_margin
+        <= places.limit_margin_worst + 1e-6
+    )
     U = places.cell.sample(2048, 5)
     Q = places.function.batch(U)
     assert places.task.limit_margin(Q).min() >= proof.limit_margin
     certain = replace(places, proof=proof)
-    assert "proved > 0.9" in certain.summary() and "found, not proved" in places.summary()
+    assert (
+        "proved > 0.9" in certain.summary() and "found, not proved" in places.summary()
+    )
     loaded = rp.load(rp.save(certain, tmp_path / "cell.json"))
     assert repr(loaded.proof) == repr(proof)
 
 
-def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(places: CellDesign) -> None:
+def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
+    places: CellDesign,
+) -> None:
     asked = places.limit_margin_worst + 0.02
     proof = rp.prove(places, limit_margin=asked)
     assert not proof and proof.reason.startswith("the limit margin there is")
@@ -104,9 +124,12 @@ def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(places: Cel
 def test_a_cell_that_is_not_covered_is_not_proved(places: CellDesign) -> None:
     chart = places.function.chart
     beyond = InverseFunction(
-        Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients), keep_limits=False
+        Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients),
+        keep_limits=False,
     )
-    proof = rp.prove(replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20)
+    proof = rp.prove(
+        replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20
+    )
     assert (
         not proof
         and proof.leaf_margin == 0
@@ -124,21 +147,72 @@ def test_an_arm_with_a_prismatic_joint_is_enclosed_too(tmp_path: Path) -> None:
     cell = rp.Cell(task, task.placement(q), 0.02, 0.02)
     desired = rp.Pseudoinverse(task)
     found = rp.nearest_inverse_function(
-        desired, cell, posture=q, degree=2, options=rp.FitOptions(samples=256, held_out=256)
+        desired,
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=256, held_out=256),
     )
-    assert check_enclosures(found, 0.02, 20) > 0.5
+    assert check_enclosures(found, 0.02, 12) > 0.5
 
 
-def test_cells_of_other_tasks_are_refused_by_name(panda: rp.Robot) -> None:
-    task = panda.task("panda_hand_tcp", "position")
+OTHERS = {
+    "xy": ("planar4r", "tool", (0.2,)),
+    "axis": ("panda", "panda_hand_tcp", (0.03, 0.1)),
+    "position": ("panda", "panda_hand_tcp", (0.05,)),
+}
+"""Cells of other tasks: robot, frame, and half-widths, m and rad."""
+
+
+@pytest.mark.parametrize(
+    "kind", ["xy", *(pytest.param(k, marks=pytest.mark.slow) for k in list(OTHERS)[1:])]
+)
+def test_cells_of_other_tasks_are_proved(kind: str) -> None:
+    name, frame, size = OTHERS[kind]
+    task = rp.Robot.load(name).task(frame, kind)
+    q = task.reference
     found = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
-        rp.Cell(task, task.placement(task.reference), 0.02),
+        rp.Cell(task, task.placement(q), *size),
+        posture=q,
         degree=2,
         options=rp.FitOptions(samples=64, held_out=64),
     )
-    with pytest.raises(rp.InputError, match="position tasks yet"):
-        rp.prove(found)
+    assert check_enclosures(found, 0.05, 8) == 1.0
+    proof = rp.prove(found)
+    assert proof and f", {kind}: n = " in proof.what, proof.reason
+    assert 0.85 * found.leaf_margin < proof.leaf_margin <= found.leaf_margin + 1e-9
+    assert proof.limit_margin > found.limit_margin_worst - 0.15
+
+
+@pytest.mark.parametrize("kind", [pytest.param("axis", marks=[pytest.mark.slow]), "yz"])
+def test_both_kernels_agree_on_cells_of_other_tasks(kind: str, tmp_path: Path) -> None:
+    """On an arm with a prismatic joint, whose joints are all oblique."""
+    n = 7 if kind == "axis" else 5
+    task = spatial_task(n, tmp_path, kind=kind, seed=3)
+    rng = np.random.default_rng(0)
+    Q = task.reference + rng.uniform(-0.7, 0.7, (64, n))
+    q = Q[np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1])]
+    size = (0.03, 0.1) if kind == "axis" else (0.05,)
+    chart = chart_of(rp.Cell(task, task.placement(q), *size), q, 2)
+    compiled, plain = CellProof(chart), CellProof(chart, compiled=False)
+    if compiled._kernel is None:
+        pytest.skip("there is no C compiler")
+    k = chart.cell.k
+    U = rng.uniform(-0.9, 0.9, (24, k))
+    h = np.array([0.6, 0.2, 0.05])[np.arange(24) % 3, None] * np.ones(k)
+    (one, Q, reach), (two, Q_c, reach_c) = plain.enclosed(U, h), compiled.enclosed(U, h)
+    good = one.leaf_margin > 0
+    assert good.mean() > 0.3 and (good == (two.leaf_margin > 0)).all()
+    np.testing.assert_allclose(Q_c, Q, atol=1e-12)
+    np.testing.assert_allclose(reach_c[good], reach[good], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(two.away, one.away, atol=1e-12)
+    np.testing.assert_allclose(two.leaf_margin[good], one.leaf_margin[good], rtol=1e-5)
+    for trial in range(8):
+        way = np.sign(np.random.default_rng(trial).standard_normal(U.shape))
+        points = chart.solve(U + h * way, np.zeros((len(U), task.r)))
+        assert (np.abs(points.Q - Q) <= reach)[good & points.found].all()
+        assert points.found[good].all()
 
 
 def test_a_sector_is_proved_at_every_angle_and_spin() -> None:
@@ -172,7 +246,9 @@ def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None
     np.testing.assert_allclose(sector.task.upper - upper, [1.0, *np.zeros(6)])
 
 
-def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(places: CellDesign) -> None:
+def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
+    places: CellDesign,
+) -> None:
     """d* below the distance of F, or so large that F may not be the only solution within it."""
     chart = places.function.chart
     Uc, half = np.zeros((8, 3)), np.full((8, 3), 0.01)
@@ -184,6 +260,43 @@ def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(places: CellDesi
             if compiled and problem._kernel is not None:
                 problem._kernel = Kernel(problem, library())
             assert (problem.bounds(Uc, half).leaf_margin == 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "frame", "kind", "size"),
+    [
+        ("panda", "panda_hand_tcp", "axis", (0.03, 0.1)),
+        ("kinova", "j2s6s200_end_effector", "position", (0.05,)),
+        ("planar4r", "tool", "xy", (0.3,)),
+    ],
+)
+def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
+    name: str, frame: str, kind: str, size: tuple[float, ...]
+) -> None:
+    task = rp.Robot.load(name).task(frame, kind)
+    q = task.reference
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(q), *size),
+        posture=q,
+        degree=3,
+        options=rp.FitOptions(samples=256, held_out=256),
+    )
+    proof = rp.prove(found)
+    assert proof, proof.reason
+    near, chart = CellProof(found.function.chart).near, found.function.chart
+    rng, r = np.random.default_rng(1), task.r
+    for _ in range(10):
+        U = rng.uniform(-1, 1, (10_000, found.cell.k))
+        U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1
+        points = chart.solve(U, np.zeros((len(U), r)))
+        assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
+        _, s, Vh = np.linalg.svd(task.jacobians(points.Q))
+        assert s[:, -1].min() >= proof.sigma_min
+        N = np.swapaxes(Vh[:, task.m :], 1, 2)
+        assert leaf_margin(N, points.n_ref).min() >= proof.leaf_margin
+        assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 
 @pytest.mark.slow
@@ -213,7 +326,9 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
     rng, chart = np.random.default_rng(1), found.function.chart
     for _ in range(34):
         U = rng.uniform(-1, 1, (10_000, 6))
-        U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1  # half of them near the boundary
+        U[::2] = (
+            np.sign(U[::2]) * np.abs(U[::2]) ** 0.1
+        )  # half of them near the boundary
         points = chart.solve(U, np.zeros((len(U), 1)))
         assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
         _, s, Vh = np.linalg.svd(task.jacobians(points.Q))

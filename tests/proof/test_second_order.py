@@ -50,7 +50,9 @@ def test_every_bound_holds_in_boxes_of_general_position(r: int) -> None:
 @pytest.mark.parametrize("mutant", NUMPY)
 def test_a_wrong_term_is_noticed(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
     module = wrong(monkeypatch, "leaf_margin_bounds.py", *NUMPY[mutant])
-    assert any(max(found.values(), default=0) > HELD for found in made_up_ratios(module, 12))
+    assert any(
+        max(found.values(), default=0) > HELD for found in made_up_ratios(module, 12)
+    )
 
 
 # ---- chains ------------------------------------------------------------------------------------
@@ -58,7 +60,10 @@ def test_a_wrong_term_is_noticed(mutant: str, monkeypatch: pytest.MonkeyPatch) -
 
 def curved(task: rp.Task, degree: int, width: float, rough: float = 0.2) -> rp.Design:
     """A design of strongly curved potentials, regular at the centre of its box."""
-    rng, q = np.random.default_rng(0), task.reference + 0.3 * (task.n < 7) * np.arange(task.n)
+    rng, q = (
+        np.random.default_rng(0),
+        task.reference + 0.3 * (task.n < 7) * np.arange(task.n),
+    )
     potentials = rp.Polynomial(q, degree, width)
     A = rough * width * rng.standard_normal((potentials.size, task.r))
     A /= np.sqrt(potentials.size / task.n)
@@ -68,16 +73,22 @@ def curved(task: rp.Task, degree: int, width: float, rough: float = 0.2) -> rp.D
 
 
 @pytest.mark.parametrize("degree", [3, 4, 5, 6])
-def test_bounds_hold_and_are_nearly_attained_on_planar_arms(degree: int, tmp_path: Path) -> None:
+def test_bounds_hold_and_are_nearly_attained_on_planar_arms(
+    degree: int, tmp_path: Path
+) -> None:
     design = curved(planar_task((1.0, 0.9, 0.8), tmp_path), degree, 0.6)
-    parts = [in_chain(kernels, design, width, 1, boxes=16) for width in (0.02, 0.1, 0.3)]
+    parts = [
+        in_chain(kernels, design, width, 1, boxes=16) for width in (0.02, 0.1, 0.3)
+    ]
     found = worst([ratios for ratios, _ in parts if ratios])
     assert max(found.values()) <= HELD and parts[0][1] > 0.6
     assert min(found[name] for name in ("ν", "P", "SᵀS", "V", "bound")) > 0.7
 
 
 @pytest.mark.parametrize("degree", [3, 4])
-def test_bounds_hold_and_are_nearly_attained_on_panda(degree: int, panda_pose: rp.Task) -> None:
+def test_bounds_hold_and_are_nearly_attained_on_panda(
+    degree: int, panda_pose: rp.Task
+) -> None:
     design = curved(panda_pose, degree, 0.3)
     parts = [in_chain(kernels, design, width, 1, boxes=12) for width in (0.02, 0.3)]
     found = worst([ratios for ratios, _ in parts if ratios])
@@ -113,15 +124,22 @@ def powers(task: rp.Task, degree: int) -> rp.Design:
     """A design of one linear potential and a power of one joint: one term, nothing cancels."""
     q = task.reference + 0.3 * np.arange(task.n)
     along = nullspace(task.jacobian(q))[:, 0]
-    terms = {tuple(row): np.array([v]) for row, v in zip(np.eye(3, dtype=int), along, strict=True)}
-    field = PolynomialMap(q, np.full(3, 0.6), degree, terms | {(degree, 0, 0): np.array([0.1])})
+    terms = {
+        tuple(row): np.array([v])
+        for row, v in zip(np.eye(3, dtype=int), along, strict=True)
+    }
+    field = PolynomialMap(
+        q, np.full(3, 0.6), degree, terms | {(degree, 0, 0): np.array([0.1])}
+    )
     return design_of(task, field, rp.Box(q, 0.6))
 
 
 # ---- C -----------------------------------------------------------------------------------------
 
 
-def problems(folder: Path, panda: rp.Task) -> list[tuple[kernels.LeafMargin, rp.Design]]:
+def problems(
+    folder: Path, panda: rp.Task
+) -> list[tuple[kernels.LeafMargin, rp.Design]]:
     """Leaf margins to bound: r = 1, 2 and 3, with prismatic joints, of high degree."""
     designs = [
         curved(panda, 4, 0.3, 0.05),
@@ -129,7 +147,10 @@ def problems(folder: Path, panda: rp.Task) -> list[tuple[kernels.LeafMargin, rp.
         curved(spatial_task(9, folder, kind="pose", seed=4), 3, 0.3, 0.05),
         curved(spatial_task(5, folder, seed=6), 4, 0.3),
     ]
-    return [(kernels.leaf_margin_of(d.task, d.inverse.potentials, d.region), d) for d in designs]
+    return [
+        (kernels.leaf_margin_of(d.task, d.inverse.potentials, d.region), d)
+        for d in designs
+    ]
 
 
 def wide_boxes(design: rp.Design, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -147,7 +168,10 @@ def differs(
     most = 0.0
     for problem, design in cases:
         boxes = wide_boxes(design, count)
-        ours, theirs = kernels._in_c(problem, library, *boxes), kernels.in_numpy(problem, *boxes)
+        ours, theirs = (
+            kernels._in_c(problem, library, *boxes),
+            kernels.in_numpy(problem, *boxes),
+        )
         assert (theirs.leaf_margin > 0).sum() > count / 10
         difference = np.abs(ours.leaf_margin - theirs.leaf_margin)
         most = max(most, float(np.nan_to_num(difference, nan=1.0).max()))

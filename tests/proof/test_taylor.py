@@ -17,12 +17,16 @@ from repctl_pin.proof import chart_bounds, taylor
 T = np.linspace(-1, 1, 201)[:, None]
 
 
-def power(module: ModuleType, degree: int, size: float, middle: float = 0.0, r: float = 0.0):
+def power(
+    module: ModuleType, degree: int, size: float, middle: float = 0.0, r: float = 0.0
+):
     """The model of ``middle + size t^degree``, one variable, and of what differs from it by r."""
     P = np.zeros((1, 4))
     P[0, 0] = middle
     P[0, degree] += size
-    return module.TaylorModel(1, P, np.array([r])), middle + size * T[:, 0] ** degree + r
+    return module.TaylorModel(1, P, np.array([r])), middle + size * T[
+        :, 0
+    ] ** degree + r
 
 
 def off(model: object, true: np.ndarray) -> float:
@@ -57,7 +61,9 @@ def ratios(module: ModuleType) -> list[float]:
         z, f = power(module, 1, size, middle)
         w = np.sqrt(f)
         for model, true in zip(
-            z.exponential(), (np.cos(w), np.sin(w) / w, (1 - np.cos(w)) / f), strict=True
+            z.exponential(),
+            (np.cos(w), np.sin(w) / w, (1 - np.cos(w)) / f),
+            strict=True,
         ):
             found.append(off(model, true))
     P = np.array([[[0.1, 0.2, 0.0, 0.0], [0.3, 0.0, 0.1, 0.0]]])
@@ -65,7 +71,9 @@ def ratios(module: ModuleType) -> list[float]:
     A = np.array([[[2.0, -1.0]]])
     y = x.combined(A)
     true = Monomials(1, 3).values(T) @ (A[0] @ P[0]).T
-    found.append(float(np.abs(true[:, 0] + 0.4 - (Monomials(1, 3).values(T) @ y.P[0, 0])).max()))
+    found.append(
+        float(np.abs(true[:, 0] + 0.4 - (Monomials(1, 3).values(T) @ y.P[0, 0])).max())
+    )
     found[-1] /= float(y.r[0, 0])
     return found
 
@@ -77,7 +85,9 @@ def test_every_bound_of_a_taylor_model_is_attained() -> None:
 
 
 @pytest.mark.parametrize("mutant", TAYLOR)
-def test_a_wrong_taylor_model_is_noticed(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_taylor_model_is_noticed(
+    mutant: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     module = wrong(monkeypatch, "taylor.py", *TAYLOR[mutant])
     assert max(ratios(module)) > 1 + 1e-6
 
@@ -105,17 +115,22 @@ def test_taylor_models_of_a_chain_hold_in_ball_arithmetic(count: int) -> None:
     from repctl_pin.proof.taylor_chain import closure_of
 
     q = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
-    problem = CellProof(chart_of(cell_of(rotation=0.2, half_width=0.05), q), compiled=False)
+    problem = CellProof(
+        chart_of(cell_of(rotation=0.2, half_width=0.05), q), compiled=False
+    )
     rng, k = np.random.default_rng(0), 6
     Uc = rng.uniform(-0.7, 0.7, (count, k))
     h = 10.0 ** rng.uniform(-7, -0.6, (count, 1)) * rng.uniform(0.2, 1, (count, k))
     t = np.sign(rng.standard_normal((count, k)))
     reference, _ = problem._models(Uc, h)
-    along = closure_of(problem.chain, problem.poses.at(Uc, h), reference, problem.eps)
+    poses = problem.poses.at(Uc, h)
+    along = closure_of(problem.chain, "pose", poses, reference, problem.eps)
     T = Monomials(k, 3).values(t)
     for i in range(count):
         J, xi = closure_in_balls(problem, Uc[i], h[i], t[i])
-        sums = [[float_sum(along.J.P[i, a, c], T[i]) for c in range(7)] for a in range(6)]
+        sums = [
+            [float_sum(along.J.P[i, a, c], T[i]) for c in range(7)] for a in range(6)
+        ]
         for a in range(6):
             for c in range(7):
                 slack = along.J.r[i, a, c] + problem.eps * 4
@@ -126,4 +141,6 @@ def test_taylor_models_of_a_chain_hold_in_ball_arithmetic(count: int) -> None:
 def float_sum(P: np.ndarray, T: np.ndarray) -> object:
     from flint import arb
 
-    return sum((arb(float(c)) * arb(float(x)) for c, x in zip(P, T, strict=True)), arb(0))
+    return sum(
+        (arb(float(c)) * arb(float(x)) for c, x in zip(P, T, strict=True)), arb(0)
+    )

@@ -22,7 +22,9 @@ def module(name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 @pytest.mark.parametrize("page", ["docs/benchmark.md", "docs/which.md"])
-def test_the_tables_are_those_of_the_numbers(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_tables_are_those_of_the_numbers(
+    page: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pages = module("pages", monkeypatch)
     rows, said = pages.read()
     text = (ROOT / page).read_text(encoding="utf-8")
@@ -48,7 +50,11 @@ def test_what_the_loops_do_on_the_circle(
     scenes: list, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """J⁺ drifts as rp.follow says; the repeatable inverse adds nothing in its second cycle."""
-    ours, cycles, scene = module("ours", monkeypatch), module("cycles", monkeypatch), scenes[0]
+    ours, cycles, scene = (
+        module("ours", monkeypatch),
+        module("cycles", monkeypatch),
+        scenes[0],
+    )
     loops = {
         "pinv": ours.pinv_loop(scene),
         "program": ours.quadratic_program(scene),
@@ -56,7 +62,8 @@ def test_what_the_loops_do_on_the_circle(
     }
     found = {name: cycles.joints_of(step, scene, 2)[0] for name, step in loops.items()}
     rows = {
-        name: cycles.measure(scene, name, Q, found["pinv"], 0.0, "") for name, Q in found.items()
+        name: cycles.measure(scene, name, Q, found["pinv"], 0.0, "")
+        for name, Q in found.items()
     }
     path = rp.circle(scene.task, scene.q0, 0.1, start_angle=np.pi)
     exact = rp.follow(rp.Pseudoinverse(scene.task), path, scene.q0, cycles=1, steps=200)

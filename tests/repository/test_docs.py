@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import runpy
 import subprocess
@@ -26,18 +25,21 @@ PAGES = [
 ]  # run with its examples
 
 
-def test_the_site_builds_strictly(tmp_path: Path) -> None:
+def test_the_site_builds_strictly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Dead links and names that do not exist are warnings, and warnings are errors."""
     pytest.importorskip("mkdocs")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path)],
-        cwd=ROOT,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "REPCTL_LIVE": "no"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count("<math") > 20
+    from mkdocs.commands.build import build
+    from mkdocs.config import load_config
+
+    monkeypatch.setenv("NO_MKDOCS_2_WARNING", "1")
+    monkeypatch.setenv("REPCTL_LIVE", "no")
+    monkeypatch.chdir(ROOT)
+    build(load_config("mkdocs.yml", strict=True, site_dir=str(tmp_path)))
+    assert (tmp_path / "theory" / "index.html").read_text(encoding="utf-8").count(
+        "<math"
+    ) > 20
     commands = (tmp_path / "commands" / "index.html").read_text(encoding="utf-8")
     assert "--allow-violations" in commands and "<!-- commands -->" not in commands
     home = (tmp_path / "index.html").read_text(encoding="utf-8")
@@ -55,15 +57,22 @@ def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     assert set(re.findall(r"<!-- live: (\w+) -->", text)) == set(live["PAGES"])
     home = SimpleNamespace(
-        is_homepage=True, file=SimpleNamespace(dest_uri="index.html", src_uri="index.md")
+        is_homepage=True,
+        file=SimpleNamespace(dest_uri="index.html", src_uri="index.md"),
     )
-    assert 'src="live/panda.html"' in live["on_page_markdown"]("<!-- live: panda -->", page=home)
+    assert 'src="live/panda.html"' in live["on_page_markdown"](
+        "<!-- live: panda -->", page=home
+    )
     made = live["studied"]("planar3r", cycles=1, steps=40, degree=1)
-    assert made.startswith("<!DOCTYPE html>") and "http://" not in made.split("<script")[0]
+    assert (
+        made.startswith("<!DOCTYPE html>") and "http://" not in made.split("<script")[0]
+    )
 
 
 def test_links_to_the_repository_follow_its_one_address() -> None:
-    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "repository.py"))["on_page_markdown"]
+    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "repository.py"))[
+        "on_page_markdown"
+    ]
     page = SimpleNamespace(file=SimpleNamespace(src_uri="how-to/a.md"))
     text = "[b](../b.md) and [script](../../examples/c.py)"
     without, at = (
@@ -80,9 +89,9 @@ def test_the_page_of_the_command_line_says_when_to_use_each() -> None:
     """Their help is put there from the parser when the site is built."""
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     helps = runpy.run_path(str(ROOT / "docs" / "hooks" / "commands.py"))["commands"]()
-    assert sorted(re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)) == sorted(
-        helps
-    )
+    assert sorted(
+        re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| ", text, flags=re.MULTILINE)
+    ) == sorted(helps)
     for name, words in helps.items():
         assert words.startswith(f"usage: repctl {name} ") and "\x1b" not in words
 
@@ -92,33 +101,58 @@ def test_the_reference_names_everything_public() -> None:
     listed = [
         name
         for page in pages
-        for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), flags=re.MULTILINE)
+        for name in re.findall(
+            r"^::: (\S+)$", page.read_text("utf-8"), flags=re.MULTILINE
+        )
     ]
-    public = [getattr(rp, name) for name in dir(rp) if name not in ("redundancy", "__version__")]
-    assert sorted(listed) == sorted(f"{thing.__module__}.{thing.__qualname__}" for thing in public)
+    public = [
+        getattr(rp, name)
+        for name in dir(rp)
+        if name not in ("redundancy", "__version__")
+    ]
+    assert sorted(listed) == sorted(
+        f"{thing.__module__}.{thing.__qualname__}" for thing in public
+    )
+
+
+def python_of(page: Path) -> list[str]:
+    """The blocks of Python in a page."""
+    return re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL)
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")], ids=str
+    "page", [*filter(python_of, PAGES)], ids=lambda page: page.stem
 )
 def test_the_python_of_a_page_runs(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_nodes: None
 ) -> None:
+    """With fewer nodes, which change no claim. What is compiled by jax runs in the slow test."""
     monkeypatch.chdir(tmp_path)
     names: dict = {}
-    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    if any("import jax" in block for block in blocks):  # its threads do not survive forks
-        quick = os.environ | {"XLA_FLAGS": "--xla_backend_optimization_level=0"}  # compiles sooner
-        done = subprocess.run([sys.executable, "-c", "\n".join(blocks)], env=quick, check=False)
-        assert done.returncode == 0
-        return
-    for block in blocks:
-        exec(block, names)
+    for block in python_of(page):
+        code = compile(block, str(page), "exec")
+        if "import jax" not in block:
+            exec(code, names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if "import jax" in page.read_text("utf-8")], ids=str
+)
+def test_the_python_of_a_page_with_jax_runs(page: Path, tmp_path: Path) -> None:
+    """In a process of its own, because the threads of jax do not survive forks."""
+    code = "\n".join(python_of(page))
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False)
+    assert done.returncode == 0
 
 
 def test_the_schema_of_a_design_file_is_the_decoders() -> None:
-    pytest.importorskip("msgspec", minversion="0.22")  # earlier ones write a schema in other words
-    schema = json.loads((ROOT / "docs" / "design.schema.json").read_text(encoding="utf-8"))
+    pytest.importorskip(
+        "msgspec", minversion="0.22"
+    )  # earlier ones write a schema in other words
+    schema = json.loads(
+        (ROOT / "docs" / "design.schema.json").read_text(encoding="utf-8")
+    )
     assert schema == msgspec.json.schema(DesignFile)
 
 
@@ -139,10 +173,14 @@ def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
     linked = re.findall(
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
-    assert len(linked) == 5 and all((ROOT / "docs" / name).resolve().is_file() for name in linked)
+    assert len(linked) == 5 and all(
+        (ROOT / "docs" / name).resolve().is_file() for name in linked
+    )
     redraw(["drift", "states"], tmp_path)
 
 
 @pytest.mark.slow
-def test_the_dear_figures_of_the_theory_are_what_the_package_draws(tmp_path: Path) -> None:
+def test_the_dear_figures_of_the_theory_are_what_the_package_draws(
+    tmp_path: Path,
+) -> None:
     redraw(["cell", "proofs"], tmp_path)

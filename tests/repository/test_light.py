@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -57,7 +56,7 @@ rp.export_c(design.inverse, "c")
 for ask in (
     lambda: rp.animation({"it": motion}),
     lambda: __import__("repctl_pin.show.plots.designs"),
-    lambda: rp.timed(motion, acceleration=5.0),
+    lambda: rp.timed(motion, rp.Limits(acceleration=5.0)),
     lambda: rp.nearest_repeatable(plain, None, box, degree=1, progress=True),
     lambda: rp.Bodies(rp.Robot.load("panda").task()).nearest(np.zeros(7)),
 ):
@@ -75,14 +74,22 @@ def test_the_loop_runs_without_what_pictures_need(tmp_path: Path) -> None:
     task = rp.Robot.load(arm).task("tool0", "pose")
     box = rp.Box(task.reference, 0.2)
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, box, degree=1, options=rp.FitOptions(samples=64, held_out=64)
+        rp.Pseudoinverse(task),
+        None,
+        box,
+        degree=1,
+        options=rp.FitOptions(samples=64, held_out=64),
     )
     rp.save(design, tmp_path / "design.json")
     command = [sys.executable, "-c", LOOP, str(arm), *LEFT_OUT]
     path = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        "PYTHONPATH": os.pathsep.join(
+            [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        )
     }
-    done = subprocess.run(command, cwd=tmp_path, env=path, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=tmp_path, env=path, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert [
         line.split("requires")[0] + line.split("`pip install ")[1]
@@ -102,12 +109,18 @@ def test_the_commands_of_the_page_ask_for_what_the_package_does() -> None:
     (line,) = re.findall(r"^pip install (.*numpy.*)$", page, flags=re.MULTILINE)
     asked = re.findall(r'"(.*?)"', line)
     (listed,) = re.findall(
-        r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text("utf-8"), re.M | re.S
+        r"^dependencies = \[(.*?)^\]",
+        (ROOT / "pyproject.toml").read_text("utf-8"),
+        re.M | re.S,
     )
-    wants = [text for text in re.findall(r'"(.*?)"', listed) if not text.startswith("tomli")]
+    wants = [
+        text for text in re.findall(r'"(.*?)"', listed) if not text.startswith("tomli")
+    ]
     assert set(asked) < set(wants)
     modules = {"pycollada": "collada", "pillow": "PIL"}
-    others = {re.split(r"[>=]", text)[0].replace("-", "_") for text in set(wants) - set(asked)}
+    others = {
+        re.split(r"[>=]", text)[0].replace("-", "_") for text in set(wants) - set(asked)
+    }
     assert {modules.get(name, name) for name in others} <= set(LEFT_OUT)
 
 
@@ -119,17 +132,3 @@ def test_what_is_there_is_not_asked_for() -> None:
         "run `pip install no_such_thing`",
     ):
         needed("numpy", "no_such_thing", by="a test")
-
-
-def test_a_study_imports_no_statistics_and_no_server() -> None:
-    code = """
-import sys
-from repctl_pin.cli import main
-main(["study", "ppr", "--cycles", "1", "--steps", "20", "--quiet", "--out", sys.argv[1]])
-print(*sorted({"scipy.stats", "IPython", "tornado", "zmq"} & set(sys.modules)))
-"""
-    with tempfile.TemporaryDirectory() as folder:
-        run = subprocess.run(
-            [sys.executable, "-c", code, folder], capture_output=True, text=True, check=True
-        )
-    assert run.stdout.split() == []

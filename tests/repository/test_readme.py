@@ -6,30 +6,26 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import re
 import shlex
 import shutil
-import signal
-import subprocess
-import sys
 import urllib.request
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from arms import heed_interrupts
+from commands import computed_once, without_pictures
 from shown import answered, drifts, steady, written
 from terminals import fit_terminals
 
 import repctl_pin as rp
 from repctl_pin.cli import main, parser
-from repctl_pin.files import write_whole
-from repctl_pin.show import study_files
+from repctl_pin.urdf import catalogue
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -39,7 +35,13 @@ OWN = [ROOT / "examples" / name for name in ("my_arm.urdf", "loop.csv")]
 
 STUDY = {
     f"repctl-out/my_arm/{name}"
-    for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "control.json")
+    for name in (
+        "animation.html",
+        "drift.png",
+        "joints.png",
+        "motion.csv",
+        "control.json",
+    )
 }
 WRITES = {
     "inspect my_arm.urdf": set(),
@@ -57,7 +59,10 @@ WRITES = {
     },
     "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
         *(f"c/arm_control{end}" for end in (".h", ".c", ".hpp", "_kdl.hpp")),
-        *(f"c/{name}" for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")),
+        *(
+            f"c/{name}"
+            for name in ("test_vectors.h", "check.c", "loop.c", "CMakeLists.txt")
+        ),
     },
     "cell my_arm.urdf --half-width 0.05": {
         f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")
@@ -75,7 +80,9 @@ def blocks(language: str) -> list[str]:
 def commands() -> list[str]:
     lines = [line for block in blocks("bash") for line in block.splitlines()]
     return [
-        part.split("#")[0].strip() for line in lines for part in re.findall(r"\brepctl (.*)", line)
+        part.split("#")[0].strip()
+        for line in lines
+        for part in re.findall(r"\brepctl (.*)", line)
     ]
 
 
@@ -91,7 +98,9 @@ def test_the_two_commands_are_there() -> None:
         for line in block.splitlines()
         if line.startswith("python3 -m venv")
     ]
-    assert install[0].endswith("repctl study panda") and install[1].endswith("python -m pytest")
+    assert install[0].endswith("repctl study panda") and install[1].endswith(
+        "python -m pytest"
+    )
 
 
 def test_three_commands_lead_to_ones_own_report() -> None:
@@ -132,13 +141,15 @@ def test_the_commands_for_ones_own_arm_are_these() -> None:
     assert all(f"(examples/{file.name})" in README for file in OWN)
 
 
-def run_in(folder: Path, chain: list[str], capsys: pytest.CaptureFixture[str]) -> list[str]:
+def run_in(
+    folder: Path, chain: list[str], capsys: pytest.CaptureFixture[str]
+) -> list[str]:
     """Run commands one after the other; each writes its files and no others."""
     printed = []
     for command in chain:
         before = stamps(folder)
         if "--live" in command:
-            printed.append(serve_once(command))
+            printed.append(serve_once(command, capsys))
         else:
             assert main(shlex.split(command)) == 0, command
             text, complaints = capsys.readouterr()
@@ -155,10 +166,15 @@ JOINTS = [f"joint{i}" for i in range(1, 8)]
 
 def check_study(text: str, path: str) -> None:
     """A study's answer: the start it took, its path, and which strategies drift."""
-    assert re.search(rf"^my_arm tool0, pose, r = 1: {path}, \d+ cycles$", text, flags=re.MULTILINE)
-    assert "note: the start is the reference pose\n" in text or "more notes: --full\n" in text
+    assert re.search(
+        rf"^my_arm tool0, pose, r = 1: {path}, \d+ cycles$", text, flags=re.MULTILINE
+    )
+    assert (
+        "note: the start is the reference pose\n" in text
+        or "more notes: --full\n" in text
+    )
     usual, _, repeatable = answered(text, "joints off")
-    assert float(usual) > 0.6 and repeatable == "0"
+    assert float(usual) > 0.1 and repeatable == "0"
     assert answered(text, "first cycle closes")[::2] == ["no", "yes"]
 
 
@@ -169,11 +185,13 @@ def check_export(folder: Path, _: str) -> None:
 
 
 def check_robots(folder: Path, printed: str) -> None:
-    """As many robots as the README says, in 80 columns."""
+    """As many robots as the README says, some of which are shown; in 80 columns."""
     lines = printed.splitlines()
     assert max(map(len, lines)) <= 80
     (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
-    assert len({line.split()[0] for line in lines[2:-3]}) == int(robots)
+    some = {entry.name for entry in catalogue.entries()}
+    assert {line.split()[0] for line in lines[2:-3]} == some
+    assert len(EVERY_ROBOT) == int(robots)
 
 
 def check_follow(folder: Path, printed: str) -> None:
@@ -187,23 +205,65 @@ def check_follow(folder: Path, printed: str) -> None:
     assert np.ptp(rows["joint1"]) > 0.1
 
 
+EVERY_ROBOT = catalogue.entries()
+
+
+def some_of_them(entries: tuple[Any, ...]) -> Callable[[], tuple[Any, ...]]:
+    """The small robots and those with the longest names."""
+    longest = sorted(entries, key=lambda entry: len(entry.name))[-3:]
+    few = tuple(e for e in entries if "planar" in e.name or e in longest)
+    return lambda: few
+
+
+@pytest.mark.slow
+def test_every_robot_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In a terminal of 80 columns."""
+    fit_terminals(monkeypatch)
+    assert main(["robots"]) == 0
+    check_robots(tmp_path, capsys.readouterr().out)
+
+
+def in_three_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every study take few cycles and steps, whatever else it is asked."""
+    few = {"cycles": 3, "steps": 100}
+    study = rp.study
+    monkeypatch.setattr(rp, "study", lambda *given, **o: study(*given, **(o | few)))
+
+
 @pytest.mark.parametrize("last", chains())
 def test_the_commands_for_ones_own_arm_run(
-    last: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    last: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    blank_pictures: None,
+    few_nodes: None,
 ) -> None:
     """In the README's order, with the two files it says to copy; later commands of a chain use what
-    earlier ones wrote."""
+    earlier ones wrote. What figures show is a matter of tests/show."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("repctl_pin.design.nearest._MOST_DEGREE", 2)  # the same in less time
+    monkeypatch.setattr(
+        "repctl_pin.design.nearest._MOST_DEGREE", 2
+    )  # the same in less time
+    in_three_cycles(monkeypatch)
+    monkeypatch.setattr(catalogue, "entries", some_of_them(catalogue.entries()))
     fit_terminals(monkeypatch)
     for file in OWN:
         shutil.copy(file, tmp_path)
-    printed = dict(zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True))
+    printed = dict(
+        zip(chains()[last], run_in(tmp_path, chains()[last], capsys), strict=True)
+    )
     for command, text in printed.items():
         if command.startswith("inspect"):
-            assert "frame tool0, moved by 7: joint1, " in text and "  pose r = 1, " in text
+            assert (
+                "frame tool0, moved by 7: joint1, " in text and "  pose r = 1, " in text
+            )
         elif command.startswith("study"):
-            path = "loop.csv" if "loop.csv" in command else "circle of radius 0.1 m in xy"
+            path = (
+                "loop.csv" if "loop.csv" in command else "circle of radius 0.1 m in xy"
+            )
             check_study(text, path)
         elif "control.json" in command:
             check_follow(tmp_path, text)
@@ -229,71 +289,71 @@ def test_the_gallerys_commands_run(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
+    blank_pictures: None,
+    few_nodes: None,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    in_three_cycles(monkeypatch)
     shutil.copy(OWN[0], tmp_path)
     assert main([*shlex.split(command), "--full"]) == 0
     table = capsys.readouterr().out
-    assert drifts(table, "J⁺")[1] > 0.1 and drifts(table, "nearest repeatable")[1] < 1e-9
+    assert (
+        drifts(table, "J⁺")[1] > 0.03 and drifts(table, "nearest repeatable")[1] < 1e-9
+    )
 
 
 def stamps(folder: Path) -> dict[str, int]:
     """When each file of a folder was written."""
     return {
-        str(f.relative_to(folder)): f.stat().st_mtime_ns for f in folder.rglob("*") if f.is_file()
+        str(f.relative_to(folder)): f.stat().st_mtime_ns
+        for f in folder.rglob("*")
+        if f.is_file()
     }
 
 
-def serve_once(command: str) -> str:
-    """Run a ``--live`` command as a person does: wait for the address, look at the page, press
-    Ctrl-C."""
-    environment = {
-        name: value
-        for name, value in os.environ.items()
-        if name not in ("DISPLAY", "WAYLAND_DISPLAY")
-    }
-    with subprocess.Popen(
-        [sys.executable, "-m", "repctl_pin", *shlex.split(command)],
-        env=environment | {"BROWSER": "true"},  # where there is a screen after all, open nothing
-        preexec_fn=heed_interrupts,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            (url,) = re.findall(r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$", line) or [
-                ""
-            ]
-            assert url, line + process.communicate(timeout=20)[1]
-            opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-            with opener.open(url, timeout=20) as answer:
-                page = answer.read().decode("utf-8")
-            assert (
-                page.startswith("<!DOCTYPE html>")
-                and "my_arm" in page
-                and page.rstrip().endswith("</html>")
-            )
-            process.send_signal(signal.SIGINT)
-            assert process.communicate(timeout=20) == ("", "") and process.returncode == 0
-        finally:
-            process.kill()
-    return line
+def serve_once(command: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a ``--live`` command until its page was looked at; tests/show/test_live.py runs one in a
+    process of its own, and presses Ctrl-C."""
+    said: list[str] = []
+
+    def looked_at(_: float) -> bool:
+        """What the command waits for between two pictures: nothing, and then its end."""
+        if said:
+            return True
+        said.append(capsys.readouterr().out)
+        (url,) = re.findall(
+            r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$",
+            said[0],
+            re.MULTILINE,
+        )
+        opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+        with opener.open(url, timeout=20) as answer:
+            page = answer.read().decode("utf-8")
+        assert page.startswith("<!DOCTYPE html>") and "my_arm" in page
+        assert page.rstrip().endswith("</html>")
+        return False
+
+    waiting = contextlib.nullcontext(SimpleNamespace(wait=looked_at))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("repctl_pin.cli.animate.until_stopped", lambda: waiting)
+        patch.setattr(rp.Viewer, "open", lambda _: None)  # where there is a screen
+        assert main(shlex.split(command)) == 0
+    assert tuple(capsys.readouterr()) == ("", "")
+    return said[0]
 
 
 def test_the_main_jobs_table_is_what_the_command_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One study, reported twice; the second time its figures and its page are not drawn again."""
+    """One study, reported twice; its figures and its page hold nothing."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(rp, "study", once(rp.study))
+    without_pictures(monkeypatch)
+    monkeypatch.setattr(rp, "study", computed_once(rp.study))
     assert main(["study", "panda"]) == 0
     (shown,) = blocks("text")
     answer = capsys.readouterr().out
     assert steady(shown) == steady(answer) and answer.count("\n") <= 22
     assert set(stamps(tmp_path)) == written(shown)
-    monkeypatch.setattr(study_files, "write_study", empty_files)
     assert main(["study", "panda", "--full"]) == 0
     page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     (full,) = re.findall(r"```text\n(.*?)```", page, flags=re.DOTALL)
@@ -301,35 +361,23 @@ def test_the_main_jobs_table_is_what_the_command_prints(
     assert set(stamps(tmp_path)) == written(full)
 
 
-def empty_files(study: rp.Study, folder: Path, *, run: str = "") -> list[Path]:
-    """Write the names of a study's files, without content."""
-    names = ("animation.html", "drift.png", "joints.png", "motion.csv")
-    return [write_whole(folder / name, "") for name in names]
-
-
-def once(compute: Callable[..., Any]) -> Callable[..., Any]:
-    """Compute the first time, and give the same result ever after."""
-    kept: list[Any] = []
-
-    def computed(*arguments: Any, **options: Any) -> Any:
-        if not kept:
-            kept.append(compute(*arguments, **options))
-        return kept[0]
-
-    return computed
-
-
-def test_the_python_runs_and_its_arm_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_runs_and_its_arm_comes_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """With fewer nodes and steps, which change no claim; docs/how-to/python.md has the rest."""
     few = rp.FitOptions(samples=512, held_out=256)
-    monkeypatch.setattr(rp, "nearest_repeatable", partial(rp.nearest_repeatable, options=few))
+    monkeypatch.setattr(
+        rp, "nearest_repeatable", partial(rp.nearest_repeatable, options=few)
+    )
     monkeypatch.setattr(rp, "follow", partial(rp.follow, steps=200))
     (code,) = blocks("python")
     names: dict = {}
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         exec(code, names)
-    drifting, closed = (float(line.split()[0]) for line in out.getvalue().splitlines()[-2:])
+    drifting, closed = (
+        float(line.split()[0]) for line in out.getvalue().splitlines()[-2:]
+    )
     assert drifting > 0.1 and closed < 1e-8
     inverse, q0 = names["design"].inverse, names["q0"]
     xdot = names["path"].twist(0.0)
@@ -355,7 +403,9 @@ def test_the_arm_to_copy_is_sound() -> None:
     work from."""
     robot = rp.Robot.load(OWN[0])
     assert (
-        robot.warnings == () and robot.description.meshes == () and robot.default_frame == "tool0"
+        robot.warnings == ()
+        and robot.description.meshes == ()
+        and robot.default_frame == "tool0"
     )
     task = robot.task("tool0", "pose")
     upright = task.placement(np.zeros(7))

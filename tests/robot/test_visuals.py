@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,13 @@ def configurations(robot: rp.Robot, count: int = 4) -> np.ndarray:
         for limit in (robot.lower, robot.upper)
     )
     return rng.uniform(low, high, (count, len(robot.joint_names)))
+
+
+@cache
+def loaded(name: str) -> tuple[rp.Robot, pin.Model, pin.GeometryModel]:
+    """A robot, and what Pinocchio makes of it: reading the meshes is dear."""
+    robot = rp.Robot.load(name)
+    return robot, *pinocchios(robot)
 
 
 def pinocchios(robot: rp.Robot) -> tuple[pin.Model, pin.GeometryModel]:
@@ -46,11 +54,12 @@ def all_joints(robot: rp.Robot, model: pin.Model, q: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["panda", "talos", "ppr", "kinova"])
 def test_placements_are_pinocchios(name: str) -> None:
-    robot = rp.Robot.load(name)
+    robot, model, geometry = loaded(name)
     visuals = Visuals.of(robot)
-    model, geometry = pinocchios(robot)
     assert visuals.missing == ()
-    assert {s.name for s in visuals.shapes} == {g.name for g in geometry.geometryObjects}
+    assert {s.name for s in visuals.shapes} == {
+        g.name for g in geometry.geometryObjects
+    }
     Q = configurations(robot)
     placements = visuals.placements(Q)
     assert placements.shape == (len(Q), len(visuals.shapes), 4, 4)
@@ -66,21 +75,26 @@ def test_placements_are_pinocchios(name: str) -> None:
             )
 
 
-@pytest.mark.parametrize("name", ["panda", "talos", "kinova", "baxter"])
+@pytest.mark.parametrize(
+    "name", ["panda", "talos", "kinova", pytest.param("baxter", marks=pytest.mark.slow)]
+)
 def test_scales_and_colours_are_pinocchios(name: str) -> None:
-    robot = rp.Robot.load(name)
-    _, geometry = pinocchios(robot)
+    robot, _, geometry = loaded(name)
     mirrored = 0
     for shape in Visuals.of(robot).shapes:
         theirs = geometry.geometryObjects[geometry.getGeometryId(shape.name)]
         if shape.kind == "mesh":
-            np.testing.assert_allclose(shape.scale, theirs.meshScale, err_msg=shape.name)
+            np.testing.assert_allclose(
+                shape.scale, theirs.meshScale, err_msg=shape.name
+            )
             assert shape.path is not None
             assert shape.path == Path(theirs.meshPath).resolve()
             mirrored += np.prod(shape.scale) < 0
         if theirs.overrideMaterial:
             assert not shape.textured
-            np.testing.assert_allclose(shape.color, theirs.meshColor, atol=1e-6, err_msg=shape.name)
+            np.testing.assert_allclose(
+                shape.color, theirs.meshColor, atol=1e-6, err_msg=shape.name
+            )
         elif shape.kind == "mesh" and shape.path is not None:
             assert shape.textured == (shape.path.suffix.lower() != ".stl")
     assert (mirrored > 0) == (name == "talos")
@@ -139,7 +153,10 @@ def test_missing_mesh_is_listed_and_its_link_drawn_as_a_tube(tmp_path: Path) -> 
     robot = arm(tmp_path, upper=f'<mesh filename="{name}"/>')
     visuals = Visuals.of(robot)
     assert visuals.missing == (name,)
-    by_link = {link: {s.name for s in visuals.shapes if s.link == link} for link in robot.frames}
+    by_link = {
+        link: {s.name for s in visuals.shapes if s.link == link}
+        for link in robot.frames
+    }
     assert by_link["base"] == {"base_0"}
     assert by_link["upper"] == {"slide_tube", "turn_joint"}
     Q = configurations(robot)
@@ -152,7 +169,9 @@ def test_missing_mesh_is_listed_and_its_link_drawn_as_a_tube(tmp_path: Path) -> 
 
 
 def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> None:
-    robot = arm(tmp_path, text=re.sub(r"<visual>.*?</visual>", "", ARM, flags=re.DOTALL))
+    robot = arm(
+        tmp_path, text=re.sub(r"<visual>.*?</visual>", "", ARM, flags=re.DOTALL)
+    )
     visuals = Visuals.of(robot)
     shapes = {s.name: k for k, s in enumerate(visuals.shapes)}
     assert visuals.missing == ()
@@ -172,7 +191,10 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
     expected = {
         "turn_tube": [np.zeros(3), upper.translation],
         "slide_tube": [upper.translation, joint.translation],
-        "slide_rail": [joint * np.array([-0.1, 0, 0]), joint * np.array([0.5, 0, 0])],  # its limits
+        "slide_rail": [
+            joint * np.array([-0.1, 0, 0]),
+            joint * np.array([0.5, 0, 0]),
+        ],  # its limits
         "end_tube": [rod.translation, rod * np.array([0, 0.2, 0])],
     }
     for name, points in expected.items():
@@ -183,7 +205,9 @@ def test_robot_without_shapes_is_drawn_from_its_kinematics(tmp_path: Path) -> No
     np.testing.assert_allclose(
         placed[shapes["turn_joint"]][:3, 2], [0, 1, 0], atol=1e-12
     )  # along its axis
-    np.testing.assert_allclose(placed[shapes["slide_slider"]][:3, 3], rod.translation, atol=1e-12)
+    np.testing.assert_allclose(
+        placed[shapes["slide_slider"]][:3, 3], rod.translation, atol=1e-12
+    )
 
 
 def test_base_moves_the_picture_as_it_moves_the_task() -> None:
@@ -217,16 +241,25 @@ def test_materials(tmp_path: Path) -> None:
     )
     (red,) = upper('<material name="red"><color rgba="1 0 0 0.5"/></material>')
     assert (red.color, red.textured) == ((1.0, 0.0, 0.0, 0.5), False)
-    assert upper('<material name="none"><color rgba="1 0 0 0"/></material>') == []  # invisible
+    assert (
+        upper('<material name="none"><color rgba="1 0 0 0"/></material>') == []
+    )  # invisible
 
 
 def test_find_mesh(tmp_path: Path) -> None:
     mesh = tmp_path / "share" / "my_arm" / "meshes" / "a b.stl"
     mesh.parent.mkdir(parents=True)
     mesh.touch()
-    urdf, share, package = tmp_path / "arm.urdf", tmp_path / "share", tmp_path / "share" / "my_arm"
+    urdf, share, package = (
+        tmp_path / "arm.urdf",
+        tmp_path / "share",
+        tmp_path / "share" / "my_arm",
+    )
     assert find_mesh("package://my_arm/meshes/a b.stl", urdf, [share]) == mesh
-    assert find_mesh("package:///my_arm/meshes/a b.stl", urdf, ["/nowhere", str(share)]) == mesh
+    assert (
+        find_mesh("package:///my_arm/meshes/a b.stl", urdf, ["/nowhere", str(share)])
+        == mesh
+    )
     assert find_mesh("package://my_arm/meshes/a b.stl", urdf, [package]) == mesh
     assert find_mesh("package://other/meshes/a b.stl", urdf, [package]) is None
     assert find_mesh(f"file://{mesh}", urdf, []) == mesh
@@ -260,10 +293,16 @@ def test_surroundings_are_drawn_where_they_stand(tmp_path: Path) -> None:
         (0.4, 1, 0.02),
     ) and visuals.shapes[-1].standing
     expected = np.eye(4)
-    expected[:3, :3] = [[np.cos(1.5), 0, np.sin(1.5)], [0, 1, 0], [-np.sin(1.5), 0, np.cos(1.5)]]
+    expected[:3, :3] = [
+        [np.cos(1.5), 0, np.sin(1.5)],
+        [0, 1, 0],
+        [-np.sin(1.5), 0, np.cos(1.5)],
+    ]
     expected[:3, 3] = [0.5 + 0.1 * np.sin(1.5), 0, 0.4 + 0.1 * np.cos(1.5)]
     Q = configurations(robot)
     np.testing.assert_allclose(
-        visuals.placements(Q)[:, -1], np.broadcast_to(expected, (len(Q), 4, 4)), atol=1e-12
+        visuals.placements(Q)[:, -1],
+        np.broadcast_to(expected, (len(Q), 4, 4)),
+        atol=1e-12,
     )
     np.testing.assert_array_equal(visuals.placements(Q)[:, :-1], alone.placements(Q))

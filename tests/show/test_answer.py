@@ -33,7 +33,9 @@ def text_of(study: rp.Study) -> str:
 
 def changed(study: rp.Study, **rows: dict) -> rp.Study:
     """The same study with other rows."""
-    return replace(study, rows=tuple(replace(row, **rows.get(row.key, {})) for row in study.rows))
+    return replace(
+        study, rows=tuple(replace(row, **rows.get(row.key, {})) for row in study.rows)
+    )
 
 
 def test_it_says_what_the_motions_did(study: rp.Study) -> None:
@@ -44,25 +46,37 @@ def test_it_says_what_the_motions_did(study: rp.Study) -> None:
     visuals, off = Visuals.of(study.robot), []
     for motion in (plain, posture):
         ends = visuals.placements(study.task.to_robot(motion.q[[0, -1]]))
-        moved = np.linalg.norm((ends[1] - ends[0])[:, :3, 3], axis=1)  # of the bodies' middles
+        moved = np.linalg.norm(
+            (ends[1] - ends[0])[:, :3, 3], axis=1
+        )  # of the bodies' middles
         link, way = farthest_body(study.robot, study.task.to_robot(motion.q[[0, -1]]))
         assert link == "link4" and moved.max() < way < 2 * moved.max()
         off.append(metres(way))
     plain_words = " ".join(text.split())
     assert plain_words.startswith("Both hands are back. Link 4 of one arm is not: ")
-    assert f"{off[0]} off under the usual control, 0 under the repeatable one." in plain_words
+    assert (
+        f"{off[0]} off under the usual control, 0 under the repeatable one."
+        in plain_words
+    )
     told = "".join(span.text for span in study_headline(study).sentence)
-    assert plain_words.startswith(" ".join(told.split()))  # the page's and the report's own
+    assert plain_words.startswith(
+        " ".join(told.split())
+    )  # the page's and the report's own
     page = re.sub(r"<[^>]*>", "", rp.animation(study).page)
     assert told in page
     assert answered(text, "link 4 off") == [*off, "0"]
     drifts = [number(motion.drift[-1]) for motion in (plain, posture)]
     assert answered(text, "joints off") == [*drifts, "0"]
     assert answered(text, "first cycle closes") == ["no", "no", "yes"]
-    speeds = [percent(m.first_rms_speed / plain.first_rms_speed - 1) for m in (posture, closed)]
+    speeds = [
+        percent(m.first_rms_speed / plain.first_rms_speed - 1)
+        for m in (posture, closed)
+    ]
     assert answered(text, "extra joint speed, cycle 1") == ["–", *speeds]
     assert answered(text, "limits") == ["kept"] * 3 and "!" not in text
-    (bound,) = re.findall(r"^leaf margin in Ω: proved > ([\d.]+)$", text, flags=re.MULTILINE)
+    (bound,) = re.findall(
+        r"^leaf margin in Ω: proved > ([\d.]+)$", text, flags=re.MULTILINE
+    )
     assert 0 <= study.design.proof.leaf_margin - float(bound) < 1e-2
 
 
@@ -72,7 +86,9 @@ def test_it_fits_24_rows_and_80_columns(study: rp.Study) -> None:
     for one in (study, many):
         lines = text_of(one).splitlines()
         assert len(lines) <= 22 and max(map(len, lines)) <= COLUMNS
-    assert re.search(r"^note: 0 word.*^\d more notes: --full$", text_of(many), re.M | re.S)
+    assert re.search(
+        r"^note: 0 word.*^\d more notes: --full$", text_of(many), re.M | re.S
+    )
     assert text_of(many).splitlines()[-3:-1] == FILES
 
 
@@ -81,17 +97,24 @@ def test_violations_are_marked_and_named(study: rp.Study) -> None:
     far = np.where(plain.t > plain.t[-1] / 2, 10.0, 0.0)[:, None]
     motion = replace(plain, q=plain.q + far)
     text = text_of(
-        changed(study, pseudoinverse={"motion": motion, "violations": violations_of(motion)})
+        changed(
+            study, pseudoinverse={"motion": motion, "violations": violations_of(motion)}
+        )
     )
     name = study.task.joint_names[0]
     assert answered(text, "limits") == ["cycle 2!", "kept", "kept"]
-    assert f"! usual control: {name} exceeds its limits in cycle 2, at 52 % of the cycle" in text
+    assert (
+        f"! usual control: {name} exceeds its limits in cycle 2, at 52 % of the cycle"
+        in text
+    )
 
 
 def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
     stopped = {"motion": None, "stopped": "the Jacobian loses rank"}
     text = text_of(changed(study, pseudoinverse=stopped))
-    assert text.startswith("Usual control stopped: the Jacobian loses rank. The hand is back.")
+    assert text.startswith(
+        "Usual control stopped: the Jacobian loses rank. The hand is back."
+    )
     assert answered(text, "link 4 off")[0] == "stopped"
     assert answered(text, "extra joint speed")[1:] == ["–", "–"]
     both = text_of(changed(study, pseudoinverse=stopped, repeatable=stopped))
@@ -122,7 +145,9 @@ def test_only_a_terminal_shows_tones_and_as_colours(
 def test_a_wrapped_sentence_keeps_its_pieces() -> None:
     off = Span("3\u00a0cm\u00a0off", "bad")
     out = wrapped([Span("word " * 15), off, Span(" under it. "), Span("x" * 90)])
-    assert [span.tone for span in out] == ["", "bad", "", ""] and out[1].text == "3 cm off"
+    assert [span.tone for span in out] == ["", "bad", "", ""] and out[
+        1
+    ].text == "3 cm off"
     assert "".join(span.text for span in out).splitlines() == [
         "word " * 14 + "word",
         "3 cm off under it.",

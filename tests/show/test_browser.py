@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 import time
 from dataclasses import replace
@@ -13,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from browser import (
+    asleep,
     changed,
     errors,
     open_page,
@@ -29,8 +29,18 @@ import repctl_pin as rp
 from repctl_pin.show.page import Arm, animation_page, choose_frames, read_surface
 from repctl_pin.show.text import Headline, Span
 
+ROOT = Path(__file__).parents[2]
 RADIUS, STEPS, CYCLES = 0.1, 60, 2
-SHOWN = ("panda", "baxter", "tiago", "talos", "kinova", "planar7r", "my_arm", "xarm7 bare")
+SHOWN = (
+    "panda",
+    "baxter",
+    "tiago",
+    "talos",
+    "kinova",
+    "planar7r",
+    "my_arm",
+    "xarm7 bare",
+)
 """Robots whose pages are looked at, beside the planar one with two sliding joints."""
 
 
@@ -45,7 +55,10 @@ def circling(
     N0 = np.linalg.svd(task.jacobian(q0))[2][task.m :]
     visuals = Visuals.of(robot)
     arms = []
-    for label, color, repeatable in (("J⁺", VERMILLION, False), ("repeatable", BLUE, True)):
+    for label, color, repeatable in (
+        ("J⁺", VERMILLION, False),
+        ("repeatable", BLUE, True),
+    ):
         q, Q = q0, [q0]
         for a in angles:
             shift = np.zeros(3)
@@ -83,17 +96,27 @@ def circling(
 
 def write(folder: Path, arms: list[Arm], **options: Any) -> Path:
     page = folder / "animation.html"
-    words = {"seconds": 2.0, "title": "arms on a circle", "caption": "a test", **options}
+    words = {
+        "seconds": 2.0,
+        "title": "arms on a circle",
+        "caption": "a test",
+        **options,
+    }
     frames = choose_frames(len(arms[0].tip), len(arms[0].cycle_drift))
     shown = [
         replace(
             a,
-            **{name: getattr(a, name)[frames.index] for name in ("placements", "tip", "elbow")},
+            **{
+                name: getattr(a, name)[frames.index]
+                for name in ("placements", "tip", "elbow")
+            },
         )
         for a in arms
     ]
     way = arms[0].tip[: STEPS + 1, 0]
-    page.write_text(animation_page(shown, [way], frames=frames, **words), encoding="utf-8")
+    page.write_text(
+        animation_page(shown, [way], frames=frames, **words), encoding="utf-8"
+    )
     return page
 
 
@@ -101,13 +124,35 @@ def motions_of(study: rp.Study) -> list[rp.Motion]:
     return [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
 
 
-def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -> None:
+def with_meshes(folder: Path) -> rp.Robot:
+    """A planar arm, its links given by small meshes."""
+    import trimesh
+
+    text = (ROOT / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    for size in re.findall(r'<box size="([^"]*)"/>', text):
+        file = f"link{size.replace(' ', '_')}.stl"
+        trimesh.creation.box([float(v) for v in size.split()]).export(folder / file)
+        text = text.replace(f'<box size="{size}"/>', f'<mesh filename="{file}"/>')
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    return rp.Robot.load(folder / "arm.urdf")
+
+
+@pytest.mark.parametrize(
+    "name", ["small", pytest.param("panda", marks=pytest.mark.slow)]
+)
+def test_the_page_of_a_study_shows_who_comes_back(
+    driver: Any, tmp_path: Path, name: str
+) -> None:
     """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is
-    not."""
-    study, page = rp.study("panda", cycles=3, steps=60, degree=1), tmp_path / "animation.html"
+    not. Of a small arm by default: a panda's meshes take ten times as long to draw."""
+    wanted = rp.Problem(with_meshes(tmp_path), path="circle:0.8", start=[0.3, 0.8, 0.8])
+    study, page = (
+        rp.study("panda" if name == "panda" else wanted, cycles=3, steps=60, degree=1),
+        tmp_path / "animation.html",
+    )
     page.write_text(rp.animation(study).page, encoding="utf-8")
     motions = motions_of(study)
-    assert motions[0].drift[0] > 0.1 and motions[1].drift[-1] < 1e-6
+    assert motions[0].drift[-1] > 0.1 and motions[1].drift[-1] < 1e-6
     open_page(driver, page)
     visuals = Visuals.of(study.robot)
     assert (
@@ -119,7 +164,7 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
     for arm in (0, 1):
         a, b = pane(driver, start, arm), pane(driver, quarter, arm)
         assert np.ptp(a) > 150, "nothing is drawn"
-        assert changed(a, b) > 0.02
+        assert changed(a, b) > 0.01
     assert changed(pane(driver, start, 1), pane(driver, three, 1)) < 0.001
     assert changed(pane(driver, start, 0), pane(driver, three, 0)) > 0.01
     # with its traces shown, what the arm left behind is seen
@@ -131,9 +176,13 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path) -
         expected = visuals.placements(study.task.to_robot(motion.q[[90]]))[0]
         for s in (0, len(visuals.shapes) // 2, len(visuals.shapes) - 1):
             told = driver.execute_script(
-                "return repctl.placement(arguments[0], arguments[1])", k, visuals.shapes[s].name
+                "return repctl.placement(arguments[0], arguments[1])",
+                k,
+                visuals.shapes[s].name,
             )
-            np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
+            np.testing.assert_allclose(
+                np.reshape(told, (4, 4)).T, expected[s], atol=1e-5
+            )
     the_colour_is_how_far_a_body_is_off_its_start(driver, study)
     assert errors(driver) == []
 
@@ -142,13 +191,15 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
     """Told by all points of the meshes and Pinocchio's placements; the hand itself is always
     back."""
     visuals = Visuals.of(study.robot)
+    meshes = [points_of(shape) for shape in visuals.shapes]
     off = np.zeros((2, len(visuals.shapes)))  # at the end, m
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
         ends = visuals.placements(study.task.to_robot(study.row(key).motion.q[[0, -1]]))
-        for s, shape in enumerate(visuals.shapes):
-            off[arm, s] = moved(shape, ends[0, s], ends[1, s])
-    moving = [s for s, shape in enumerate(visuals.shapes) if "link0" not in shape.name]
-    assert len(moving) == len(visuals.shapes) - 1 and off[0].max() > 0.08
+        for s, points in enumerate(meshes):
+            if points is not None:
+                off[arm, s] = moved(points, ends[0, s], ends[1, s])
+    moving = [s for s, shape in enumerate(meshes) if shape is not None]
+    assert len(moving) >= 3 and off[0].max() > 0.08
 
     def told(time: float) -> tuple[NDArray[np.float64], list[list[NDArray[np.int64]]]]:
         answers = driver.execute_script(
@@ -167,19 +218,23 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
     at_end, painted = told(3)
     np.testing.assert_allclose(at_start, 0, atol=1e-12)
     np.testing.assert_allclose(at_end, off[:, moving], atol=2e-6)
-    assert at_end[0, -1] < 1e-5 < 0.05 < at_end[0].max()  # the last shape is a finger
+    assert at_end[1].max() < 1e-5 < 0.05 < at_end[0].max()
+    if "panda" in study.robot.name:
+        assert at_end[0, -1] < 1e-5  # the last shape is a finger
     full, grey = np.array([0xD5, 0x5E, 0x00]), np.array([0xC6, 0xCC, 0xD3])
     for s in range(len(moving)):
         share = min(1.0, at_end[0, s] / 0.1)  # full at 10 cm
-        np.testing.assert_allclose(painted[0][s], (1 - share) * grey + share * full, atol=1)
-        np.testing.assert_array_equal(painted[1][s], grey)  # who comes back
+        np.testing.assert_allclose(
+            painted[0][s], (1 - share) * grey + share * full, atol=1
+        )
+        np.testing.assert_allclose(painted[1][s], grey, atol=1)  # who comes back
     np.testing.assert_array_equal(plain, np.broadcast_to(grey, np.shape(plain)))
     # within a cycle, against the same moment of cycle 1
     between, _ = told(2.5)
     motion = study.row("pseudoinverse").motion
     there = visuals.placements(study.task.to_robot(motion.q[[30, 150]]))
     for s, k in enumerate(moving):
-        expected = moved(visuals.shapes[k], there[0, k], there[1, k])
+        expected = moved(meshes[k], there[0, k], there[1, k])
         assert between[0, s] == pytest.approx(expected, abs=2e-6)
     in_the_menu(driver, "show-drift").click()
     _, own = told(3)
@@ -193,11 +248,23 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
     assert note.get_attribute("textContent").endswith("10 cm and more")
 
 
-def moved(shape: Any, before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
+def points_of(shape: Any) -> NDArray[np.float64] | None:
+    """A moving mesh's points, m; None for other shapes."""
+    if shape.kind != "mesh" or "link0" in shape.name:
+        return None
+    return read_surface(shape.path).points * shape.scale
+
+
+def moved(
+    points: NDArray[np.float64],
+    before: NDArray[np.float64],
+    after: NDArray[np.float64],
+) -> float:
     """How far the farthest point of a mesh has moved, m."""
-    points = read_surface(shape.path).points * shape.scale
     return float(
-        np.linalg.norm(np.c_[points, np.ones(len(points))] @ (after - before).T, axis=1).max()
+        np.linalg.norm(
+            np.c_[points, np.ones(len(points))] @ (after - before).T, axis=1
+        ).max()
     )
 
 
@@ -213,7 +280,9 @@ def ghosts_show_drift_and_nothing_else(
     """At every moment the ghost of who repeats is hidden by the arm, that of who has crept by 0.1
     rad is seen."""
     for moment in moments:
-        with_ghost, without = (picture(driver, moment, ghost=ghost) for ghost in (True, False))
+        with_ghost, without = (
+            picture(driver, moment, ghost=ghost) for ghost in (True, False)
+        )
         for arm, motion in enumerate(motions):
             at, phase = round(moment * motion.steps), round(moment % 1 * motion.steps)
             off = np.linalg.norm(motion.q[at] - motion.q[phase])
@@ -228,7 +297,7 @@ def ghosts_show_drift_and_nothing_else(
 
 @pytest.mark.parametrize(
     "name",
-    ["ppr", *(pytest.param(name, marks=pytest.mark.slow) for name in SHOWN)],
+    [pytest.param(name, marks=pytest.mark.slow) for name in ("ppr", *SHOWN)],
 )
 def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     driver: Any, tmp_path: Path, name: str
@@ -237,7 +306,9 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     studies' pages."""
     name, _, bare = name.partition(" ")
     robot: rp.Robot = rp.Robot.load(
-        Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
+        Path(__file__).parents[2] / "examples" / "my_arm.urdf"
+        if name == "my_arm"
+        else name
     )
     if bare:
         text = robot.description.xml.replace("package://", "package://not_here/")
@@ -250,17 +321,24 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     shapes = Visuals.of(robot).shapes
     plain = bare or name in ("ppr", "planar7r", "my_arm")
     assert all(shape.kind != "mesh" for shape in shapes) if plain else len(shapes) > 5
-    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [len(shapes)] * 2
+    assert (
+        driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]")
+        == [len(shapes)] * 2
+    )
     moments = (5.5,) if name == "ppr" else (0, 0.5, 5.5, 10)
     ghosts_show_drift_and_nothing_else(driver, motions_of(study), moments)
     start, quarter, middle, one, end = (
         picture(driver, c, ghost=False) for c in (0, 0.25, 0.5, 1, 10)
     )
     for arm, key in enumerate(("pseudoinverse", "repeatable")):
-        a, b, c, *whole = (pane(driver, image, arm) for image in (start, quarter, middle, one, end))
+        a, b, c, *whole = (
+            pane(driver, image, arm) for image in (start, quarter, middle, one, end)
+        )
         assert np.ptp(a) > 150, "nothing is drawn"
         assert min(changed(a, b), changed(b, c), changed(a, c)) > 0.004
-        for drift, after in zip(study.row(key).motion.drift[[0, -1]], whole, strict=True):
+        for drift, after in zip(
+            study.row(key).motion.drift[[0, -1]], whole, strict=True
+        ):
             assert (
                 changed(a, after) <= 0.0005
                 if key == "repeatable"
@@ -278,6 +356,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     visuals = Visuals.of(robot)
     keep = [k for k, s in enumerate(visuals.shapes) if np.prod(s.scale) < 0]
     assert len(keep) > 5
+    keep = keep[:6]
     placements = visuals.placements(np.array([robot.reference] * 2))[:, keep]
     shapes = tuple(visuals.shapes[k] for k in keep)
     tip, elbow = placements[:, :1, :3, 3], placements[:, 1:2, :3, 3]
@@ -298,7 +377,9 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
 def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     robot = rp.Robot.load("planar4r")
     task = robot.task(kind="xy")
-    arms = circling(robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1))
+    arms = circling(
+        robot, task.reference + np.array([0.3, -0.7, 0.6, 0.5]), "xy", (0, 1)
+    )
     page = write(tmp_path, arms, planar=True, title="<i>four</i> links")
     open_page(driver, page)
 
@@ -309,7 +390,9 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         return " ".join(node.get_attribute("textContent").split())
 
     assert text(element("title")) == "<i>four</i> links"
-    assert [text(e) for e in driver.find_elements("css selector", ".arm-label .name")] == [
+    assert [
+        text(e) for e in driver.find_elements("css selector", ".arm-label .name")
+    ] == [
         "Usual control (pseudoinverse)",
         "repeatable",
     ]
@@ -328,11 +411,15 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     driver.execute_script("repctl.seek(2)")
     assert text(element("clock")) == "after 2 of 2"
     first, second = (text(row) for row in driver.find_elements("class name", "reading"))
-    assert first.startswith("Usual control: ") and second.startswith("repeatable: 0 off")
-    assert first.endswith(f"after 2 cycles; joints {arms[0].cycle_drift[-1]:.3g} rad")
+    assert first.startswith("Usual control: ") and second.startswith(
+        "repeatable: 0 off"
+    )
+    assert first.endswith(
+        f"after 2 cycles; all joints {arms[0].cycle_drift[-1]:.3g} rad"
+    )
     # at any time, what stands beside the bars is the end of the last finished cycle
     driver.execute_script("repctl.seek(1.5)")
-    assert f"after 1 cycle; joints {arms[0].cycle_drift[0]:.3g} rad" in (
+    assert f"after 1 cycle; all joints {arms[0].cycle_drift[0]:.3g} rad" in (
         text(driver.find_element("class name", "reading"))
     )
     # the slider
@@ -412,7 +499,9 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
 
 def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
     """What is looked at is in the address, and another who opens it looks at the same."""
-    driver.execute_script("repctl.seek(0.25); repctl.turn(0.5, 0.2, 0.8); repctl.seek(0.75)")
+    driver.execute_script(
+        "repctl.seek(0.25); repctl.turn(0.5, 0.2, 0.8); repctl.seek(0.75)"
+    )
     deadline = time.monotonic() + 20
     while "#t=0.75&view=" not in driver.current_url:
         assert time.monotonic() < deadline, driver.current_url
@@ -421,9 +510,13 @@ def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
     where = "const {camera} = repctl.viewer; return [...camera.position.toArray(), camera.zoom]"
     stood = driver.execute_script(where)
     driver.get("about:blank")
-    driver.get(address)
-    wait_until_drawn(driver, address)
-    assert driver.execute_script("return [repctl.time, repctl.playing]") == [0.75, False]
+    with asleep(driver):
+        driver.get(address)
+        wait_until_drawn(driver, address)
+    assert driver.execute_script("return [repctl.time, repctl.playing]") == [
+        0.75,
+        False,
+    ]
     np.testing.assert_allclose(driver.execute_script(where), stood, atol=1e-3)
     assert errors(driver) == []
 
@@ -431,20 +524,29 @@ def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
 def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
     """Three arms of a robot without any shapes; a body that cannot be read is said on the page."""
     urdf = tmp_path / "bones.urdf"
-    text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
-    urdf.write_text(re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8")
+    text = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(
+        encoding="utf-8"
+    )
+    urdf.write_text(
+        re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8"
+    )
     robot = rp.Robot.load(urdf)
     arms = circling(robot, np.array([0.3, 0.8, 0.8]), "xy", (0, 1))
     open_page(driver, write(tmp_path, [*arms, arms[0]], planar=True))
     assert errors(driver) == []
-    assert driver.execute_script("return [0, 1, 2].map(repctl.meshes)") == [len(arms[0].shapes)] * 3
+    assert (
+        driver.execute_script("return [0, 1, 2].map(repctl.meshes)")
+        == [len(arms[0].shapes)] * 3
+    )
     image = picture(driver, 0.5)
     for k in range(3):
         assert np.ptp(pane(driver, image, k)) > 150
 
 
 @pytest.mark.slow
-def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Path) -> None:
+def test_it_opens_on_the_end_walks_the_cycles_and_runs(
+    driver: Any, tmp_path: Path
+) -> None:
     """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
     robot = rp.Robot.load("planar4r")
     task = robot.task(kind="xy")
@@ -458,7 +560,9 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(driver: Any, tmp_path: Pa
         "if (window.repctl && repctl.ready && shown.at(-1) !== repctl.time) "
         "shown.push(repctl.time); })()"
     )
-    watching = driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": watch})
+    watching = driver.execute_cdp_cmd(
+        "Page.addScriptToEvaluateOnNewDocument", {"source": watch}
+    )
     driver.get("about:blank")
     driver.get(page.as_uri())
     wait_until_drawn(driver, "the page")
@@ -486,10 +590,14 @@ def every_word_is_read(driver: Any, axe: Any) -> None:
     axe.inject()
     groups = "{rules: {dlitem: {enabled: false}}}"  # since HTML 5.2 a <div> may group <dt> and <dd>
     found = [
-        v for v in axe.run(options=groups)["violations"] if v["impact"] in ("serious", "critical")
+        v
+        for v in axe.run(options=groups)["violations"]
+        if v["impact"] in ("serious", "critical")
     ]
     assert found == [], [(v["id"], [n["html"] for n in v["nodes"]]) for v in found]
-    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert driver.execute_script(
+        "return document.documentElement.scrollWidth <= window.innerWidth"
+    )
     cut = driver.execute_script(
         "return [...document.querySelectorAll('.name, .past, #verdict, #notes, .reading, "
         ".callout')]"
@@ -514,15 +622,30 @@ def labels_are_in_their_panes(driver: Any) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppr", *(name for name in SHOWN if " " not in name)])
-def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name: str) -> None:
+def test_a_studys_page_is_whole_at_every_size(
+    driver: Any, tmp_path: Path, name: str
+) -> None:
     """A desk, a phone, a wall; light and dark: words, labels after any orbit, ghosts, and what is
     seen first."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
-    robot = Path(__file__).parents[2] / "examples" / "my_arm.urdf" if name == "my_arm" else name
-    study, page = rp.study(robot, cycles=10, steps=120, degree=1), tmp_path / "animation.html"
+    robot = (
+        Path(__file__).parents[2] / "examples" / "my_arm.urdf"
+        if name == "my_arm"
+        else name
+    )
+    study, page = (
+        rp.study(robot, cycles=10, steps=120, degree=1),
+        tmp_path / "animation.html",
+    )
     page.write_text(rp.animation(study).page, encoding="utf-8")
     drift = study.row("pseudoinverse").motion.drift[-1]
-    for width, height in ((1400, 900), (390, 844), (844, 390), (1024, 500), (3840, 2160)):
+    for width, height in (
+        (1400, 900),
+        (390, 844),
+        (844, 390),
+        (1024, 500),
+        (3840, 2160),
+    ):
         schemes(driver, width=width, height=height)
         open_page(driver, page)
         for dark in (False, True):
@@ -545,13 +668,19 @@ def test_a_studys_page_is_whole_at_every_size(driver: Any, tmp_path: Path, name:
 
 
 def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
-    """No serious finding of axe-core's, nothing beside the window, panes of one size; in every size
-    and scheme."""
+    """No serious finding of axe-core's, nothing beside the window, panes of one size; in every
+    size, and dark on a desk and a phone."""
     axe = pytest.importorskip("axe_selenium_python").Axe(driver)
     robot = rp.Robot.load("planar3r")
     words = Headline(
-        (Span("Both hands are back. One elbow is not: "), Span("45 cm off", "bad", "0.45 m")),
-        (Span("Joint limits kept."), *(Span("link and link come as near as 1 cm.", "near"),) * 4),
+        (
+            Span("Both hands are back. One elbow is not: "),
+            Span("45 cm off", "bad", "0.45 m"),
+        ),
+        (
+            Span("Joint limits kept."),
+            *(Span("link and link come as near as 1 cm.", "near"),) * 4,
+        ),
     )
     arms = [
         replace(arm, unit="rad and m")
@@ -561,14 +690,17 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     open_page(driver, write(tmp_path, arms, planar=True, headline=words))
     driver.execute_script("repctl.seek(1.5)")
     sizes = ((1400, 900), (390, 844), (844, 390), (1024, 500))
-    for (width, height), dark in itertools.product(sizes, (False, True)):
+    seen = [(size, False) for size in sizes] + [(size, True) for size in sizes[:2]]
+    for (width, height), dark in seen:
         schemes(driver, width=width, height=height, dark=dark)
         driver.execute_async_script(
             "requestAnimationFrame(() => requestAnimationFrame(arguments[0]))"
         )
         every_word_is_read(driver, axe)
         ask = "return repctl.pane(arguments[0])"
-        (a, b, wide, tall), (c, d, *same) = (driver.execute_script(ask, k) for k in (0, 1))
+        (a, b, wide, tall), (c, d, *same) = (
+            driver.execute_script(ask, k) for k in (0, 1)
+        )
         np.testing.assert_allclose(same, [wide, tall], atol=0.01)
         assert tall * driver.find_element("id", "stage").size["height"] > 150
         assert (

@@ -49,15 +49,25 @@ def axes():
 
 def test_drift_lines_hold_the_drift(motions) -> None:
     ax = drift_over_cycles(axes(), motions)
-    assert ax.get_yscale() == "linear" and "(rad)" in ax.get_ylabel() and ax.get_xlabel() == "cycle"
+    assert (
+        ax.get_yscale() == "linear"
+        and "(rad)" in ax.get_ylabel()
+        and ax.get_xlabel() == "cycle"
+    )
     said = {text.get_text() for text in ax.texts}
-    for label, motion, _ in motions:  # each line says its end, and what has come back is 0
+    for (
+        label,
+        motion,
+        _,
+    ) in motions:  # each line says its end, and what has come back is 0
         end = (
             f"{motion.drift[-1]:.3g} rad"
             if motion.drift[-1] > 1e-6
             else f"0\n({motion.drift[-1]:.0e}"
         )
-        assert any(text.startswith(f"{label}: {end.replace('e-0', 'e-')}") for text in said), (
+        assert any(
+            text.startswith(f"{label}: {end.replace('e-0', 'e-')}") for text in said
+        ), (
             label,
             said,
         )
@@ -77,7 +87,8 @@ def test_joint_lines_hold_the_joint(motions) -> None:
         np.testing.assert_array_equal(line.get_ydata(), motion.q[:, 2])
         assert line.get_xdata()[0] == 0 and line.get_xdata()[-1] == pytest.approx(3)
     assert (
-        ax.get_ylabel() == "rad" and ax.get_title(loc="left") == motions[0][1].task.joint_names[2]
+        ax.get_ylabel() == "rad"
+        and ax.get_title(loc="left") == motions[0][1].task.joint_names[2]
     )
 
 
@@ -93,7 +104,9 @@ def test_orbits_are_three_orthogonal_views(motions) -> None:
     figure = orbits_figure(motions, "", (1, 2, 3))
     names = motions[0][1].task.joint_names
     seen = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]
-    assert seen == [(f"{names[i]} (rad)", f"{names[j]} (rad)") for i, j in ((1, 2), (1, 3), (2, 3))]
+    assert seen == [
+        (f"{names[i]} (rad)", f"{names[j]} (rad)") for i, j in ((1, 2), (1, 3), (2, 3))
+    ]
 
 
 def test_text_in_a_colour_can_be_read_and_labels_keep_apart(motions) -> None:
@@ -101,8 +114,13 @@ def test_text_in_a_colour_can_be_read_and_labels_keep_apart(motions) -> None:
     for colour in (*COLOURS.values(), palette.SKY, palette.YELLOW, palette.GREY):
         text = palette.readable(colour)
         assert 1.05 / (palette.luminance(text) + 0.05) >= 4.5
-        assert all(int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    assert palette.luminance("#ffffff") == pytest.approx(1) and palette.luminance("#000000") == 0
+        assert all(
+            int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5)
+        )
+    assert (
+        palette.luminance("#ffffff") == pytest.approx(1)
+        and palette.luminance("#000000") == 0
+    )
     figure = drift_figure(motions, "")
     figure.canvas.draw()
     seen = [note.get_window_extent() for note in figure.axes[0].texts]
@@ -122,7 +140,9 @@ def test_the_joints_shown_are_the_four_that_drift_most() -> None:
     ]
     names = shown[0][1].task.joint_names
     plain = shown[0][1]
-    most = np.argsort(-np.abs(plain.q[plain.steps :: plain.steps] - plain.q[0]).max(axis=0))
+    most = np.argsort(
+        -np.abs(plain.q[plain.steps :: plain.steps] - plain.q[0]).max(axis=0)
+    )
     figure = joints_figure(shown, "")
     seen = [ax.get_title(loc="left") for ax in figure.axes]
     assert seen == [names[joint] for joint in sorted(most[:4])]
@@ -150,8 +170,12 @@ def test_speed_lines_hold_the_speed_of_the_first_and_last_cycle(motions) -> None
     assert len(ax.lines) == 2 * len(motions) and "(rad/s)" in ax.get_ylabel()
     motion = motions[0][1]
     first, last = ax.lines[:2]
-    np.testing.assert_allclose(first.get_ydata(), np.linalg.norm(motion.qdot[:80], axis=1))
-    np.testing.assert_allclose(last.get_ydata(), np.linalg.norm(motion.qdot[160:240], axis=1))
+    np.testing.assert_allclose(
+        first.get_ydata(), np.linalg.norm(motion.qdot[:80], axis=1)
+    )
+    np.testing.assert_allclose(
+        last.get_ydata(), np.linalg.norm(motion.qdot[160:240], axis=1)
+    )
     np.testing.assert_allclose(first.get_xdata(), np.arange(80) / 80, atol=1e-12)
     assert first.get_linestyle() == "-" != last.get_linestyle()
 
@@ -160,7 +184,11 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(motions) -> None:
     motion = motions[0][1]
     expected = [
         min(
-            float(np.min([motion.q[i] - motion.task.lower, motion.task.upper - motion.q[i]]))
+            float(
+                np.min(
+                    [motion.q[i] - motion.task.lower, motion.task.upper - motion.q[i]]
+                )
+            )
             for i in range(80 * k, 80 * k + 81)
         )
         for k in range(3)
@@ -177,9 +205,9 @@ def test_a_joint_without_limits_is_said(motions) -> None:
     free = replace(motions[0][1], task=robot.task(kind="xy"))
     ax = margin_over_cycles(axes(), [("a", free, "#000000")])
     assert [t.get_text() for t in ax.texts] == ["no joint limits"]
-    assert joint_over_cycles(axes(), [("a", free, "#000000")], 0).get_title(loc="right") == (
-        "no limits"
-    )
+    assert joint_over_cycles(axes(), [("a", free, "#000000")], 0).get_title(
+        loc="right"
+    ) == ("no limits")
 
 
 def test_units_of_mixed_arms() -> None:
@@ -200,8 +228,12 @@ def test_maps_hold_their_arrays(study: rp.Study) -> None:
         4
     ):  # the defect from finite differences of G, and Λ = Δ_12 / area of the columns
         step = 1e-5 * np.eye(4)[k]
-        dG[:, :, k] = (study.design.desired(q + step) - study.design.desired(q - step)) / 2e-5
-    bracket = np.einsum("ik,k->i", dG[:, 1], G[:, 0]) - np.einsum("ik,k->i", dG[:, 0], G[:, 1])
+        dG[:, :, k] = (
+            study.design.desired(q + step) - study.design.desired(q - step)
+        ) / 2e-5
+    bracket = np.einsum("ik,k->i", dG[:, 1], G[:, 0]) - np.einsum(
+        "ik,k->i", dG[:, 0], G[:, 1]
+    )
     delta = (np.eye(4) - G @ J) @ bracket
     assert maps.defect[7, 2] == pytest.approx(
         np.linalg.norm(delta) / np.sqrt(np.linalg.det(G.T @ G)), rel=1e-6
@@ -222,10 +254,15 @@ def test_the_still_shows_start_and_end(study: rp.Study) -> None:
     motion = study.row("pseudoinverse").motion
     ax = snapshot.still(axes(), motion, study.elbow, "#D55E00", flat=True)
     path, trace, start, end = ax.lines
-    np.testing.assert_allclose(start.get_xydata(), snapshot.bones(study.task, motion.q[0])[:, :2])
-    np.testing.assert_allclose(end.get_xydata(), snapshot.bones(study.task, motion.q[-1])[:, :2])
     np.testing.assert_allclose(
-        snapshot.bones(study.task, motion.q[-1])[-1], study.task.placement(motion.q[-1]).translation
+        start.get_xydata(), snapshot.bones(study.task, motion.q[0])[:, :2]
+    )
+    np.testing.assert_allclose(
+        end.get_xydata(), snapshot.bones(study.task, motion.q[-1])[:, :2]
+    )
+    np.testing.assert_allclose(
+        snapshot.bones(study.task, motion.q[-1])[-1],
+        study.task.placement(motion.q[-1]).translation,
     )
     np.testing.assert_allclose(
         trace.get_xydata()[0], study.task.joint_origins(motion.q[0])[study.elbow, :2]
@@ -233,14 +270,19 @@ def test_the_still_shows_start_and_end(study: rp.Study) -> None:
     np.testing.assert_allclose(path.get_xydata()[0], study.path.point(0.0)[:2])
 
 
-def test_every_axis_of_every_figure_has_a_name_and_its_unit(study: rp.Study, motions) -> None:
-    figures = [f(motions, "title") for f in (drift_figure, orbits_figure, cycle_figure)] + [
-        snapshot.still_figure(study)
-    ]
+def test_every_axis_of_every_figure_has_a_name_and_its_unit(
+    study: rp.Study, motions
+) -> None:
+    figures = [
+        f(motions, "title") for f in (drift_figure, orbits_figure, cycle_figure)
+    ] + [snapshot.still_figure(study)]
     for figure in figures:
         figure.canvas.draw()
         for ax in figure.axes:
-            assert ax.get_xlabel() in ("cycle", "part of the cycle") or "(" in ax.get_xlabel()
+            assert (
+                ax.get_xlabel() in ("cycle", "part of the cycle")
+                or "(" in ax.get_xlabel()
+            )
             assert "(" in ax.get_ylabel()
     joints = joints_figure(motions, "")
     assert [ax.get_ylabel() for ax in joints.axes] == ["rad"] * 4
@@ -262,7 +304,9 @@ def test_a_control_that_goes_away_at_once_does_not_hide_the_drift() -> None:
     ax = drift_over_cycles(
         Figure().add_subplot(), [m for m in shown if m[1] in (rest[0], rest[-1])]
     )
-    assert not any("↑" in note.get_text() for note in ax.texts)  # J⁺ and ours: nothing is left out
+    assert not any(
+        "↑" in note.get_text() for note in ax.texts
+    )  # J⁺ and ours: nothing is left out
 
 
 def test_the_inset_covers_no_line(motions) -> None:

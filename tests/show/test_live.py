@@ -19,7 +19,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import asleep, errors, pane, picture_now, wait_until_drawn
+from browser import (
+    asleep,
+    errors,
+    only_pictures_asked_for,
+    pane,
+    picture_now,
+    wait_until_drawn,
+)
 from commands import refused
 from page_file import Visuals
 from tornado.httpclient import HTTPClientError, HTTPRequest
@@ -61,18 +68,29 @@ def fetch(url: str, host: str | None = None) -> int:
 
 def listening(pid: int) -> set[str]:
     """Local addresses on which a process listens, as Linux tells."""
-    links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
+    links = [
+        os.readlink(link)
+        for link in Path(f"/proc/{pid}/fd").iterdir()
+        if link.is_symlink()
+    ]
     sockets = {target[8:-1] for target in links if target.startswith("socket:[")}
     rows = [
         line.split()
         for table in ("tcp", "tcp6")
         for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]
     ]
-    return {row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in sockets}
+    return {
+        row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in sockets
+    }
 
 
-async def connect(view: rp.Viewer, origin: str | None = None, host: str | None = None) -> Any:
-    headers = {"Origin": origin or view.url.rstrip("/"), **({"Host": host} if host else {})}
+async def connect(
+    view: rp.Viewer, origin: str | None = None, host: str | None = None
+) -> Any:
+    headers = {
+        "Origin": origin or view.url.rstrip("/"),
+        **({"Host": host} if host else {}),
+    }
     return await websocket_connect(
         HTTPRequest(view.url.replace("http", "ws") + "poses", headers=headers)
     )
@@ -96,7 +114,12 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         await socket.write_message("no json")
         got = []
         for shown, before in ((first, None), (now, None), (now, now)):
-            view.show(*shown, before=before, target=task.positions(shown[0][None])[0], cycles=3)
+            view.show(
+                *shown,
+                before=before,
+                target=task.positions(shown[0][None])[0],
+                cycles=3,
+            )
             got.append(np.frombuffer(await socket.read_message(), "<f4"))
         return got
 
@@ -108,17 +131,21 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         for numbers, shown, before in zip(
             told, (first, now, now), (first, first, now), strict=True
         ):
-            expected = poses_of(visuals.placements(task.to_robot(np.array([*shown, *before]))))[
-                :, view._moving
-            ]
+            expected = poses_of(
+                visuals.placements(task.to_robot(np.array([*shown, *before])))
+            )[:, view._moving]
             size, both = expected.size, task.positions(np.array([*shown, *before]))
             np.testing.assert_allclose(numbers[:size], expected.ravel(), atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
             np.testing.assert_allclose(
                 numbers[size : size + 5], [*drift, 0, shown is now, 0], atol=1e-6
             )
-            np.testing.assert_allclose(numbers[size + 5 : size + 9], [*both[0], 3], atol=1e-6)
-            np.testing.assert_allclose(numbers[size + 9 : size + 21], both.ravel(), atol=1e-6)
+            np.testing.assert_allclose(
+                numbers[size + 5 : size + 9], [*both[0], 3], atol=1e-6
+            )
+            np.testing.assert_allclose(
+                numbers[size + 9 : size + 21], both.ravel(), atol=1e-6
+            )
         with pytest.raises(rp.InputError, match="2 controllers, but 1"):
             view.show(Q0)
         with pytest.raises(rp.InputError, match=f"port {port_of(view.url)}"):
@@ -132,7 +159,9 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         rp.Viewer(task, ["a"], port=70000)
 
 
-def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_last_poses_always_arrive(
+    task: rp.Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """To a browser that is slow some are left out, but never the last."""
     quick = WebSocketHandler.write_message
 
@@ -148,7 +177,11 @@ def test_the_last_poses_always_arrive(task: rp.Task, monkeypatch: pytest.MonkeyP
             view.show(Q0 + [0, 0, 0.001 * k])
         while drifts[-1] < 0.0989:
             drifts.append(
-                float(np.frombuffer(await asyncio.wait_for(socket.read_message(), 20), "<f4")[-16])
+                float(
+                    np.frombuffer(
+                        await asyncio.wait_for(socket.read_message(), 20), "<f4"
+                    )[-16]
+                )
             )
         return drifts
 
@@ -193,9 +226,12 @@ def test_no_message_does_more_than_a_key_can(
 def test_strangers_are_refused(task: rp.Task) -> None:
     with rp.Viewer(task, ["a"]) as view:
         port = port_of(view.url)
-        assert fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
         assert (
-            fetch(view.url, host="evil.example:80") == 403 and fetch(view.url + "etc/passwd") == 404
+            fetch(view.url) == 200 and fetch(view.url, host=f"localhost:{port}") == 200
+        )
+        assert (
+            fetch(view.url, host="evil.example:80") == 403
+            and fetch(view.url + "etc/passwd") == 404
         )
         for stranger in (
             {"origin": "http://evil.example"},
@@ -213,7 +249,10 @@ def test_strangers_are_refused(task: rp.Task) -> None:
 def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
     potentials, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
     found = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), potentials, region, options=rp.FitOptions(samples=256, held_out=64)
+        rp.Pseudoinverse(task),
+        potentials,
+        region,
+        options=rp.FitOptions(samples=256, held_out=64),
     )
     return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
 
@@ -222,8 +261,8 @@ LIVE = ("--path", "circle:0.15", "--plane", "xy", "--live")
 
 
 def test_the_command_leaves_nothing_behind(design: Path) -> None:
-    """A service manager's end, under nohup and with nobody who reads; and the worst; a browser's
-    connection open."""
+    """A service manager's end, under nohup and with nobody who reads, a browser's connection
+    open; and no process of its own, which a SIGKILL would leave."""
     command = [
         sys.executable,
         "-m",
@@ -235,39 +274,39 @@ def test_the_command_leaves_nothing_behind(design: Path) -> None:
         "--no-browser",
     ]
 
-    def start() -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            command,
-            cwd=design.parent,
-            env=os.environ | {"OMP_NUM_THREADS": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
-        )
-
-    running = {signal.SIGTERM: start(), signal.SIGKILL: start()}  # side by side
+    process = subprocess.Popen(
+        command,
+        cwd=design.parent,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    )
     try:
-        for number, process in running.items():
-            assert process.stdout is not None and process.stderr is not None
-            line = process.stdout.readline()
-            assert line, process.stderr.read()
-            port = port_of(json.loads(line)["url"])
-            if Path("/proc/self/net/tcp").exists():
-                assert listening(process.pid) == {"0100007F"}  # 127.0.0.1, and nothing else
-            process.stdout.close()
-            with socket.create_connection(("127.0.0.1", port)):
-                process.send_signal(signal.SIGHUP)
-                assert fetch(f"http://127.0.0.1:{port}/") == 200
-                process.send_signal(number)
-                assert process.wait(timeout=20) == (0 if number == signal.SIGTERM else -number)
-                assert process.stderr.read() == ""
-            assert not is_open(port)
+        assert process.stdout is not None and process.stderr is not None
+        line = process.stdout.readline()
+        assert line, process.stderr.read()
+        port = port_of(json.loads(line)["url"])
+        if Path("/proc/self/net/tcp").exists():
+            assert listening(process.pid) == {"0100007F"}  # 127.0.0.1, and nothing else
+        if Path(f"/proc/self/task/{os.getpid()}/children").exists():
+            for thread in Path(f"/proc/{process.pid}/task").iterdir():
+                assert (thread / "children").read_text() == ""
+        process.stdout.close()
+        with socket.create_connection(("127.0.0.1", port)):
+            process.send_signal(signal.SIGHUP)
+            assert fetch(f"http://127.0.0.1:{port}/") == 200
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(timeout=20) == 0
+            assert process.stderr.read() == ""
+        assert not is_open(port)
     finally:
-        for process in running.values():
-            process.kill()
-            process.wait()
-    assert [p.name for p in design.parent.iterdir()] == ["design.json"]  # live writes no files
+        process.kill()
+        process.wait()
+    assert [p.name for p in design.parent.iterdir()] == [
+        "design.json"
+    ]  # live writes no files
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals are POSIX's")
@@ -339,9 +378,15 @@ def test_what_does_not_go_with_live_is_refused(
         assert why in refused(capsys, "animate", "ppr", "--live", *option)
     with rp.Viewer(task, ["a"]) as view:
         port = str(port_of(view.url))
-        assert f"port {port}" in refused(capsys, "animate", str(design), *LIVE, "--port", port)
-    os.mkfifo(tmp_path / "motion.csv")  # nobody writes to it: reading it would last for ever
-    assert "a device or a pipe" in refused(capsys, "animate", "ppr", "--motion", "motion.csv")
+        assert f"port {port}" in refused(
+            capsys, "animate", str(design), *LIVE, "--port", port
+        )
+    os.mkfifo(
+        tmp_path / "motion.csv"
+    )  # nobody writes to it: reading it would last for ever
+    assert "a device or a pipe" in refused(
+        capsys, "animate", "ppr", "--motion", "motion.csv"
+    )
     assert [p.name for p in tmp_path.iterdir()] == ["motion.csv"]
 
 
@@ -351,8 +396,10 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
     path = rp.circle(task, Q0, 0.15)
     with rp.Viewer(task, ["J⁺", "ours"], path=path, start=Q0) as view:
         view.show(Q0, Q0)
-        driver.get(view.url)
-        wait_until_drawn(driver, "the live page")
+        with asleep(driver):
+            driver.get(view.url)
+            wait_until_drawn(driver, "the live page")
+        only_pictures_asked_for(driver)
         until(lambda: driver.execute_script("return repctl.received"))
         # as a slow machine has it, or the size of a picture changes between two
         driver.execute_script("repctl.viewer.renderer.setPixelRatio(0.75)")
@@ -361,7 +408,9 @@ def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
         until(lambda: driver.execute_script("return repctl.received") > 1)
         after = picture_now(driver)
         same, moved = (
-            np.mean(np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8)
+            np.mean(
+                np.abs(pane(driver, before, k) - pane(driver, after, k)).max(-1) > 8
+            )
             for k in (0, 1)
         )
         assert same < 0.0005 and moved > 0.01

@@ -34,7 +34,10 @@ CELLS = (
 
 def test_results_print_in_words() -> None:
     """As a cell shows them, in one line: what it is, and the numbers that are asked for first."""
-    panda, arm = rp.Robot.load("panda").task(), rp.Robot.load("planar3r").task("tool", "xy")
+    panda, arm = (
+        rp.Robot.load("panda").task(),
+        rp.Robot.load("planar3r").task("tool", "xy"),
+    )
     bodies, q0 = rp.Bodies(panda), np.array([0.3, 0.8, 0.8])
     counts = f"{len(bodies.pairs)} pairs measured, {len(bodies.only_contact)} for collisions only"
     left_out = f"{len(bodies.adjacent)} adjacent, 0 disabled by the SRDF, 0 overlapping"
@@ -47,7 +50,7 @@ def test_results_print_in_words() -> None:
     assert repr(verdict) == f"<Repeatability: {verdict.summary()}>"
     timed = rp.timed(
         rp.follow(control, rp.circle(arm, q0, 0.2), q0, cycles=1, steps=60),
-        acceleration=5.0,
+        rp.Limits(acceleration=5.0),
         rate=100,
     )
     lasts = f"{timed.duration:.4g} s from rest to rest, {len(timed.t)} samples"
@@ -61,6 +64,11 @@ def study() -> rp.Study:
 
 
 @pytest.fixture(scope="module")
+def cell(study: rp.Study) -> Any:
+    return inline(study, height=500)
+
+
+@pytest.fixture(scope="module")
 def notebook(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """The notebook after a kernel of this Python has run it, outputs and all."""
     from nbclient import NotebookClient
@@ -68,11 +76,18 @@ def notebook(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
     folder = tmp_path_factory.mktemp("notebook")
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+        for name in (
+            "JUPYTER_CONFIG_DIR",
+            "JUPYTER_DATA_DIR",
+            "JUPYTER_RUNTIME_DIR",
+            "IPYTHONDIR",
+        ):
             patch.setenv(name, str(folder / name.lower()))  # nobody's own settings
         cells = [v4.new_code_cell(source) for source in CELLS]
         book = v4.new_notebook(cells=cells)
-        return NotebookClient(book, kernel_name="python3", timeout=120).execute(cwd=str(folder))
+        return NotebookClient(book, kernel_name="python3", timeout=120).execute(
+            cwd=str(folder)
+        )
 
 
 def shown(cell: Any) -> Any:
@@ -88,7 +103,9 @@ def pictures(text: str) -> list[np.ndarray]:
 
     held = re.findall(r'src="data:image/png;base64,([^"]*)"', text)
     return [
-        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16)
+        np.asarray(
+            Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), np.int16
+        )
         for data in held
     ]
 
@@ -103,17 +120,22 @@ def drawing(figure: Any) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())[..., :3].astype(np.int16)
 
 
-def test_a_cell_holds_the_page_the_table_and_the_figures(study: rp.Study) -> None:
-    cell = inline(study, height=500)
+def test_a_cell_holds_the_page_the_table_and_the_figures(
+    study: rp.Study, cell: Any
+) -> None:
     text = cell._repr_html_()
     held = re.search(r'srcdoc="([^"]*)"', text)
     assert held is not None and html.unescape(held[1]) == rp.animation(study).page
     assert "height: 500px" in text
     told = re.search(r"<pre[^>]*>(.*?)</pre>", text, re.DOTALL)
-    assert told is not None and html.unescape(told[1]) == repr(cell) == study_table(study)
+    assert told is not None and html.unescape(told[1]) == repr(cell) == study_table(
+        study
+    )
     words = [html.unescape(alt) for alt in re.findall('alt="([^"]*)"', text)]
     assert words == [drift_words(study), joints_words(study)]
-    for image, figure in zip(pictures(text), (drift_figure, joints_figure), strict=True):
+    for image, figure in zip(
+        pictures(text), (drift_figure, joints_figure), strict=True
+    ):
         np.testing.assert_array_equal(image, drawing(figure(drawn(study), "")))
 
 
@@ -127,14 +149,18 @@ def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
 
 
 def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
-    with pytest.raises(rp.InputError, match="a study, a figure or the HTML of a page; got Design"):
+    with pytest.raises(
+        rp.InputError, match="a study, a figure or the HTML of a page; got Design"
+    ):
         inline(study.design)  # type: ignore[arg-type]
 
 
-def test_a_kernel_shows_the_scene_and_the_figures(notebook: Any, study: rp.Study) -> None:
+def test_a_kernel_shows_the_scene_and_the_figures(
+    notebook: Any, study: rp.Study, cell: Any
+) -> None:
     scene, figure, of_pyplot = (notebook.cells[k] for k in (2, 4, 5))
     assert shown(scene) == {
-        "text/html": inline(study, height=500).html,
+        "text/html": cell.html,
         "text/plain": study_table(study),
     }
     (image,) = pictures(shown(figure)["text/html"])
@@ -174,13 +200,17 @@ def test_the_exported_notebook_plays_in_a_browser(
     assert not driver.execute_script(wheel)
     ActionChains(driver).click(driver.find_element("id", "picture")).perform()
     assert (
-        driver.execute_script("return document.hasFocus() && document.activeElement.id") == "panes"
+        driver.execute_script("return document.hasFocus() && document.activeElement.id")
+        == "panes"
     )
     assert driver.execute_script(wheel)
     driver.execute_script("document.activeElement.blur()")
     assert not driver.execute_script(wheel)
     count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
-    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [count, count]
+    assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [
+        count,
+        count,
+    ]
     assert changed(picture(driver, 0), picture(driver, 0.25)) > 0.004
     assert driver.execute_script(
         "try { return String(parent.document.title) } catch (e) { return e.name }"

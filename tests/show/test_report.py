@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import errors, schemes, wait_until_drawn
+from browser import asleep, errors, schemes, wait_until_drawn
 from PIL import Image
 
 import repctl_pin as rp
@@ -46,6 +46,11 @@ def study() -> rp.Study:
 
 
 @pytest.fixture(scope="module")
+def tags(page: str) -> Tags:
+    return Tags(page)
+
+
+@pytest.fixture(scope="module")
 def page(study: rp.Study) -> str:
     return report_page(
         study,
@@ -60,19 +65,23 @@ def shortened(page: str) -> str:
     return re.sub(r"[A-Za-z0-9+/=]{2000,}", "AAAA", page)
 
 
-def test_it_is_valid_html_and_so_is_the_animation_inside(page: str) -> None:
+def test_it_is_valid_html_and_so_is_the_animation_inside(page: str, tags: Tags) -> None:
     html5lib = pytest.importorskip("html5lib")
-    (frame,) = Tags(page).all("iframe")
-    for text in (page, frame["srcdoc"]):
-        html5lib.HTMLParser(strict=True).parse(shortened(text))  # raises where there is an error
+    (frame,) = tags.all("iframe")
+    outside = re.sub('srcdoc="[^"]*"', 'srcdoc="text"', page)
+    for text in (outside, frame["srcdoc"]):
+        html5lib.HTMLParser(strict=True).parse(
+            shortened(text)
+        )  # raises where there is an error
         ids = re.findall(
-            r'\sid="([^"]+)"', re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text)
+            r'\sid="([^"]+)"',
+            re.sub(r"(?s)<script>.*?</script>|srcdoc=\"[^\"]*\"", "", text),
         )
         assert len(ids) == len(set(ids))
 
 
-def test_every_picture_has_words_and_is_a_picture(page: str) -> None:
-    images = Tags(page).all("img")
+def test_every_picture_has_words_and_is_a_picture(tags: Tags) -> None:
+    images = tags.all("img")
     assert len(images) == 6  # still, drift, joints, orbits, cycle, maps
     for image in images:
         assert len(image["alt"]) > 60 and "nan" not in image["alt"]
@@ -82,20 +91,24 @@ def test_every_picture_has_words_and_is_a_picture(page: str) -> None:
         assert picture.size == (int(image["width"]), int(image["height"]))
         assert np.ptp(np.asarray(picture.convert("L"))) > 200
     assert len({image["alt"] for image in images}) == 6
-    (frame,) = Tags(page).all("iframe")
+    (frame,) = tags.all("iframe")
     assert frame["title"].startswith("Animation")
 
 
-def test_it_asks_nothing_of_a_network(page: str, study: rp.Study) -> None:
-    (frame,) = Tags(page).all("iframe")
-    assert frame["srcdoc"] == rp.animation(study).page.replace("<body>", '<body class="inside">')
-    for tag, attributes in Tags(page).tags:
+def test_it_asks_nothing_of_a_network(page: str, tags: Tags, study: rp.Study) -> None:
+    (frame,) = tags.all("iframe")
+    assert frame["srcdoc"] == rp.animation(study).page.replace(
+        "<body>", '<body class="inside">'
+    )
+    for tag, attributes in tags.tags:
         for name in ("src", "href"):
             assert attributes.get(name, "data:").startswith("data:"), (tag, attributes)
     assert "url(" not in page.replace(html.escape(frame["srcdoc"], quote=True), "")
 
 
-def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study) -> None:
+def test_it_says_what_was_found_and_how_to_repeat_it(
+    page: str, study: rp.Study
+) -> None:
     text = html.unescape(page)
     for sentence in summary(study):
         assert sentence in text
@@ -109,22 +122,33 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     headline = study_headline(study)
     plain_text = re.sub(r"<[^>]*>", "", text)
     assert "".join(span.text for span in headline.sentence) in plain_text
-    assert all(note.text in plain_text for note in headline.notes) and "tiles" not in text
+    assert (
+        all(note.text in plain_text for note in headline.notes) and "tiles" not in text
+    )
     folded = text[text.index("<details>") :]  # what the command does not name
     assert (
-        "<dt>seed</dt>" in folded and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
+        "<dt>seed</dt>" in folded
+        and "<dt>cycles</dt><dd>2</dd>" in text[: text.index("<details>")]
     )
     assert f"<dd>{', '.join(f'{v:.10g}' for v in study.q0)}</dd>" in text
     for name, edition in versions().items():
         assert f"<dt>{name}</dt><dd>{edition}</dd>" in text
-    assert versions()["numpy"] == np.__version__ and versions()["repctl_pin"] == rp.__version__
     assert (
-        "<dt>seed</dt><dd>0</dd>" in text and "<dt>frame</dt><dd>chosen by the study</dd>" in text
+        versions()["numpy"] == np.__version__
+        and versions()["repctl_pin"] == rp.__version__
+    )
+    assert (
+        "<dt>seed</dt><dd>0</dd>" in text
+        and "<dt>frame</dt><dd>chosen by the study</dd>" in text
     )
     rows = re.findall(r"<tr>(.*?)</tr>", page)
-    assert len(rows) == 13 and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
+    assert (
+        len(rows) == 13
+        and f"cycles, rad</th><td>{number(plain.drift[-1])}</td>" in rows[2]
+    )
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:
     from dataclasses import replace
 
@@ -137,10 +161,13 @@ def test_a_strategy_that_is_stuck_is_said(study: rp.Study) -> None:
 
 def test_the_price_is_the_first_cycles(study: rp.Study) -> None:
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
-    least, own = (np.sqrt(np.mean(np.sum(m.qdot[:100] ** 2, axis=1))) for m in (plain, closed))
+    least, own = (
+        np.sqrt(np.mean(np.sum(m.qdot[:100] ** 2, axis=1))) for m in (plain, closed)
+    )
     assert f"extra joint speed (rms) is {own / least - 1:+.1%}" in summary(study)[2]
 
 
+@pytest.mark.usefixtures("blank_pictures")
 def test_the_command_writes_it_for_ones_own_arm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,7 +175,9 @@ def test_the_command_writes_it_for_ones_own_arm(
     import json
 
     monkeypatch.chdir(tmp_path)
-    urdf = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    urdf = (Path(__file__).parents[2] / "urdf" / "planar3r.urdf").read_text(
+        encoding="utf-8"
+    )
     (tmp_path / "my_arm.urdf").write_text(urdf, encoding="utf-8")
     arguments = [
         "study",
@@ -166,31 +195,39 @@ def test_the_command_writes_it_for_ones_own_arm(
     assert written[-1] == "repctl-out/my_arm/report.html" and len(written) == 6
     text = html.unescape(Path(written[-1]).read_text(encoding="utf-8"))
     assert f"<code>repctl {' '.join(arguments)} --json</code>" in text
-    for option, value in (("cycles", "2"), ("steps", "60"), ("degree", "1"), ("seed", "0")):
+    for option, value in (
+        ("cycles", "2"),
+        ("steps", "60"),
+        ("degree", "1"),
+        ("seed", "0"),
+    ):
         assert f"<dt>{option}</dt><dd>{value}</dd>" in text
     assert hashlib.sha256(urdf.encode()).hexdigest() in text
     assert len(Tags(text).all("img")) >= 6
 
 
 def test_it_plays_offline_and_no_figure_is_cut_on_paper(
-    page: str, tmp_path: Path, driver: Any
+    page: str, tags: Tags, tmp_path: Path, driver: Any
 ) -> None:
     """Each picture is on one page of the PDF, inside its margins, as wide against its height as it
     was drawn."""
     pdfium = pytest.importorskip("pypdfium2")
     source = tmp_path / "report.html"
     source.write_text(page, encoding="utf-8")
-    schemes(driver, width=1000, height=600)
-    driver.get(source.as_uri())
-    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
-    wait_until_drawn(driver, "the report's animation")
+    schemes(driver, width=700, height=500)
+    with asleep(driver):
+        driver.get(source.as_uri())
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        wait_until_drawn(driver, "the report's animation")
     assert driver.execute_script("return repctl.playing") and errors(driver) == []
-    driver.execute_script("repctl.pause()")
+    driver.execute_script("repctl.pause(); window.awake = true")
     driver.switch_to.default_content()
     assert driver.execute_script(
         "return [...document.images].every((i) => i.complete && i.naturalWidth > 100)"
     )
-    assert driver.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert driver.execute_script(
+        "return document.documentElement.scrollWidth <= window.innerWidth"
+    )
     printed = driver.execute_cdp_cmd(
         "Page.printToPDF", {"preferCSSPageSize": True, "printBackground": True}
     )
@@ -200,13 +237,23 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(
         for thing in sheet.get_objects():
             if thing.type == 3:  # an image
                 left, bottom, right, top = thing.get_bounds()
-                assert 40 < left < right < width - 40 and 40 < bottom < top < height - 40
+                assert (
+                    40 < left < right < width - 40 and 40 < bottom < top < height - 40
+                )
                 found.append((right - left) / (top - bottom))
-    drawn = [int(image["width"]) / int(image["height"]) for image in Tags(page).all("img")]
-    url = driver.execute_script("return document.querySelector('.still canvas').toDataURL()")
-    rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
+    drawn = [int(image["width"]) / int(image["height"]) for image in tags.all("img")]
+    url = driver.execute_script(
+        "return document.querySelector('.still canvas').toDataURL()"
+    )
+    rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert(
+        "RGB"
+    )
     pixels = np.asarray(rendered, float)  # what the animation draws, on white
-    assert (pixels[-1, 0] == 255).all() and np.ptp(pixels) > 150 and (pixels < 250).mean() > 0.01
+    assert (
+        (pixels[-1, 0] == 255).all()
+        and np.ptp(pixels) > 150
+        and (pixels < 250).mean() > 0.01
+    )
     panes, figures = found[:-5], found[-5:]  # each arm is printed under its own name
     assert len(panes) == 2 and panes[0] == pytest.approx(panes[1], rel=0.01)
     np.testing.assert_allclose(figures, drawn[-5:], rtol=0.01)

@@ -21,16 +21,22 @@ def sphere(n: int = 40) -> np.ndarray:
     polar, turn = np.meshgrid(
         np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij"
     )
-    P = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
+    P = np.stack(
+        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1
+    )
     a, b, c, d = P[:-1, :-1], P[:-1, 1:], P[1:, :-1], P[1:, 1:]
     return np.concatenate(
-        [np.stack([a, c, b], 2).reshape(-1, 3, 3), np.stack([b, c, d], 2).reshape(-1, 3, 3)]
+        [
+            np.stack([a, c, b], 2).reshape(-1, 3, 3),
+            np.stack([b, c, d], 2).reshape(-1, 3, 3),
+        ]
     )
 
 
 def write_stl(path: Path, triangles: np.ndarray) -> None:
     record = np.zeros(
-        len(triangles), [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")]
+        len(triangles),
+        [("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("extra", "<u2")],
     )
     record["points"] = triangles
     path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + record.tobytes())
@@ -57,9 +63,13 @@ def test_round_surfaces_are_smooth_and_edges_sharp(tmp_path: Path) -> None:
     box = read_surface(tmp_path / "cube.stl")
     assert len(box.points) == 24  # each corner once a face
     triangles = box.points[box.faces]
-    flat = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    flat = np.cross(
+        triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    )
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
-    np.testing.assert_allclose(box.normals[box.faces], np.repeat(flat[:, None], 3, 1), atol=1e-9)
+    np.testing.assert_allclose(
+        box.normals[box.faces], np.repeat(flat[:, None], 3, 1), atol=1e-9
+    )
 
 
 def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
@@ -68,7 +78,9 @@ def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
     x, y = (a.ravel() for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))
     points = np.c_[x, y, np.where(x < 4, 0.05, 1.2) * rng.normal(size=len(x))]
     first = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
-    faces = np.r_[np.c_[first, first + 1, first + 9], np.c_[first + 1, first + 10, first + 9]]
+    faces = np.r_[
+        np.c_[first, first + 1, first + 9], np.c_[first + 1, first + 10, first + 9]
+    ]
     a, b, c = points[faces].swapaxes(0, 1)
     flat = np.cross(b - a, c - a)
     unit = flat / np.linalg.norm(flat, axis=1, keepdims=True)
@@ -76,7 +88,9 @@ def test_smooth_is_the_mean_over_the_faces_within_the_angle() -> None:
     sums = np.zeros((len(corners), 3))
     for k, corner in enumerate(corners):
         near = np.flatnonzero(corners == corner) // 3
-        sums[k] = flat[near[unit[near] @ unit[k // 3] > np.cos(np.deg2rad(38))]].sum(axis=0)
+        sums[k] = flat[near[unit[near] @ unit[k // 3] > np.cos(np.deg2rad(38))]].sum(
+            axis=0
+        )
     expected = sums / np.linalg.norm(sums, axis=1, keepdims=True)
     np.testing.assert_allclose(smooth(points[corners], flat), expected, atol=1e-12)
 
@@ -161,15 +175,21 @@ def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
     # a plate of 1 m × 2 m, lifted by 0.5 m; up_axis is not obeyed, as nowhere in ROS
     np.testing.assert_allclose(surface.points.min(0), [0, 0, 0.5], atol=1e-4)
     np.testing.assert_allclose(surface.points.max(0), [1, 2, 0.5], atol=1e-4)
-    by_texture = {image is not None: (start, count) for start, count, image in surface.groups}
+    by_texture = {
+        image is not None: (start, count) for start, count, image in surface.groups
+    }
     assert len(surface.groups) == 2
     start, count = by_texture[False]
     red = surface.faces.ravel()[start : start + count]
-    np.testing.assert_allclose(surface.colors[red], np.tile([1.0, 0, 0], (3, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        surface.colors[red], np.tile([1.0, 0, 0], (3, 1)), atol=1e-9
+    )
     start, count = by_texture[True]
     painted = surface.faces.ravel()[start : start + count]
     assert surface.uv is not None
-    np.testing.assert_allclose(surface.uv[painted], surface.points[painted, :2] / [1, 2], atol=1e-4)
+    np.testing.assert_allclose(
+        surface.uv[painted], surface.points[painted, :2] / [1, 2], atol=1e-4
+    )
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
@@ -190,7 +210,9 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     infinite[0, 0, 0] = np.inf
     write_stl(tmp_path / "infinite.stl", infinite)
     for meter in ("nan", "0", "-1", "inf", "one"):
-        (tmp_path / f"unit_{meter}.dae").write_text(DAE.replace('meter="0.01"', f'meter="{meter}"'))
+        (tmp_path / f"unit_{meter}.dae").write_text(
+            DAE.replace('meter="0.01"', f'meter="{meter}"')
+        )
     with zipfile.ZipFile(tmp_path / "mesh.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("m.stl", bytes(10_000_000))
     (tmp_path / "huge.stl").write_bytes(b"")
@@ -202,7 +224,9 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
         "huge.stl": "larger than 50 MB",
     }
     expected |= {"pipe.stl": "not a regular file"}
-    expected |= {f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")}
+    expected |= {
+        f"unit_{meter}.dae": "its unit is" for meter in ("nan", "0", "-1", "inf", "one")
+    }
     for name, words in expected.items():
         with pytest.raises(rp.InputError, match=words) as caught:
             read_surface(tmp_path / name)
@@ -220,7 +244,9 @@ def test_a_pipe_that_a_mesh_names_is_not_waited_for(tmp_path: Path) -> None:
 def test_a_decimal_comma_in_a_unit_is_read(tmp_path: Path) -> None:
     (tmp_path / "comma.dae").write_text(DAE.replace('meter="0.01"', 'meter="0,01"'))
     (tmp_path / "point.dae").write_text(DAE)
-    comma, point = (read_surface(tmp_path / f"{name}.dae").points for name in ("comma", "point"))
+    comma, point = (
+        read_surface(tmp_path / f"{name}.dae").points for name in ("comma", "point")
+    )
     np.testing.assert_array_equal(comma, point)
 
 
@@ -246,7 +272,9 @@ def test_equal_rows_are_grouped_in_their_first_order() -> None:
     assert len(order) == len(starts) == 0
 
 
-def test_rows_that_share_a_hash_are_still_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_that_share_a_hash_are_still_told_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Constant:
         def integers(self, *args: object, size: int, dtype: type) -> np.ndarray:
             return np.zeros(size, dtype)  # the sum of the columns

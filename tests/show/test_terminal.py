@@ -21,7 +21,7 @@ COMMANDS = [
     "check tiago --samples 4",
     "design planar4r --degree 1 --samples 64 --held-out 64 --region 0.1",
     "follow planar7r --strategy pseudoinverse --cycles 2 --steps 40",
-    "cell planar4r --half-width 0.1 --held-out 64 --degree 2",
+    "cell planar3r --half-width 0.1 --held-out 64 --degree 2",
 ]
 
 
@@ -46,13 +46,15 @@ def fits(text: str) -> None:
 
 def test_a_study_fits_in_one_piece(narrow: None) -> None:
     """Six joints, three of them without limits and three to spare."""
-    study = rp.study("kinova", cycles=2, steps=40, degree=1)
+    study = rp.study("kinova", cycles=2, steps=24, degree=1)
     text = study_table(study)
     fits(text)
     assert text.startswith(study_verdict(study)[:60]) and text.count("─\n") == 1
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
     for strategy, motion in (("J⁺", plain), ("nearest repeatable", closed)):
-        assert drifts(text, strategy) == pytest.approx((motion.drift[0], motion.drift[-1]), rel=0.5)
+        assert drifts(text, strategy) == pytest.approx(
+            (motion.drift[0], motion.drift[-1]), rel=0.5
+        )
 
 
 def test_controls_of_ones_own_go_on_below(narrow: None) -> None:
@@ -85,7 +87,9 @@ def test_a_command_fits(
 @pytest.mark.parametrize("columns", [80, 200])
 def test_the_help_of_every_command_fits(columns: int) -> None:
     with terminal_of(columns, 24):
-        (commands,) = (a.choices for a in parser()._actions if isinstance(a, _SubParsersAction))
+        (commands,) = (
+            a.choices for a in parser()._actions if isinstance(a, _SubParsersAction)
+        )
         for part in (parser(), *commands.values()):
             assert max(map(len, part.format_help().splitlines())) <= columns
             for line in part.epilog.splitlines():  # no command is broken

@@ -27,12 +27,15 @@ def test_damping_is_continuous_and_bounds_the_step(least: float) -> None:
 
 def test_a_limit_weight_is_its_formula(panda_pose: rp.Task) -> None:
     quarter = panda_pose.lower + 0.25 * (panda_pose.upper - panda_pose.lower)
-    near, far = (1 + (share / 0.4) ** 2 for share in (0.5, 1.5))  # shares of half the range
+    near, far = (
+        1 + (share / 0.4) ** 2 for share in (0.5, 1.5)
+    )  # shares of half the range
     assert rp.LimitWeight(panda_pose, 0.6, 0.4)(quarter) == pytest.approx(
         1 + 0.6 * (near**-2 + far**-2)
     )
     assert np.array_equal(
-        rp.LimitWeight(panda_pose)(quarter), rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter)
+        rp.LimitWeight(panda_pose)(quarter),
+        rp.LimitWeight(panda_pose, 1.0, 0.1)(quarter),
     )
 
 
@@ -46,7 +49,9 @@ def test_the_standard_error_is_widened_as_students(panda_design: rp.Design) -> N
 def test_a_workspace_box_weighs_by_the_coarea_formula() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     q = np.array([0.3, 1.0, 0.8])
-    region = rp.WorkspaceBox(task, task.placement(q).translation[:2], 0.4, within=rp.Box(q, 0.5))
+    region = rp.WorkspaceBox(
+        task, task.placement(q).translation[:2], 0.4, within=rp.Box(q, 0.5)
+    )
     Q = region.random(64, 0)
     volume = [np.sqrt(np.linalg.det(J @ J.T)) for J in task.jacobians(Q)]
     assert region.weights(Q) == pytest.approx(np.array(volume) / np.sum(volume))
@@ -54,7 +59,11 @@ def test_a_workspace_box_weighs_by_the_coarea_formula() -> None:
 
 def test_blas_keeps_to_one_thread_and_is_given_back() -> None:
     def threads() -> list[int]:
-        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+        return [
+            pool["num_threads"]
+            for pool in threadpool_info()
+            if pool["user_api"] == "blas"
+        ]
 
     before = threads()
     with one_blas_thread():

@@ -14,7 +14,9 @@ def test_targets_by_two_routes(panda_design, panda_pose, q_panda, count: int) ->
     """Straight from the start, and over another target of the region: the same q to 1e-9."""
     inverse, rng = panda_design.inverse, np.random.default_rng(0)
     leaf = inverse.leaf(q_panda)
-    targets = [panda_pose.placement(q) for q in q_panda + rng.uniform(-0.4, 0.4, (count, 7))]
+    targets = [
+        panda_pose.placement(q) for q in q_panda + rng.uniform(-0.4, 0.4, (count, 7))
+    ]
     straight = inverse.solve_all(targets, q_panda)
     worst = 0.0
     for k, target in enumerate(targets):
@@ -52,7 +54,8 @@ def test_out_of_reach_says_how_far_it_got(panda_design, panda_pose, q_panda) -> 
     far = panda_pose.placement(q0)
     far.translation = far.translation + [1.5, 0, 0]
     with pytest.raises(
-        rp.InputError, match=r"cannot reach .* on this leaf: the path ends at \d+%.*nearer"
+        rp.InputError,
+        match=r"cannot reach .* on this leaf: the path ends at \d+%.*nearer",
     ):
         panda_design.inverse.solve(far, q0)
     with pytest.raises(rp.InputError, match="target 1: "):

@@ -1,4 +1,5 @@
-"""Shared by the tests of studies: figures are drawn only for tests of figures."""
+"""Shared by the tests of studies: designs are quick, and figures are drawn only for tests of
+figures."""
 
 from __future__ import annotations
 
@@ -6,5 +7,5 @@ import pytest
 
 
 @pytest.fixture(autouse=True)
-def without_figures(blank_pictures: None) -> None:
+def quick(quick_choices: None, blank_pictures: None) -> None:
     """Save half the time of a study."""

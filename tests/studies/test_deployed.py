@@ -1,4 +1,4 @@
-"""From a study or a design to the robot: what is saved is followed inside Ω, on ten arms."""
+"""From a study or a design to the robot: what is saved is followed inside Ω, on eleven arms."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import told
+from commands import computed_once, told, without_pictures
 
 import repctl_pin as rp
 from repctl_pin.cli import main
@@ -25,6 +25,7 @@ ARMS = {
     "kinova": [],
     "ur5": [],
     "z1": ["--task", "position"],
+    "planar3r": [],
     "planar4r": [],
 }
 
@@ -33,20 +34,33 @@ def inside(capsys: pytest.CaptureFixture[str], control: str, arm: str) -> dict:
     """Follow and animate a saved control without a further word, and read what was written for the
     robot."""
     followed = told(
-        capsys, "follow", control, "--steps", "200", "--csv", "m.csv", "--yaml", "m.yaml"
+        capsys,
+        "follow",
+        control,
+        "--steps",
+        "200",
+        "--csv",
+        "m.csv",
+        "--yaml",
+        "m.yaml",
     )
     assert followed["outside"] == 0 and max(followed["drift"]) < 1e-8
-    animated = told(capsys, "animate", control, "--steps", "60", "--cycles", "2", "--out", "page")
+    animated = told(
+        capsys, "animate", control, "--steps", "60", "--cycles", "2", "--out", "page"
+    )
     assert animated["drift"]["repeatable"][-1] < 1e-6
     design = rp.load(control)
     (motion,) = read_motions("m.csv", design.task.robot.joint_names)
     assert (
-        not (design.region.ratio(motion.q) > 1).any() and motion.joints == design.task.joint_names
+        not (design.region.ratio(motion.q) > 1).any()
+        and motion.joints == design.task.joint_names
     )
     points = np.array(
         [
             p["positions"]
-            for p in yaml.safe_load(Path("m.yaml").read_text(encoding="utf-8"))["points"]
+            for p in yaml.safe_load(Path("m.yaml").read_text(encoding="utf-8"))[
+                "points"
+            ]
         ]
     )
     assert (
@@ -60,10 +74,14 @@ def deployed(arm: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict, dict]:
     """Both ways to a control: a study's, and a design's over a box."""
     studied = told(capsys, "study", arm, *ARMS[arm], "--cycles", "2", "--steps", "200")
     followed = inside(capsys, f"repctl-out/{arm}/control.json", arm)
-    assert followed["path"] == studied["path"] and np.allclose(followed["start"], studied["start"])
+    assert followed["path"] == studied["path"] and np.allclose(
+        followed["start"], studied["start"]
+    )
     assert followed["duration"] == pytest.approx(studied["period"])
     row = studied["strategies"]["repeatable"]
-    assert (row["outside"] == 0 and row["speed_ratio"] is None) or row["speed_ratio"] <= 1
+    assert (row["outside"] == 0 and row["speed_ratio"] is None) or row[
+        "speed_ratio"
+    ] <= 1
     width = [
         "--region",
         "0.2",
@@ -71,9 +89,9 @@ def deployed(arm: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict, dict]:
         "--degree",
         "2",
         "--samples",
-        "2048",
-        "--held-out",
         "1024",
+        "--held-out",
+        "512",
     ]
     told(capsys, "design", arm, *ARMS[arm], *width)
     return followed, inside(capsys, f"repctl-out/{arm}/design.json", arm)
@@ -81,12 +99,13 @@ def deployed(arm: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict, dict]:
 
 def test_a_control_is_followed_inside_its_region(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    deployed("planar4r", capsys)
+    without_pictures(monkeypatch)
+    deployed("planar3r", capsys)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
-def test_ten_arms(arm: str, tmp_path, monkeypatch, capsys) -> None:
+def test_eleven_arms(arm: str, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for way, found in zip(("study", "design"), deployed(arm, capsys), strict=True):
         with capsys.disabled():
@@ -94,16 +113,6 @@ def test_ten_arms(arm: str, tmp_path, monkeypatch, capsys) -> None:
                 f"\n{arm:9s} {way:6s} {found['path']}, {found['duration']:.3g} s: outside "
                 f"{found['outside']:.1%}"
             )
-
-
-def test_a_design_along_a_path_holds_the_motion(tmp_path, monkeypatch, capsys) -> None:
-    """A narrow tube: begun at its centre, the motion lay 49 % outside; begun at the path, it lies
-    inside."""
-    monkeypatch.chdir(tmp_path)
-    few = ["--degree", "2", "--samples", "2048", "--held-out", "1024"]
-    told(capsys, "design", "panda", "--path", "circle:0.1", "--region", "0.1", *few)
-    followed = told(capsys, "follow", "repctl-out/panda/design.json")
-    assert followed["path_spec"] == "circle:0.1:180" and followed["outside"] == 0
 
 
 def test_outside_is_the_loudest_line(tmp_path, monkeypatch, capsys) -> None:
@@ -120,19 +129,27 @@ def test_outside_is_the_loudest_line(tmp_path, monkeypatch, capsys) -> None:
         ),
         "d.json",
     )
-    within = told(capsys, "follow", "d.json")  # a design for no cycle: the largest circle inside Ω
+    within = told(
+        capsys, "follow", "d.json"
+    )  # a design for no cycle: the largest circle inside Ω
     assert within["outside"] == 0 and max(within["drift"]) < 1e-6
     assert main(["follow", "d.json", "--path", "circle:0.3"]) == 0
     first = " ".join(capsys.readouterr().out.partition("\n\n")[0].split())
     assert first.startswith("warning: ")
-    assert " % of the motion lies outside Ω, where repeatability is not guaranteed;" in first
+    assert (
+        " % of the motion lies outside Ω, where repeatability is not guaranteed;"
+        in first
+    )
     assert told(capsys, "follow", "d.json", "--path", "circle:0.3")["outside"] > 0.3
 
 
-def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys) -> None:
+def test_a_cycle_takes_as_long_as_the_joints_need(
+    tmp_path, monkeypatch, capsys
+) -> None:
     """A joint that is slow: the time is lengthened, said, and kept; asked for the usual time, what
     breaks is marked."""
     monkeypatch.chdir(tmp_path)
+    without_pictures(monkeypatch)
     text = rp.Robot.load("planar3r").description.path.read_text(encoding="utf-8")
     assert 'velocity="' in text
     import re
@@ -142,22 +159,32 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
     )
     few = ["slow.urdf", "--cycles", "2", "--steps", "100", "--degree", "1"]
     studied = told(capsys, "study", *few)
-    assert studied["period"] > 5 and any("period increased to" in note for note in studied["notes"])
+    assert studied["period"] > 5 and any(
+        "period increased to" in note for note in studied["notes"]
+    )
     for key in ("pseudoinverse", "repeatable"):
         assert (
             0.7
-            < max(studied["strategies"][k]["speed_ratio"] for k in ("pseudoinverse", "repeatable"))
+            < max(
+                studied["strategies"][k]["speed_ratio"]
+                for k in ("pseudoinverse", "repeatable")
+            )
             <= 0.95
         )
         assert studied["strategies"][key]["speed_ratio"] <= 0.95
     assert (
-        told(capsys, "follow", "repctl-out/slow/control.json", "--robot", "slow.urdf")["slowed_by"]
+        told(capsys, "follow", "repctl-out/slow/control.json", "--robot", "slow.urdf")[
+            "slowed_by"
+        ]
         < 1 + 1e-6
     )
+    monkeypatch.setattr(rp, "study", computed_once(rp.study))
     assert main(["study", *few, "--period", "5"]) == 0
     out = capsys.readouterr().out
     assert re.search(r"^limits .*speed × \d", out, flags=re.MULTILINE)
-    assert re.search(r"^! usual control: \w+ goes .* times as fast", out, flags=re.MULTILINE)
+    assert re.search(
+        r"^! usual control: \w+ goes .* times as fast", out, flags=re.MULTILINE
+    )
     assert main(["study", *few, "--period", "5", "--full"]) == 0
     out = capsys.readouterr().out
     assert (
@@ -169,7 +196,19 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
 
 def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    few = ["study", "planar3r", "--degree", "1", "--cycles", "1", "--steps", "40", "--out", "o"]
+    without_pictures(monkeypatch)
+    few = [
+        "study",
+        "planar3r",
+        "--degree",
+        "1",
+        "--cycles",
+        "1",
+        "--steps",
+        "40",
+        "--out",
+        "o",
+    ]
     costs = {}
     for weight in ([], ["--weight", "9,1,1"]):
         told(capsys, *few, *weight)
@@ -180,7 +219,9 @@ def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     )  # the first joint moves less
 
 
-def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys) -> None:
+def test_no_stale_design_under_a_new_commands_name(
+    tmp_path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     few = [
         "design",
@@ -199,26 +240,22 @@ def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys
     kinds = {}
     for weight in ("inertia", "1,2,3"):
         told(capsys, *few, "--weight", weight)
-        kinds[weight] = json.loads(Path("e/design.json").read_text(encoding="utf-8"))["desired"]
-    assert kinds["inertia"]["weight"] == "inertia" and len(kinds["1,2,3"]["weight"]) == 3
+        kinds[weight] = json.loads(Path("e/design.json").read_text(encoding="utf-8"))[
+            "desired"
+        ]
+    assert (
+        kinds["inertia"]["weight"] == "inertia" and len(kinds["1,2,3"]["weight"]) == 3
+    )
     limits = [
         "design",
-        "panda",
-        "--region",
-        "0.1",
-        *few[2:4],
-        "--samples",
-        "256",
-        "--held-out",
-        "256",
-        "--out",
-        "e",
+        "planar3r",
+        *few[2:],
     ]
     told(capsys, *limits, "--weight", "limits")
     saved = json.loads(Path("e/design.json").read_text(encoding="utf-8"))
     assert (
         saved["desired"] == {"kind": "limits", "gain": 1.0, "onset": 0.1}
-        and saved["task"]["robot"] == "panda"
+        and saved["task"]["robot"] == "planar3r"
     )
 
     def refuse(design: rp.Design, file: Path) -> Path:
@@ -226,5 +263,8 @@ def test_no_stale_design_under_a_new_commands_name(tmp_path, monkeypatch, capsys
 
     monkeypatch.setattr(rp, "save", refuse)
     assert main(few) == 2
-    assert "the file of an earlier command is now e/design.old.json" in capsys.readouterr().err
+    assert (
+        "the file of an earlier command is now e/design.old.json"
+        in capsys.readouterr().err
+    )
     assert sorted(p.name for p in Path("e").glob("*.json")) == ["design.old.json"]

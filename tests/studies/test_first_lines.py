@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_urdf
+from matplotlib.figure import Figure
 
 import repctl_pin as rp
 from repctl_pin.cli import main
 from repctl_pin.motion import read_motions
 from repctl_pin.problem import NO_BETTER, choose_period
+from repctl_pin.show import study_files
+from repctl_pin.show.plots.motions import png
 from repctl_pin.show.text import study_verdict
 from repctl_pin.studies.study import edge_warning
 
@@ -35,7 +38,8 @@ def lost(motion: rp.Motion) -> rp.Motion:
 
 def test_a_lost_hand_comes_first(planar: rp.Study) -> None:
     rows = [
-        replace(r, motion=lost(r.motion)) if r.key == "pseudoinverse" else r for r in planar.rows
+        replace(r, motion=lost(r.motion)) if r.key == "pseudoinverse" else r
+        for r in planar.rows
     ]
     told = study_verdict(replace(planar, rows=tuple(rows)))
     assert told.startswith(
@@ -48,8 +52,18 @@ def test_a_lost_hand_comes_first(planar: rp.Study) -> None:
     )
 
 
+def test_why_a_kind_was_taken_is_said_where_nobody_chose_it(planar: rp.Study) -> None:
+    """Where it was given, test_study.py finds no such note."""
+    assert (
+        "using task xy, because 4 joints are not redundant for a pose task"
+        in planar.notes
+    )
+
+
 def test_a_lost_motion_does_not_stretch_the_period(planar: rp.Study) -> None:
-    motion = replace(planar.rows[0].motion, cycles=1, steps=2 * planar.rows[0].motion.steps)
+    motion = replace(
+        planar.rows[0].motion, cycles=1, steps=2 * planar.rows[0].motion.steps
+    )
     fast = (
         replace(motion, qdot=motion.qdot * 3 / motion.speed_ratio)
         if np.isfinite(motion.speed_ratio)
@@ -64,13 +78,16 @@ def test_a_lost_motion_does_not_stretch_the_period(planar: rp.Study) -> None:
     assert choose_period(5.0, {"J⁺": lost(fast)}) == (5.0, [])
 
 
-def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Study) -> None:
+def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(
+    planar: rp.Study,
+) -> None:
     row, task = planar.rows[0], planar.task
     options = {"cycles": 2, "steps": 60, "period": planar.period}
     plain = rp.Pseudoinverse(task)
     assert edge_warning(row, plain, planar.path, planar.q0, options) == []
     elsewhere = replace(
-        row, motion=replace(row.motion, q=row.motion.q + 0.01 * (row.motion.t > 0)[:, None])
+        row,
+        motion=replace(row.motion, q=row.motion.q + 0.01 * (row.motion.t > 0)[:, None]),
     )
     (note,) = edge_warning(elsewhere, plain, planar.path, planar.q0, options)
     assert "the start is on an edge" in note and "ends cycle 1 0.02 rad away" in note
@@ -90,15 +107,23 @@ def test_a_default_start_keeps_limits_where_another_does(
     both = [(at_limit, "first"), (planar.q0, "second")]
     monkeypatch.setattr(STARTS, lambda task: iter(both))
     path = lambda task, q0: rp.circle(task, q0, 0.1)  # noqa: E731
-    study = rp.study("planar4r", path=path, **QUICK)
-    assert "the start is second" in study.notes and not study.row("repeatable").violations
-    assert rp.study("planar4r", path=path, start=at_limit, **QUICK).row("repeatable").violations
+    study = rp.study(rp.Problem("planar4r", path=path), **QUICK)
+    assert (
+        "the start is second" in study.notes and not study.row("repeatable").violations
+    )
+    assert (
+        rp.study(rp.Problem("planar4r", path=path, start=at_limit), **QUICK)
+        .row("repeatable")
+        .violations
+    )
     monkeypatch.setattr(STARTS, lambda task: iter([(at_limit, "first")]))
-    assert NO_BETTER in rp.study("planar4r", path=path, **QUICK).notes
+    assert NO_BETTER in rp.study(rp.Problem("planar4r", path=path), **QUICK).notes
 
 
 def test_follow_says_that_default_starts_were_tried(
-    planar: rp.Study, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    planar: rp.Study,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     at_limit = planar.q0.copy()
     at_limit[0] = planar.task.upper[0] - 1e-3
@@ -127,33 +152,45 @@ def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -
     from controls import iiwa
 
     robot = iiwa(tmp_path)
-    chosen = rp.study(robot, frame="flange", cycles=1, steps=100)
+    few = {"cycles": 1, "steps": 100, "degree": 1}
+    chosen = rp.study(rp.Problem(robot, frame="flange"), **few)
     first = rp.Problem(chosen.task, path=False).start
-    dear = rp.study(robot, frame="flange", start=first, cycles=1, steps=100)
+    dear = rp.study(rp.Problem(robot, frame="flange", start=first), **few)
     cheap, price = (
-        study.row("repeatable").motion.first_rms_speed / study.rows[0].motion.first_rms_speed - 1
+        study.row("repeatable").motion.first_rms_speed
+        / study.rows[0].motion.first_rms_speed
+        - 1
         for study in (chosen, dear)
     )
     assert cheap < 0.05 < price
     (note,) = [note for note in dear.notes if "at the same configurations" in note]
     same = (
         float(
-            re.match(r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations", note)[
-                1
-            ]
+            re.match(
+                r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations",
+                note,
+            )[1]
         )
         / 100
     )
     motion, plain = dear.row("repeatable").motion, rp.Pseudoinverse(dear.task)
     Q, V = motion.q[:100], motion.qdot[:100]
-    least = [plain.velocity(q, dear.task.jacobian(q) @ v) for q, v in zip(Q, V, strict=True)]
-    assert same == pytest.approx(np.sqrt((V**2).sum() / np.sum(np.square(least))) - 1, abs=6e-4)
+    least = [
+        plain.velocity(q, dear.task.jacobian(q) @ v) for q, v in zip(Q, V, strict=True)
+    ]
+    assert same == pytest.approx(
+        np.sqrt((V**2).sum() / np.sum(np.square(least))) - 1, abs=6e-4
+    )
     assert 0 < same < price
 
 
-def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path: Path) -> None:
+def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "long.urdf").write_text(planar_urdf([0.1] * 11))
-    study = rp.study(str(tmp_path / "long.urdf"), cycles=1, steps=40, region=0.1)
+    study = rp.study(
+        rp.Problem(str(tmp_path / "long.urdf"), region=0.1), cycles=1, steps=40
+    )
     assert study.row("repeatable").motion.closes
     (note,) = [note for note in study.notes if note.startswith("degree 1 is used")]
     assert "for 11 joints" in note and "--" not in note
@@ -165,15 +202,19 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        rp.study(str(tmp_path / "long.urdf"), degree=2, region=0.1, progress=say)
+        rp.study(
+            rp.Problem(str(tmp_path / "long.urdf"), region=0.1), degree=2, progress=say
+        )
     assert said[-1].startswith("designing the nearest repeatable inverse, degree 2: ")
     (note,) = [text for text in said if text.startswith("note: ")]
     assert re.fullmatch(
-        r"note: a design of degree 2 for 11 joints takes about \d+ s; a lower degree .*", note
+        r"note: a design of degree 2 for 11 joints takes about \d+ s; a lower degree .*",
+        note,
     )
     (tmp_path / "longer.urdf").write_text(planar_urdf([0.02] * 60))
     with pytest.raises(
-        rp.InputError, match="a study of 60 joints takes about .* even at degree 1; choose a frame"
+        rp.InputError,
+        match="a study of 60 joints takes about .* even at degree 1; choose a frame",
     ):
         rp.study(str(tmp_path / "longer.urdf"))
 
@@ -194,14 +235,17 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
         "choose another start, a smaller path or another degree$"
     )
     with pytest.raises(rp.SingularityError, match=why):
-        rp.study("planar4r", start=planar.q0, path=planar.path, **QUICK)
+        rp.study(rp.Problem("planar4r", start=planar.q0, path=planar.path), **QUICK)
 
 
-@pytest.mark.pictures
 def test_files_name_their_run_and_it_is_the_control_files_checksum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The figures are empty, but files as they are written for a user."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        study_files, "png", lambda _, **options: png(Figure((1, 1)), **options)
+    )
     command = [
         "study",
         "planar4r",
@@ -218,37 +262,61 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
     folder = tmp_path / "repctl-out" / "planar4r"
     checksum = json.loads((folder / "control.json").read_text())["checksum"]
     assert checksum.removeprefix("sha256:").startswith(run.partition("-")[0])
-    for name in ("animation.html", "drift.png", "joints.png", "motion.csv", "report.html"):
+    for name in (
+        "animation.html",
+        "drift.png",
+        "joints.png",
+        "motion.csv",
+        "report.html",
+    ):
         assert run.encode() in (folder / name).read_bytes(), name
-    assert len(read_motions(folder / "motion.csv", rp.Robot.load("planar4r").joint_names)) == 4
+    assert (
+        len(read_motions(folder / "motion.csv", rp.Robot.load("planar4r").joint_names))
+        == 4
+    )
     (folder / "joints.png").unlink()
     (folder / "joints.png").mkdir()  # where no file can be written
     before = {file: file.read_bytes() for file in folder.iterdir() if file.is_file()}
     assert main([*command, "--cycles", "2"]) == 2
-    assert {file: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
+    assert {
+        file: file.read_bytes() for file in folder.iterdir() if file.is_file()
+    } == before
 
 
-def test_speed_limits_of_0_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_speed_limits_of_0_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = planar_urdf([0.4, 0.3, 0.2])
     slow = re.sub(r'velocity="[^"]*"', 'velocity="0"', text, count=1)
     assert slow != text
     (tmp_path / "arm.urdf").write_text(slow)
     assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
-    assert "note: speed limit 0 of joint 'theta1' read as no limit" in capsys.readouterr().out
+    assert (
+        "note: speed limit 0 of joint 'theta1' read as no limit"
+        in capsys.readouterr().out
+    )
     study = rp.study(str(tmp_path / "arm.urdf"), cycles=1, steps=40, degree=1)
-    assert "no speed limit in the URDF, so speeds are not checked: theta1" in study.notes
+    assert (
+        "no speed limit in the URDF, so speeds are not checked: theta1" in study.notes
+    )
 
 
 def test_results_are_short_at_the_prompt(planar: rp.Study) -> None:
     for thing in (planar.path, planar.region, planar):
-        assert len(repr(thing)) < 200 and "0x" not in repr(thing) and "array" not in repr(thing)
+        assert (
+            len(repr(thing)) < 200
+            and "0x" not in repr(thing)
+            and "array" not in repr(thing)
+        )
     lines = planar.summary().splitlines()
     assert len(lines) == 1 + len(planar.rows) and "2 cycles" in lines[0]
     for row, line in zip(planar.rows, lines[1:], strict=True):
         assert row.label in line and f"{row.motion.drift[-1]:.2g} after 2" in line
 
 
-def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_animate_knows_the_surroundings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     asked = [
         "animate",
         "planar4r",

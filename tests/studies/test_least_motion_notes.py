@@ -28,9 +28,13 @@ def test_the_share_above_the_least_and_another_start(problem) -> None:
     task, path, q0 = problem.task, problem.cycle, problem.start
     design = designed(problem)
     above, elsewhere = least_motion_notes(design, path, q0)
-    own = rp.follow(design.inverse, path, q0, cycles=1, steps=200, integrator=rp.LeafLock(4))
+    own = rp.follow(
+        design.inverse, path, q0, cycles=1, steps=200, integrator=rp.LeafLock(4)
+    )
     least = rp.least_closed_motion(task, path, q0, steps=200)
-    said = re.fullmatch(r"joint speed: (\S+) % above the minimum of .* from this start", above)
+    said = re.fullmatch(
+        r"joint speed: (\S+) % above the minimum of .* from this start", above
+    )
     assert said is not None
     assert float(said[1]) == pytest.approx(
         100 * (own.rms_speed / least.rms_speed - 1), rel=0.05, abs=1e-3
@@ -41,13 +45,18 @@ def test_the_share_above_the_least_and_another_start(problem) -> None:
 def test_the_start_of_least_speed_saves_what_was_said(problem) -> None:
     moved = at_minimum_speed(problem)
     assert moved.path is problem.path and "start" in moved.given
-    assert "the start was moved along the self-motion, to 31 % less joint speed" in moved.notes
+    assert (
+        "the start was moved along the self-motion, to 31 % less joint speed"
+        in moved.notes
+    )
     assert (moved.region.ratio(moved.start[None]) <= 1).all()
     assert not np.allclose(moved.start, problem.start)
     lines = least_motion_notes(designed(moved), moved.cycle, moved.start)
     assert len(lines) == 1 and "above the minimum" in lines[0]
     fast, slow = (
-        rp.follow(designed(it).inverse, it.cycle, it.start, cycles=1, steps=64).rms_speed
+        rp.follow(
+            designed(it).inverse, it.cycle, it.start, cycles=1, steps=64
+        ).rms_speed
         for it in (moved, problem)
     )
     assert fast < 0.71 * slow
@@ -61,5 +70,8 @@ def test_no_notes_where_the_motion_violates_a_limit() -> None:
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), None, rp.Box(q0, 0.08), degree=1, options=few
     )
-    assert rp.follow(design.inverse, path, q0, cycles=1, steps=50).first_violation is not None
+    assert (
+        rp.follow(design.inverse, path, q0, cycles=1, steps=50).first_violation
+        is not None
+    )
     assert least_motion_notes(design, path, q0) == []

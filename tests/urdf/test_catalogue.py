@@ -72,7 +72,9 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
     d = read_urdf(entry.urdf)
     model = pin.buildModelFromXML(d.xml)
     assert model.nq == model.nv > 0
-    lock_joints(model, list(range(2, model.njoints)), pin.neutral(model))  # any joint can be locked
+    lock_joints(
+        model, list(range(2, model.njoints)), pin.neutral(model)
+    )  # any joint can be locked
 
     machine = rp.Robot.load(name)
     assert entry.frames and set(entry.frames) <= set(d.links)
@@ -82,12 +84,16 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
         # one of its poses is away from singularities of the frame's position and leaves the arm
         # room to move
         poses = [task.from_robot(pose) for pose in machine.poses.values()]
-        dexterous = [np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses]
+        dexterous = [
+            np.linalg.svd(task.jacobian(q), compute_uv=False)[-1] > 0.07 for q in poses
+        ]
         roomy = [np.minimum(q - task.lower, task.upper - q).min() > 0.08 for q in poses]
         assert any(a and b for a, b in zip(dexterous, roomy, strict=True)), frame
 
 
-@pytest.mark.parametrize("name", [name for name, row in table().items() if "srdf" in row])
+@pytest.mark.parametrize(
+    "name", [name for name, row in table().items() if "srdf" in row]
+)
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     entry = find(name)
     assert entry.srdf is not None
@@ -103,7 +109,9 @@ def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     )  # what was outside its limits was moved inside, and is said
     assert len(moved) < len(known)
     for pose_of_all in machine.poses.values():
-        assert (pose_of_all >= machine.lower).all() and (pose_of_all <= machine.upper).all()
+        assert (pose_of_all >= machine.lower).all() and (
+            pose_of_all <= machine.upper
+        ).all()
 
 
 def test_a_full_turn_is_taken_before_a_limit() -> None:
@@ -115,14 +123,20 @@ def test_a_full_turn_is_taken_before_a_limit() -> None:
 
 def test_names_and_aliases() -> None:
     assert [e.name for e in entries()] == NAMES
-    words = [word for name, row in table().items() for word in (name, *row.get("aliases", ()))]
+    words = [
+        word
+        for name, row in table().items()
+        for word in (name, *row.get("aliases", ()))
+    ]
     assert len(set(words)) == len(words)
     assert all(word == word.lower() for word in words)
     assert find("talos_full_v2") == find("talos") == find(" Talos ")
     assert find("tiago_no_hand").urdf.name == "tiago_no_hand.urdf"
     assert find("panda").posture == "default"
     assert find("baxter").frames == ("left_gripper", "right_gripper")
-    with pytest.raises(InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"):
+    with pytest.raises(
+        InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"
+    ):
         find("pandda")
 
 
@@ -132,7 +146,9 @@ def test_meshes_are_found(name: str) -> None:
     xml = read_urdf(entry.urdf).xml
     model = pin.buildModelFromXML(xml)
     paths = [*entry.package_dirs]
-    geometry = pin.buildGeomFromUrdfString(model, xml, pin.GeometryType.VISUAL, package_dirs=paths)
+    geometry = pin.buildGeomFromUrdfString(
+        model, xml, pin.GeometryType.VISUAL, package_dirs=paths
+    )
     assert geometry.ngeoms >= 5
     assert all(
         Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE")
@@ -140,7 +156,9 @@ def test_meshes_are_found(name: str) -> None:
     )
 
 
-def position(name: str) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
+def position(
+    name: str,
+) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
     model = pin.buildModelFromXML(read_urdf(find(name).urdf).xml)
     data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
 
@@ -183,7 +201,11 @@ def test_prr_closed_form() -> None:
     model, tip = position("prr")
     for q in samples(model):
         psi = q[1], q[1] + q[2]
-        expected = [q[0] + np.cos(psi[0]) + np.cos(psi[1]), np.sin(psi[0]) + np.sin(psi[1]), 0.0]
+        expected = [
+            q[0] + np.cos(psi[0]) + np.cos(psi[1]),
+            np.sin(psi[0]) + np.sin(psi[1]),
+            0.0,
+        ]
         np.testing.assert_allclose(tip(q), expected, rtol=0, atol=1e-12)
 
 
@@ -191,7 +213,10 @@ def test_prr_closed_form() -> None:
 def test_planar_arms_have_room_and_mass(name: str) -> None:
     d = read_urdf(find(name).urdf)
     moving = [j for j in d.joints if j.kind != "fixed"]
-    assert all(-j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi) for j in moving)
+    assert all(
+        -j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi)
+        for j in moving
+    )
     assert all(np.isfinite(j.velocity) for j in moving)
     assert d.notes == () and d.meshes == ()
     model = pin.buildModelFromXML(d.xml)
@@ -210,8 +235,14 @@ def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
     </group_state>
     <group_state name="bad" group="g"><joint name="j1" value="nan"/></group_state></robot>"""
     path.write_text(states)
-    assert reference_posture(path) == reference_posture(path, "up") == {"j1": 0.5, "j2": -0.1}
-    with pytest.raises(InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"):
+    assert (
+        reference_posture(path)
+        == reference_posture(path, "up")
+        == {"j1": 0.5, "j2": -0.1}
+    )
+    with pytest.raises(
+        InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"
+    ):
         reference_posture(path, "upp")
     with pytest.raises(InputError, match="j1 = 'nan' is not a finite number"):
         reference_posture(path, "bad")
@@ -235,7 +266,8 @@ def test_package_dirs_of_a_persons_own_file(
     for folder in ("ros/pkg", "ament/share"):
         (tmp_path / folder).mkdir(parents=True)
     monkeypatch.setenv(
-        "ROS_PACKAGE_PATH", os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"])
+        "ROS_PACKAGE_PATH",
+        os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"]),
     )
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
     dirs = default_package_dirs(urdf)
@@ -248,9 +280,13 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for folder in ("nowhere", "file"):
         for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
-            with pytest.raises(InputError, match=f"^package_dirs: there is no folder '.*{folder}'"):
+            with pytest.raises(
+                InputError, match=f"^package_dirs: there is no folder '.*{folder}'"
+            ):
                 rp.Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
-    assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (str(tmp_path),)
+    assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (
+        str(tmp_path),
+    )
 
 
 @pytest.mark.parametrize(
@@ -279,15 +315,21 @@ def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
     [
         ("tcp", "did you mean 'panda_hand_tcp'?"),
         ("panda_hnad", "did you mean 'panda_hand'"),
-        ("nope", "there are 13, such as panda_hand_tcp, panda_hand, panda_link8, panda_link7, "),
+        (
+            "nope",
+            "there are 13, such as panda_hand_tcp, panda_hand, panda_link8, panda_link7, ",
+        ),
     ],
 )
-def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(typed: str, near: str) -> None:
+def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(
+    typed: str, near: str
+) -> None:
     with pytest.raises(InputError) as error:
         rp.Robot.load("panda").task(typed)
     assert str(error.value).startswith(f"no frame {typed!r}; {near}")
     with pytest.raises(
-        InputError, match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$"
+        InputError,
+        match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$",
     ):
         rp.Robot.load("planar4r").task("nope")
 

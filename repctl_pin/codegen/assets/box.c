@@ -5,7 +5,7 @@ static void arm_cell_coordinates(const arm_pose *pose, double y[ARM_M], double u
 {
     int k;
     arm_error(arm_cell_middle.p, arm_cell_middle.R, pose, y);
-    for (k = 0; k < @k; k++) u[k] = y[arm_cell_moved[k]] / arm_cell_widths[arm_cell_moved[k]];
+    for (k = 0; k < @k; k++) u[k] = y[arm_cell_moved[k]] * arm_cell_scale[k];
 }
 
 /* Test whether coordinates are in the cell; fixed coordinates to 1e-6 m or rad. */

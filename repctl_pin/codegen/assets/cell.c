@@ -4,6 +4,7 @@ enum { arm_cell_k = @k, arm_cell_count = @count, arm_cell_width = ARM_N * (1 + A
 
 static const double arm_cell_widths[ARM_M] = @widths; /* 0: fixed coordinate */
 static const int arm_cell_moved[@k] = @moved;
+static const double arm_cell_scale[@k] = @scale; /* 1 / width */
 static const unsigned short arm_cell_parent[@count] = @parents; /* T[a] = T[parent[a]] u[factor[a]] */
 static const unsigned short arm_cell_factor[@count] = @factors;
 static const double arm_cell_weight[@count][ARM_N * (1 + ARM_R)] = { /* q_ref and n_ref, joint by joint */

@@ -3,20 +3,21 @@ static void arm_error(const double p[3], const double R[9], const arm_pose *targ
 {
     const double z[3] = {R[2], R[5], R[8]}, aim[3] = {target->R[2], target->R[5], target->R[8]};
     const double cosine = z[0] * aim[0] + z[1] * aim[1] + z[2] * aim[2];
-    double turn[3], sine, angle;
+    double turn[3], square, share;
     int i;
     turn[0] = z[1] * aim[2] - z[2] * aim[1];
     turn[1] = z[2] * aim[0] - z[0] * aim[2];
     turn[2] = z[0] * aim[1] - z[1] * aim[0];
-    sine = sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]);
-    angle = atan2(sine, cosine);
-    if (sine < 1e-12) { /* parallel: 0; opposite: half a turn in any direction */
+    square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2];
+    if (square < 1e-24) { /* parallel: 0; opposite: half a turn in any direction */
         for (i = 0; i < 3; i++) turn[i] = cosine > 0.0 ? 0.0 : R[3 * i];
-        sine = 1.0;
+        share = 3.14159265358979323846;
+    } else {
+        share = arm_angle_per_sine(square, cosine);
     }
     for (i = 0; i < 3; i++) e[i] = target->p[i] - p[i];
-    e[3] = (R[0] * turn[0] + R[3] * turn[1] + R[6] * turn[2]) * (angle / sine);
-    e[4] = (R[1] * turn[0] + R[4] * turn[1] + R[7] * turn[2]) * (angle / sine);
+    e[3] = (R[0] * turn[0] + R[3] * turn[1] + R[6] * turn[2]) * share;
+    e[4] = (R[1] * turn[0] + R[4] * turn[1] + R[7] * turn[2]) * share;
 }
 
 static void arm_add_rate(const double R[9], const double twist[6], double dt, double b[ARM_M])

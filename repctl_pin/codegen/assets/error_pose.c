@@ -1,17 +1,17 @@
 /* Compute the rotation vector of a matrix M, orthonormalised first: angle times axis, rad. */
 static void arm_log(double M[9], double w[3])
 {
-    double x[3], y[3], z[3], a[3], length = 0.0, width = 0.0, sine, cosine;
+    double x[3], y[3], z[3], a[3], length = 0.0, width = 0.0, square, cosine;
     int i;
     for (i = 0; i < 3; i++) {
         length += M[3 * i] * M[3 * i];
         width += M[3 * i + 1] * M[3 * i + 1];
     }
-    length = sqrt(length);
-    width = sqrt(width);
+    length = 1.0 / sqrt(length);
+    width = 1.0 / sqrt(width);
     for (i = 0; i < 3; i++) {
-        x[i] = M[3 * i] / length;
-        y[i] = M[3 * i + 1] / width;
+        x[i] = M[3 * i] * length;
+        y[i] = M[3 * i + 1] * width;
     }
     z[0] = x[1] * y[2] - x[2] * y[1];
     z[1] = x[2] * y[0] - x[0] * y[2];
@@ -22,13 +22,13 @@ static void arm_log(double M[9], double w[3])
     a[0] = (y[2] - z[1]) / 2.0; /* axis times sine */
     a[1] = (z[0] - x[2]) / 2.0;
     a[2] = (x[1] - y[0]) / 2.0;
-    sine = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    square = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
     cosine = (x[0] + y[1] + z[2] - 1.0) / 2.0;
     if (!(cosine < -0.9)) {
-        const double scale = sine > 0.0 ? atan2(sine, cosine) / sine : 1.0;
+        const double scale = arm_angle_per_sine(square, cosine);
         for (i = 0; i < 3; i++) w[i] = a[i] * scale;
     } else { /* near half a turn: the axis from the symmetric part, its sign from the other */
-        const double angle = atan2(sine, cosine), d[3] = {x[0], y[1], z[2]};
+        const double angle = atan2(sqrt(square), cosine), d[3] = {x[0], y[1], z[2]};
         const int k = d[0] >= d[1] ? (d[0] >= d[2] ? 0 : 2) : (d[1] >= d[2] ? 1 : 2);
         double axis[3], size;
         axis[0] = k == 0 ? 2.0 * (d[0] - cosine) : k == 1 ? x[1] + y[0] : x[2] + z[0];

@@ -5,7 +5,7 @@
 static void arm_chart_@lanes(double u[][@lanes], double both[][@lanes])
 {
     double T[@count][@lanes];
-    int a, l;
+    int a, @inner;
     for (l = 0; l < @lanes; l++) T[0][l] = 1.0;
 @monomials
 @sums
@@ -32,15 +32,18 @@ static void arm_turns_@lanes(const double *angle, double *sine, double *cosine)
 }
 
 /*
- * Solve f(x) = goal and n_ref^T (x - q_ref) = leaf from a nearby x, by Newton's method without exchanges of rows; after
- * a short step the factors are kept. state is 1.0 where x is exact to rounding, -1.0 where another method is needed.
+ * Solve f(x) = goal and n_ref^T (x - q_ref) = leaf from a nearby x, by Newton's method without exchanges of rows. After
+ * a step below @keep the factors are kept. Poses have no influence on each other. state is 1.0 where x is exact to
+ * 3e-14, -1.0 where another method is needed.
  */
 static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], const double *leaf, double x[][@lanes],
                               double state[@lanes])
 {
-    double A[ARM_N][ARM_N][@lanes] = {{{0.0}}}, b[ARM_N][@lanes], here[12][@lanes], size[@lanes], before[@lanes];
-    double angle[@angles][@lanes] = {{0.0}}, sine[@angles][@lanes], cosine[@angles][@lanes], level[ARM_R], longest = 1.0;
-    int @counters, l, turn, left = 1;
+    double A[ARM_N][ARM_N][@lanes] = {{{0.0}}}, b[ARM_N][@lanes], here[12][@lanes];
+    double size[@lanes], before[@lanes], next[@lanes];
+    double angle[@angles][@lanes] = {{0.0}}, sine[@angles][@lanes], cosine[@angles][@lanes];
+    double level[ARM_R], longest = 1.0;
+    int @counters, l, turn, fresh, left = 1;
     for (i = 0; i < ARM_R; i++) level[i] = leaf ? leaf[i] : 0.0;
     for (l = 0; l < @lanes; l++) {
         before[l] = 1.0;
@@ -51,7 +54,8 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
 @angle
         }
         arm_turns_@lanes(angle[0], sine[0], cosine[0]);
-        if (longest > 1e-4) {
+        fresh = longest > @keep;
+        if (fresh) {
             for (l = 0; l < @lanes; l++) {
 @whole
 @labels
@@ -73,8 +77,11 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
         longest = 0.0;
         left = 0;
         for (l = 0; l < @lanes; l++) {
+            /* the size of the next step: with new factors, steps fall as their squares, else by a ratio */
+            const double ratio = size[l] / before[l], fall = ratio / before[l];
             if (!(size[l] < 0.1)) state[l] = -1.0;
-            if (state[l] == 0.0 && size[l] * size[l] < 1e-14 * before[l]) state[l] = 1.0;
+            next[l] = fresh ? (fall > 1.0 ? fall : 1.0) * size[l] * size[l] : ratio * size[l];
+            if (state[l] == 0.0 && next[l] < 3e-14) state[l] = 1.0;
             if (state[l] == 0.0) {
                 left = 1;
                 if (size[l] > longest) longest = size[l];

@@ -6,54 +6,20 @@ static const double arm_cell_turn[9] = @turn;   /* basis times the middle's rota
 static const double arm_cell_at[2] = @at;       /* radius and height of the middle */
 static const double arm_cell_bounds[ARM_M] = @bounds;
 
-/* Compute the coordinates y relative to the cell's middle, m and rad, and the scaled coordinates u. */
+@functions/* Compute the coordinates y relative to the cell's middle, m and rad, and the scaled coordinates u. */
 static void arm_cell_coordinates(const arm_pose *pose, double y[ARM_M], double u[@k])
 {
-    const double *B = arm_cell_basis, *C = arm_cell_turn;
-    double x[3], S[9], T[9], all[6], c, s, angle, sine, cosine, along, w[3];
-    int i, k, j;
-    for (i = 0; i < 3; i++) {
-        x[i] = 0.0;
-        for (k = 0; k < 3; k++) x[i] += B[3 * i + k] * (pose->p[k] - arm_cell_origin[k]);
-    }
-    all[0] = sqrt(x[0] * x[0] + x[1] * x[1]) - arm_cell_at[0];
+    const double *B = arm_cell_basis;
+    double d[3], x[3], all[6] = {0.0}, radius;
+    int i, k;
+    for (i = 0; i < 3; i++) d[i] = pose->p[i] - arm_cell_origin[i];
+    for (i = 0; i < 3; i++) x[i] = B[3 * i] * d[0] + B[3 * i + 1] * d[1] + B[3 * i + 2] * d[2];
+    radius = sqrt(x[0] * x[0] + x[1] * x[1]);
+    all[0] = radius - arm_cell_at[0];
     all[1] = atan2(x[1], x[0]);
     all[2] = x[2] - arm_cell_at[1];
-    all[3] = all[4] = all[5] = 0.0;
-    if (ARM_M > 3) { /* T = R_0^T R_a(-angle) R */
-        c = cos(all[1]);
-        s = sin(all[1]);
-        for (j = 0; j < 3; j++) {
-            for (i = 0; i < 3; i++) {
-                x[i] = 0.0;
-                for (k = 0; k < 3; k++) x[i] += B[3 * i + k] * pose->R[3 * k + j];
-            }
-            S[j] = c * x[0] + s * x[1];
-            S[3 + j] = c * x[1] - s * x[0];
-            S[6 + j] = x[2];
-        }
-        for (i = 0; i < 3; i++)
-            for (j = 0; j < 3; j++) T[3 * i + j] = C[i] * S[j] + C[3 + i] * S[3 + j] + C[6 + i] * S[6 + j];
-        sine = sqrt(T[2] * T[2] + T[5] * T[5]);
-        angle = atan2(sine, T[8]);
-        if (sine > 1e-12) {
-            all[3] = -T[5] * angle / sine;
-            all[4] = T[2] * angle / sine;
-        } else {
-            all[3] = T[8] > 0.0 ? 0.0 : 3.14159265358979323846;
-        }
-        /* the first column of exp(-tilt) T is (cos spin, sin spin, 0) */
-        angle = sqrt(all[3] * all[3] + all[4] * all[4]);
-        w[0] = angle > 0.0 ? -all[3] / angle : 0.0;
-        w[1] = angle > 0.0 ? -all[4] / angle : 0.0;
-        sine = sin(angle);
-        cosine = cos(angle);
-        along = (w[0] * T[0] + w[1] * T[3]) * (1.0 - cosine);
-        all[5] = atan2(T[3] * cosine - w[0] * T[6] * sine + w[1] * along,
-                       T[0] * cosine + w[1] * T[6] * sine + w[0] * along);
-    }
-    for (k = 0; k < ARM_M; k++) y[k] = all[k];
-    for (k = 0; k < @k; k++) u[k] = y[arm_cell_moved[k]] / arm_cell_widths[arm_cell_moved[k]];
+@tilts    for (k = 0; k < ARM_M; k++) y[k] = all[k];
+    for (k = 0; k < @k; k++) u[k] = y[arm_cell_moved[k]] * arm_cell_scale[k];
 }
 
 /* Test whether coordinates are in the cell; fixed coordinates to 1e-6 m or rad. */

@@ -3,7 +3,16 @@
 # ruff: noqa: E402  (a package that is missing is named before it is imported)
 from ...errors import needed
 
-needed("PIL", "collada", "jinja2", "meshcat", "tornado", "trimesh", "umsgpack", by="an animation")
+needed(
+    "PIL",
+    "collada",
+    "jinja2",
+    "meshcat",
+    "tornado",
+    "trimesh",
+    "umsgpack",
+    by="an animation",
+)
 
 from .meshes import key as key
 from .playback import Playback as Playback

@@ -72,7 +72,9 @@ class Animation:
         return f"Animation(a page of {len(self.page) / 1e6:.1f} MB)"
 
 
-def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
+def animation(
+    motions: Mapping[str, Motion] | Study, *, seconds: float | None = None
+) -> Animation:
     """Show motions of one robot side by side: path, traces, start configuration, and the drift
     after each cycle.
 
@@ -84,8 +86,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     motions
         The motions by name, all with the same number of cycles and of steps; or a study.
     seconds
-        Time of a cycle at normal speed, s; by default that of the first motion: real time. A study
-        is always shown in real time.
+        Time of a cycle at normal speed, s; by default that of the first motion: real time.
 
     Returns
     -------
@@ -105,14 +106,19 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     """
     seconds = None if seconds is None else positive(seconds, "seconds", "s")
     if isinstance(motions, Study):
-        return Animation(study_page(motions))
+        return Animation(study_page(motions, seconds=seconds))
     if isinstance(motions, Motion):
-        raise InputError("an animation wants its motions by name; give it a name: {'mine': motion}")
+        raise InputError(
+            "an animation wants its motions by name; give it a name: {'mine': motion}"
+        )
     if not isinstance(motions, Mapping):
         raise InputError(
             f"an animation needs motions by name, or a study; got {type(motions).__name__}"
         )
-    wrong = next((name for name, motion in motions.items() if not isinstance(motion, Motion)), None)
+    wrong = next(
+        (name for name, motion in motions.items() if not isinstance(motion, Motion)),
+        None,
+    )
     if wrong is not None or not motions:
         what = (
             f"{wrong!r} is a {type(motions[wrong]).__name__}"
@@ -123,7 +129,8 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     every = list(motions.values())
     robot = every[0].task.robot
     other = next(
-        (m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names), None
+        (m.task.robot for m in every if m.task.robot.joint_names != robot.joint_names),
+        None,
     )
     if other is not None:
         raise InputError(
@@ -145,7 +152,9 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
             paths.append(points)
     name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
     return Animation(
-        playback_page(list(chains.values()), tracks, paths=paths, name=name, seconds=seconds)
+        playback_page(
+            list(chains.values()), tracks, paths=paths, name=name, seconds=seconds
+        )
     )
 
 
@@ -162,5 +171,6 @@ def _colours(drifts: Mapping[str, float]) -> list[str]:
         for colours in (_WARM, _COOL)
     )
     return [
-        known.get(name) or next(cool if drift <= limit else warm) for name, drift in drifts.items()
+        known.get(name) or next(cool if drift <= limit else warm)
+        for name, drift in drifts.items()
     ]

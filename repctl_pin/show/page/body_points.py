@@ -60,7 +60,8 @@ def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> Bo
     first[per_cycle - 1 :: per_cycle] = 0
     off, which = displacements(placements[first], placements, bodies)
     kept = [
-        body[np.union1d(np.unique(which[:, s]), _outermost(body))] for s, body in enumerate(bodies)
+        body[np.union1d(np.unique(which[:, s]), _outermost(body))]
+        for s, body in enumerate(bodies)
     ]
     return BodyDrift(tuple(kept), off)
 

@@ -26,9 +26,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from ...arguments import Array
 from ...errors import RepctlError
 from ..text.headline import Headline
 
@@ -41,7 +43,10 @@ SCRIPTS = (
 
 
 def page(
-    scene: dict[str, Any], commands: Sequence[bytes], motion: bytes, headline: Headline
+    scene: dict[str, Any],
+    commands: Sequence[bytes],
+    motion: Sequence[Array],
+    headline: Headline,
 ) -> str:
     """Write the animation page.
 
@@ -51,11 +56,13 @@ def page(
         Data for the page's script, including title and caption, in plain Python types.
     commands
         Commands for meshcat's viewer, each encoded as msgpack.
-    motion
-        Poses and points as little-endian float32 numbers, in the layout that ``scene`` describes.
+    motion : sequence of (T, W) arrays
+        Poses and points, in the order that ``scene`` describes; T and W differ.
     headline
         Headline above the animation.
     """
+    numbers, unit = differences(motion)
+    scene = {**scene, "series": [series.shape for series in motion], "resolution": unit}
     return render(
         "page.html",
         style="page.css",
@@ -65,8 +72,10 @@ def page(
         scene=scene,
         data=Markup(as_script(scene)),
         viewer=Markup(_viewer()),
-        commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
-        motion=Markup(pack(motion)),
+        commands=Markup(
+            pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))
+        ),
+        motion=Markup(pack(numbers)),
         script=Markup(_script()),
     )
 
@@ -91,18 +100,45 @@ def _script() -> str:
     """Join the page's JavaScript modules into one script with one scope."""
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
-    return '"use strict";\n' + re.sub(r"(?m)^(import .*\n|export )", "", "\n".join(texts))
+    return '"use strict";\n' + re.sub(
+        r"(?m)^(import .*\n|export )", "", "\n".join(texts)
+    )
 
 
 def as_script(value: Any) -> str:
     """Convert a value to JSON that is safe inside a script element, which it cannot end."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+    return (
+        text.replace("<", "\\u003c")
+        .replace("\u2028", "\\u2028")
+        .replace("\u2029", "\\u2029")
+    )
 
 
 def pack(data: bytes) -> str:
     """Compress bytes by gzip and encode them as base64."""
     return base64.b64encode(gzip.compress(data, 6, mtime=0)).decode("ascii")
+
+
+def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
+    """Write series of numbers as bytes that compress well, and return their resolution.
+
+    Numbers are rounded to the resolution: 0.1 µm, or more for coordinates beyond 100 m. Along the
+    columns of each (T, W) array their third differences are taken, which are small for smooth
+    motions. Their 32 bits, sign last, are written as four planes: the lowest bytes first.
+    """
+    most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
+    unit = max(1e-7, float(most) / 2**30)
+    thirds = [
+        np.diff(
+            np.rint(series / unit), n=3, axis=0, prepend=np.zeros((3, len(series.T)))
+        )
+        for series in motion
+    ]
+    d = np.concatenate([third.T.ravel() for third in thirds]).astype(np.int64)
+    d = d.astype("<i4")  # modulo 2³², as the sums that undo it
+    planes = ((d << 1) ^ (d >> 31)).view(np.uint8).reshape(-1, 4).T
+    return planes.tobytes(), unit
 
 
 @cache

@@ -27,7 +27,13 @@ Element = dict[str, Any]
 """Element of a three.js scene, in its JSON format."""
 
 _LIGHTS = ("AmbientLight", "FillLight", "PointLightNegativeX", "PointLightPositiveX")
-HIDDEN = ("/Grid", "/Axes", *(f"/Lights/{light}" for light in _LIGHTS), "/library", "/Background")
+HIDDEN = (
+    "/Grid",
+    "/Axes",
+    *(f"/Lights/{light}" for light in _LIGHTS),
+    "/library",
+    "/Background",
+)
 """Elements that meshcat's viewer shows by default and the page replaces."""
 
 _ARRAYS = {"Int8Array": (0x11, "<i1"), "Uint8Array": (0x12, "<u1"), "Uint16Array": (0x14, "<u2"),
@@ -38,8 +44,9 @@ _BOTH_SIDES = 2  # three.js' DoubleSide
 _VERTEX_COLORS = 2  # three.js' VertexColors
 
 # Rotates a three.js cylinder, whose axis is y, to the z axis of a URDF's; column by column.
-_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
-_IDENTITY = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+_COLUMNS = [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
+_UPRIGHT = np.array(_COLUMNS).ravel().tolist()
+_IDENTITY = np.eye(4).ravel().tolist()
 
 
 def record(
@@ -84,7 +91,9 @@ def record(
 
 def key(shape: Shape) -> Key:
     """Return the key of the body that a shape shows; shapes of equal bodies have equal keys."""
-    return ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
+    return (
+        ("mesh", str(shape.path)) if shape.kind == "mesh" else (shape.kind, *shape.size)
+    )
 
 
 def _object(shape: Shape, surfaces: Surfaces) -> Element:
@@ -137,7 +146,12 @@ def _painted(surface: Surface) -> Element:
     scene = _scene(geometry, materials, names, _IDENTITY, own_name)
     if urls:
         scene["textures"] = [
-            {"uuid": textures[k], "wrap": _REPEAT, "repeat": [1, 1], "image": pictures[k]}
+            {
+                "uuid": textures[k],
+                "wrap": _REPEAT,
+                "repeat": [1, 1],
+                "image": pictures[k],
+            }
             for k in urls
         ]
         scene["images"] = [{"uuid": pictures[k], "url": url} for k, url in urls.items()]
@@ -194,7 +208,9 @@ def _triangles(surface: Surface) -> Element:
     attributes = {
         "position": _array("Float32Array", s.points, 3),
         "normal": _array("Int8Array", np.round(s.normals * 127), 3, normalized=True),
-        "color": _array("Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True),
+        "color": _array(
+            "Uint8Array", np.round(lifted(s.colors) * 255), 3, normalized=True
+        ),
     }
     if s.uv is not None:
         attributes["uv"] = _array("Float32Array", s.uv, 2)
@@ -240,13 +256,22 @@ def _round(radius: float, length: float, n: int = 24) -> Element:
     polar = np.concatenate(
         [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
     )
-    height = radius * np.cos(polar) + np.repeat([length / 2, -length / 2], n // 2)  # (n,)
+    height = radius * np.cos(polar) + np.repeat(
+        [length / 2, -length / 2], n // 2
+    )  # (n,)
     turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
     ring = radius * np.sin(polar)[:, None]
     z = np.broadcast_to(height[:, None], (n, n))
     points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], -1).reshape(-1, 3)
     i, j = (a.ravel() for a in np.indices((n - 1, n)))
-    a, b, c, d = i * n + j, i * n + (j + 1) % n, (i + 1) * n + j, (i + 1) * n + (j + 1) % n
+    a, b, c, d = (
+        i * n + j,
+        i * n + (j + 1) % n,
+        (i + 1) * n + j,
+        (i + 1) * n + (j + 1) % n,
+    )
     faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
     position = _array("Float32Array", points, 3)
-    return _buffer({"attributes": {"position": position}, "index": _array("Uint32Array", faces, 3)})
+    return _buffer(
+        {"attributes": {"position": position}, "index": _array("Uint32Array", faces, 3)}
+    )

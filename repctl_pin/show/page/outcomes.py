@@ -45,9 +45,15 @@ def outcome_of(
         The motion of each chain of the robot.
     """
     found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
-    near = () if summary.body_distance is None else played[0].coarse.nearest_bodies[1].links
+    near = (
+        ()
+        if summary.body_distance is None
+        else played[0].coarse.nearest_bodies[1].links
+    )
     link, off = farthest
-    return Outcome(summary, part_name(task, q0, link), link, off, min(found, default=None), near)
+    return Outcome(
+        summary, part_name(task, q0, link), link, off, min(found, default=None), near
+    )
 
 
 def farthest_body(robot: Mechanism, ends: Array) -> tuple[str, float]:
@@ -81,7 +87,9 @@ def row_outcome(study: Study, row: Row) -> Outcome | None:
 def study_headline(study: Study) -> Headline:
     """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stopped = [stopped_words(row.label, row.stopped) for row in rows if row.motion is None]
+    stopped = [
+        stopped_words(row.label, row.stopped) for row in rows if row.motion is None
+    ]
     found = [one for row in rows if (one := row_outcome(study, row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
     return headline_of(found, cycles, stopped)

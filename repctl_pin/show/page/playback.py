@@ -20,12 +20,12 @@ from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from ..text.headline import Outcome, headline_of
+from ..text.headline import Headline, Outcome, headline_of
 from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
 from .outcomes import outcome_of
-from .scene import Arm, Frames, Violation, animation_page, choose_frames, farthest_link
+from .scene import Arm, Frames, Violation, animation_page, farthest_link, frames_for
 from .surfaces import read_surfaces
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
@@ -100,7 +100,9 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
     )
 
 
-def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Playback]:
+def read_playbacks(
+    file: str | Path, robot: Robot, *, cycles: int | None = None
+) -> list[Playback]:
     """Read motions from a CSV file, one for each strategy in it; joints without a column stay at
     the reference pose.
 
@@ -118,7 +120,9 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     InputError
         If the file cannot be used.
     """
-    turns = {joint.name: joint.kind != "prismatic" for joint in robot.description.joints}
+    turns = {
+        joint.name: joint.kind != "prismatic" for joint in robot.description.joints
+    }
     tracks = []
     for k, found in enumerate(read_motions(file, robot.joint_names, cycles=cycles)):
         Q = np.tile(robot.reference, (len(found.q), 1))
@@ -142,6 +146,7 @@ def playback_page(
     name: str = "motion",
     stopped: Sequence[str] = (),
     seconds: float | None = None,
+    headline: Headline | None = None,
 ) -> str:
     """Write the HTML page of several motions, side by side.
 
@@ -160,14 +165,19 @@ def playback_page(
     seconds
         Time of a cycle at normal speed, s; by default that of the first motion, or 4 s if it is
         unknown.
+    headline
+        Headline of the page; by default, which part has drifted, and how far.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
         raise InputError(
             "motions can be shown side by side only if all have as many cycles and steps"
         )
-    ((cycles, samples),) = sizes
-    visuals, frames = Visuals.of(chains[0].task.robot), choose_frames(samples, cycles)
+    ((cycles, _),) = sizes
+    visuals, frames = (
+        Visuals.of(chains[0].task.robot),
+        frames_for([track.Q for track in tracks], cycles),
+    )
     played = [[_played(chain, track) for chain in chains] for track in tracks]
     surfaces = read_surfaces(visuals.shapes)
     bodies = corners(visuals.shapes, surfaces)
@@ -177,11 +187,17 @@ def playback_page(
     ]
     task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
     link, _ = farthest_link(arms)
-    outcomes = [
-        _outcome(chains, done, track, arm)
-        for done, track, arm in zip(played, tracks, arms, strict=True)
-    ]
-    lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1)) if paths is None else list(paths)
+    if headline is None:
+        outcomes = [
+            _outcome(chains, done, track, arm)
+            for done, track, arm in zip(played, tracks, arms, strict=True)
+        ]
+        headline = headline_of(outcomes, cycles, stopped)
+    lines = (
+        list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))
+        if paths is None
+        else list(paths)
+    )
     return animation_page(
         arms,
         lines,
@@ -190,7 +206,7 @@ def playback_page(
         caption="\n".join(_limb_words(chain.task) for chain in chains),
         planar=_is_planar(chains, [track.Q[0] for track in tracks], lines),
         frames=frames,
-        headline=headline_of(outcomes, cycles, stopped),
+        headline=headline,
         part=(link, part_name(task, start, link)),
         surfaces=surfaces,
     )
@@ -203,7 +219,10 @@ def _cycle_time(track: Playback) -> float:
 
 
 def _outcome(
-    chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback, arm: Arm
+    chains: Sequence[TracedChain],
+    played: Sequence[JointMotion],
+    track: Playback,
+    arm: Arm,
 ) -> Outcome:
     """Collect the quantities of one motion that the headline reports."""
     task, link = chains[0].task, farthest_link([arm])[0]
@@ -250,7 +269,12 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
         np.arange(float(len(track.Q))) if track.t is None else track.t,
     )
     return JointMotion(
-        chain.task, t, q, np.gradient(q, t, axis=0), track.cycles, (len(q) - 1) // track.cycles
+        chain.task,
+        t,
+        q,
+        np.gradient(q, t, axis=0),
+        track.cycles,
+        (len(q) - 1) // track.cycles,
     )
 
 
@@ -260,13 +284,19 @@ def _is_of(chain: Task, task: Task) -> bool:
     return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
-def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violation | None:
+def _broken(
+    played: Sequence[JointMotion], rows: Array, timed: bool
+) -> Violation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
     Speed limits count if the motion is timed, and collisions if it has one chain.
     """
     said = [(one.first_violation, one.task, "past its limit") for one in played]
-    said += [(one.first_overspeed, one.task, "past its speed limit") for one in played if timed]
+    said += [
+        (one.first_overspeed, one.task, "past its speed limit")
+        for one in played
+        if timed
+    ]
     found = min(
         ((*first, task, words) for first, task, words in said if first),
         key=lambda one: one[0],
@@ -279,9 +309,14 @@ def _broken(played: Sequence[JointMotion], rows: Array, timed: bool) -> Violatio
         link = next(name for name in links if name in robot.description.links)
         data, frame = robot.model.createData(), frame_id(robot.model, link)
         origin = np.array(
-            [_frame_origin(robot.model, data, q, frame) for q in robot.coupling.joints(rows)]
+            [
+                _frame_origin(robot.model, data, q, frame)
+                for q in robot.coupling.joints(rows)
+            ]
         )
-        return Violation(f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin)
+        return Violation(
+            f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin
+        )
     if found is None:
         return None
     at, joint, task, words = found
@@ -307,17 +342,27 @@ def _summary(
         motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)
         for chain, one in zip(chains, played, strict=True)
     ]
-    overall = [summary.overall_speed for summary in summaries if summary.overall_speed is not None]
-    violations = [summary.limit_violation for summary in summaries if summary.limit_violation]
+    overall = [
+        summary.overall_speed
+        for summary in summaries
+        if summary.overall_speed is not None
+    ]
+    violations = [
+        summary.limit_violation for summary in summaries if summary.limit_violation
+    ]
     loss = track.path_loss
     return replace(
         summaries[0],
         elbow_displacement=max(summary.elbow_displacement for summary in summaries),
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
         overall_speed=float(np.linalg.norm(overall)) if overall else None,
-        path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
+        path_loss=None
+        if loss is None
+        else (cycle_of(loss[0], track.cycles), *loss[1:]),
         limit_violation=min(violations, default=None),
-        speed_ratio=0.0 if track.t is None else max(summary.speed_ratio for summary in summaries),
+        speed_ratio=0.0
+        if track.t is None
+        else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
 
@@ -331,7 +376,7 @@ def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
 
 
 def _limb_words(task: Task) -> str:
-    return f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}"
+    return f"{task.frame}, {task.kind} task, {task.n} joints, {task.r} redundant"
 
 
 def _is_planar(
@@ -342,6 +387,8 @@ def _is_planar(
     The page shows such a robot from above.
     """
     joints = [
-        chain.task.joint_origins(chain.task.from_robot(q)) for chain in chains for q in starts
+        chain.task.joint_origins(chain.task.from_robot(q))
+        for chain in chains
+        for q in starts
     ]
     return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)

@@ -15,11 +15,17 @@ from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
-from ..text.headline import NO_HEADLINE, Headline, title_of
+from ..text.headline import NO_HEADLINE, Headline, about, title_of, under
 from .body_points import BodyDrift, body_drift, corners
 from .html import page
 from .meshes import Key, key, lifted, record
 from .surfaces import Surfaces, read_surfaces
+
+_PER_CYCLE = (61, 126, 251, 501)
+"""Maximum numbers of samples per cycle that are tried one after the other."""
+
+_CLOSE = 2e-4
+"""Error of a joint drawn between two samples, rad or m, that the page allows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +111,9 @@ class Arm:
     drift: BodyDrift | None = None
 
 
-def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24) -> Frames:
+def choose_frames(
+    samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24
+) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
     If there are more than ``shown`` cycles, the first and the last are shown, and every k-th one
@@ -123,7 +131,9 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
-        raise InputError(f"{samples} samples are not {cycles} cycles of equal steps and a start")
+        raise InputError(
+            f"{samples} samples are not {cycles} cycles of equal steps and a start"
+        )
     stride = -(-(cycles - 1) // (shown - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
     most = min(per_cycle - 1, steps)
@@ -132,6 +142,42 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61, shown: int 
     inside = np.round(np.linspace(0, steps, count + 1)).astype(int)  # (F,)
     index = ((numbers - 1)[:, None] * steps + inside).ravel()
     return Frames(index, tuple(numbers.tolist()), len(inside))
+
+
+def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
+    """Choose the samples to show of motions of one robot, more per cycle where they are needed.
+
+    The page draws a cubic through neighbouring samples. Their number per cycle grows until the
+    cubic is within ``_CLOSE`` of every motion, or all samples are shown.
+
+    Parameters
+    ----------
+    motions : sequence of (T + 1, nq) arrays
+        Configurations, rad or m.
+    cycles
+        Number of cycles of each motion.
+    """
+    samples = len(motions[0])
+    steps = (samples - 1) // cycles
+    for most in _PER_CYCLE:
+        frames = choose_frames(samples, cycles, per_cycle=most)
+        if most > steps or all(_missed(Q, frames) <= _CLOSE for Q in motions):
+            break
+    return frames
+
+
+def _missed(Q: Array, frames: Frames) -> float:
+    """Evaluate how far the cubic misses a motion half-way between samples: the largest error."""
+    index = frames.index.reshape(-1, frames.per_cycle)
+    if index.shape[1] < 4:
+        return 0.0
+    left, right = index[:, 1:-2], index[:, 2:-1]
+    middle = (left + right) // 2
+    f = ((middle - left) / np.maximum(right - left, 1))[..., None]
+    a, b = (-f + 2 * f**2 - f**3) / 2, (2 - 5 * f**2 + 3 * f**3) / 2
+    c, d = (f + 4 * f**2 - 3 * f**3) / 2, (f**3 - f**2) / 2
+    drawn = a * Q[index[:, :-3]] + b * Q[left] + c * Q[right] + d * Q[index[:, 3:]]
+    return float(np.abs(drawn - Q[middle]).max())
 
 
 def animation_page(
@@ -193,7 +239,9 @@ def animation_page(
         arms = [
             arm
             if arm.drift is not None
-            else replace(arm, drift=body_drift(bodies, arm.placements, frames.per_cycle))
+            else replace(
+                arm, drift=body_drift(bodies, arm.placements, frames.per_cycle)
+            )
             for arm in arms
         ]
     link, name = part or farthest_link(arms)
@@ -212,7 +260,9 @@ def animation_page(
         "names": dict(names or {}),
         "arms": described,
     }
-    motion = np.concatenate([p.ravel() for p in [*parts, *paths]]).astype("<f4").tobytes()
+    motion = [
+        np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]
+    ]
     return page(scene, commands, motion, headline)
 
 
@@ -245,9 +295,16 @@ def _describe(
     moving = moving_of(arm.placements)
     parts += [poses[:, moving], arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
-    parts += [points for points, moves in zip(arm.drift.points, moving, strict=True) if moves]
-    rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [0, frames.per_cycle - 1]
-    off = arm.drift.off.max(axis=1, initial=0.0)[rows]  # (cycles shown, 2): at start and end
+    parts += [
+        points for points, moves in zip(arm.drift.points, moving, strict=True) if moves
+    ]
+    rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [
+        0,
+        frames.per_cycle - 1,
+    ]
+    off = arm.drift.off.max(axis=1, initial=0.0)[
+        rows
+    ]  # (cycles shown, 2): at start and end
     shapes = [
         {
             "name": shape.name,
@@ -270,6 +327,8 @@ def _describe(
     return {
         **picked(arm, "label", "color", "unit"),
         "title": title_of(arm.label),
+        "about": about(arm.label),
+        "under": under(arm.label),
         "drift": arm.cycle_drift.tolist(),
         "off": off.tolist(),
         "part": [shape.link == link for shape in arm.shapes],
@@ -282,7 +341,10 @@ def _describe(
 def moving_of(placements: Array) -> NDArray[np.bool_]:
     """Find which of S shapes move, from placements (T, S, 4, 4): mask (S,)."""
     return (
-        np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
+        np.ptp(placements, axis=0)
+        .reshape(placements.shape[1], -1)
+        .max(axis=1, initial=0.0)
+        > 1e-12
     )
 
 

@@ -24,7 +24,9 @@ def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
-def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
+def still(
+    ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False
+) -> Axes:
     """Draw the arm at the start (grey) and at the end of the motion, the path, and the elbow's
     trace.
 
@@ -42,12 +44,17 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
         Whether only x and y are drawn, as for a planar arm.
     """
     task, dims = motion.task, 2 if flat else 3
-    every = np.unique(np.linspace(0, len(motion.q) - 1, 40 * motion.cycles + 1).astype(int))
+    every = np.unique(
+        np.linspace(0, len(motion.q) - 1, 40 * motion.cycles + 1).astype(int)
+    )
     trace = np.array([task.joint_origins(q)[elbow] for q in motion.q[every]])
     path = motion.path.points(121)
     ax.plot(*path.T[:dims], color=INK, lw=1.0)
     ax.plot(*trace.T[:dims], color=colour, lw=0.9, alpha=0.75)
-    for q, shade, width, order in ((motion.q[0], _START, 4.5, 2), (motion.q[-1], colour, 2.4, 3)):
+    for q, shade, width, order in (
+        (motion.q[0], _START, 4.5, 2),
+        (motion.q[-1], colour, 2.4, 3),
+    ):
         line = bones(task, q)
         ax.plot(
             *line.T[:dims],
@@ -83,7 +90,8 @@ def still_figure(study: Study) -> Figure:
         ax: Any = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
         still(ax, row.motion, study.elbow, COLOURS[row.key], flat=flat)
         ax.set_title(
-            f"{plain(row.label)}: start (grey), after {row.motion.cycles} cycles", fontsize=10
+            f"{plain(row.label)}: start (grey), after {row.motion.cycles} cycles",
+            fontsize=10,
         )
         if not flat:
             ax.view_init(elev=19, azim=_azimuth(stations))

@@ -104,7 +104,9 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     except InputError as error:
         raise InputError(f"mesh {path} cannot be drawn: {error}") from error
     except Exception as error:  # readers of many formats, each with its own errors
-        raise InputError(f"mesh {path} cannot be read ({type(error).__name__}: {error})") from error
+        raise InputError(
+            f"mesh {path} cannot be read ({type(error).__name__}: {error})"
+        ) from error
     if not any(len(piece["points"]) for piece in pieces):
         raise InputError(f"mesh {path} holds no triangles")
     return _join(pieces, scale)
@@ -135,7 +137,9 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
     file = io.BytesIO(data)
     if file_type != "dae":
-        return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
+        return trimesh.load_scene(
+            file, file_type=file_type, resolver=resolver, process=False
+        )
     # load_scene does not pass process= on to the meshes of a COLLADA file
     parts = trimesh.exchange.load.mesh_loaders["dae"](file, resolver=resolver)
     for mesh in parts["geometry"].values():
@@ -156,7 +160,9 @@ def read_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         data = file.read(MOST_BYTES + 1)
     if len(data) > MOST_BYTES:
-        raise InputError(f"{path.name} is larger than {MOST_BYTES / 1e6:g} MB: make it coarser")
+        raise InputError(
+            f"{path.name} is larger than {MOST_BYTES / 1e6:g} MB: make it coarser"
+        )
     return data
 
 
@@ -219,7 +225,9 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], Any, bytes | None]:
+def _look(
+    mesh: Any, corners: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], Any, bytes | None]:
     """Read the colours (3F, 3) of face corners, their texture coordinates and the texture.
 
     The coordinates and the texture are None for a mesh without texture.
@@ -228,7 +236,9 @@ def _look(mesh: Any, corners: NDArray[np.int64]) -> tuple[NDArray[np.float64], A
     if visual.kind == "texture":
         material = visual.material
         color = np.asarray(material.main_color, float)[:3] / 255
-        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        image = getattr(material, "baseColorTexture", None) or getattr(
+            material, "image", None
+        )
         if image is not None and visual.uv is not None:
             return (
                 np.ones((len(corners), 3)),
@@ -250,7 +260,9 @@ def _compressed(image: Any) -> bytes:
     return file.getvalue()
 
 
-def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
+def smooth(
+    corners: NDArray[np.float64], flat: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Compute averaged normals (3F, 3) of face corners, for smooth shading.
 
     A corner's normal is the average over the faces at that point whose normals are within the
@@ -272,7 +284,9 @@ def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[n
     total = _sums(place, flat[face], len(starts))  # of all faces at a point
     direction = _unit(total, total)
     steep = _dot(unit_normal[face], direction[place]) < _HALF
-    mixed = np.bincount(place, steep, len(starts)) > 0  # some may meet at more than the angle
+    mixed = (
+        np.bincount(place, steep, len(starts)) > 0
+    )  # some may meet at more than the angle
     few = counts <= _MANY
     normals = np.empty_like(corners)
     normals[order] = np.where(few[:, None], direction, 0.0)[place]
@@ -309,7 +323,9 @@ def _by_pairs(
     normals[corner] = _unit(total, own)
 
 
-def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _sums(
+    place: NDArray[np.intp], vectors: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
     """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) are their group numbers."""
     return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
 
@@ -327,7 +343,9 @@ def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
-def _unit(vectors: NDArray[np.float64], zero: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(
+    vectors: NDArray[np.float64], zero: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Normalise vectors (K, 3); take the rows of ``zero`` for vectors of length 0."""
     length = np.sqrt(_dot(vectors, vectors))[:, None]
     return np.divide(vectors, length, out=zero.copy(), where=length > 0)
@@ -347,7 +365,9 @@ def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp
         Indices into ``order`` at which each of G groups of equal rows begins.
     """
     bits = len(rows).bit_length()
-    factors = np.random.default_rng(0).integers(2**62, size=rows.shape[1], dtype=np.int64)
+    factors = np.random.default_rng(0).integers(
+        2**62, size=rows.shape[1], dtype=np.int64
+    )
     hashed = (rows @ (2 * factors + 1)) >> bits  # modulo 2^64
     order = np.sort(hashed << bits | np.arange(len(rows))) & (2**bits - 1)
     differs = _differs(rows[order])
@@ -380,7 +400,10 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     )
     textured = any(image is not None for image in images)
     uv = np.concatenate(
-        [np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"] for p in pieces]
+        [
+            np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"]
+            for p in pieces
+        ]
     )
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0
@@ -392,7 +415,9 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     firsts = order[starts]
     first = np.sort(firsts)
     same = np.empty_like(order)
-    same[order] = np.repeat(np.searchsorted(first, firsts), np.diff(starts, append=len(order)))
+    same[order] = np.repeat(
+        np.searchsorted(first, firsts), np.diff(starts, append=len(order))
+    )
     at = np.round(points[first] / lattice) * lattice * scale
     faces, kept_uv = same.reshape(-1, 3), uv[first] if textured else None
     return Surface(at, normals[first], colors[first], faces, kept_uv, tuple(groups))

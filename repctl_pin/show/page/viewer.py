@@ -24,7 +24,15 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ...arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
+from ...arguments import (
+    Array,
+    as_int,
+    flag,
+    list_of,
+    list_of_names,
+    require_type,
+    vector,
+)
 from ...errors import InputError
 from ...motion import TaskPath, elbow
 from ...robot.length import arm_length
@@ -118,7 +126,9 @@ class Viewer:
         self._clients: set[_Poses] = set()
         self._last = b""
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._serve, args=(sockets, page), daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, args=(sockets, page), daemon=True
+        )
         self._thread.start()
 
     def __repr__(self) -> str:
@@ -164,7 +174,12 @@ class Viewer:
         goal = np.full(3, np.nan) if target is None else vector(target, 3, "target")
         elbows = [self.task.joint_origins(q)[self._elbow] for q in now]
         numbers = [
-            *(poses_of(placements).ravel(), drift, past, [flag(out_of_reach, "out_of_reach")]),
+            *(
+                poses_of(placements).ravel(),
+                drift,
+                past,
+                [flag(out_of_reach, "out_of_reach")],
+            ),
             *(goal, [as_int(cycles, "cycles", 0)]),
             *(self.task.positions(both).ravel(), np.ravel(elbows)),
         ]
@@ -243,7 +258,10 @@ class Viewer:
         keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
         caption = f"{task.frame}, {task.kind} task. {keys}"
         lines = [] if path is None else [path.points()]
-        flat = bool(np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2]) < 1e-9)
+        flat = bool(
+            np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2])
+            < 1e-9
+        )
         title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)
         return animation_page(
             arms,
@@ -259,7 +277,10 @@ class Viewer:
 
     def _serve(self, sockets: Any, page: str) -> None:
         asyncio.set_event_loop(self._loop)
-        handlers: list[Any] = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]
+        handlers: list[Any] = [
+            ("/", _Page, {"page": page}),
+            ("/poses", _Poses, {"viewer": self}),
+        ]
         server = HTTPServer(Application(handlers, websocket_max_message_size=_MESSAGE))
         self._loop.call_soon(server.add_sockets, sockets)
         self._loop.run_forever()
@@ -314,7 +335,9 @@ class _Poses(WebSocketHandler):
             self.send_error(403)
 
     def check_origin(self, origin: str) -> bool:
-        return origin in (f"http://{name}:{self.viewer._port}" for name in (HOST, "localhost"))
+        return origin in (
+            f"http://{name}:{self.viewer._port}" for name in (HOST, "localhost")
+        )
 
     def open(self, *args: str, **kwargs: str) -> None:
         self.viewer._clients.add(self)

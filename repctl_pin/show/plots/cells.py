@@ -68,7 +68,9 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
         grid = figure.subplots(1, len(drawn), squeeze=False).T
     else:
         figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
-        grid = figure.subplots(len(drawn), len(cuts), squeeze=False, width_ratios=shares)
+        grid = figure.subplots(
+            len(drawn), len(cuts), squeeze=False, width_ratios=shares
+        )
     for row, what in zip(grid, drawn, strict=True):
         label, _, scale = _WHAT[what]
         every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
@@ -82,7 +84,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
                 "x", nbins=round(2 + 2 * share)
             )
         label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
-        figure.colorbar(row[0].collections[0], ax=list(row), shrink=0.9, aspect=30).set_label(
-            label, color=INK
-        )
+        figure.colorbar(
+            row[0].collections[0], ax=list(row), shrink=0.9, aspect=30
+        ).set_label(label, color=INK)
     return figure

@@ -24,16 +24,24 @@ def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Ax
         Label, motion and colour of each.
     """
     for label, motion, colour in motions:
-        s = (motion.t[: motion.steps] - motion.t[0]) / (motion.t[-1] - motion.t[0]) * motion.cycles
+        s = (
+            (motion.t[: motion.steps] - motion.t[0])
+            / (motion.t[-1] - motion.t[0])
+            * motion.cycles
+        )
         ax.plot(s, motion.speed[: motion.steps], color=colour, lw=1.5, label=label)
         if motion.cycles > 1:
-            last = slice((motion.cycles - 1) * motion.steps, motion.cycles * motion.steps)
+            last = slice(
+                (motion.cycles - 1) * motion.steps, motion.cycles * motion.steps
+            )
             ax.plot(s, motion.speed[last], color=colour, lw=1.2, ls=(0, (3, 2)))
     ax.set_xlim(0, 1)
     ax.set_ylim(bottom=0)
     ax.set_xlabel("part of the cycle")
     ax.set_ylabel(
-        f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace("rad and m/s", "rad/s and m/s")
+        f"joint speed ‖q̇‖ ({motions[0][1].task.unit}/s)".replace(
+            "rad and m/s", "rad/s and m/s"
+        )
     )
     return quiet(ax)
 
@@ -48,10 +56,16 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     motions
         Label, motion and colour of each. Motions of joints without limits are not drawn.
     """
-    lines = [(label, colour, least_margins(motion)) for label, motion, colour in motions]
-    lines = [line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6]
+    lines = [
+        (label, colour, least_margins(motion)) for label, motion, colour in motions
+    ]
+    lines = [
+        line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6
+    ]
     if not lines:
-        ax.text(0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK)
+        ax.text(
+            0.5, 0.5, "no joint limits", transform=ax.transAxes, ha="center", color=INK
+        )
     _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel(f"minimum joint-limit margin ({motions[0][1].task.unit})")
     return quiet(ax, whole=True)
@@ -68,22 +82,33 @@ def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
         Label, motion and colour of each.
     """
     lines = [
-        (label, colour, _least_in_cycles(m.coarse.body_distance, m)) for label, m, colour in motions
+        (label, colour, _least_in_cycles(m.coarse.body_distance, m))
+        for label, m, colour in motions
     ]
     _least_over_cycles(ax, lines, motions[0][1].cycles)
     ax.set_ylabel("minimum body distance (m)")
     return quiet(ax, whole=True)
 
 
-def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
+def _least_over_cycles(
+    ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int
+) -> None:
     """Draw lines of label, colour and minimum per cycle, and shade the range below 0 in grey."""
     ax.set_xlim(0.5, cycles + 0.5)
     ax.set_xlabel("cycle")
     if not lines:
         return
-    for (label, colour, least), marker in zip(lines, "osD^vPX" * len(lines), strict=False):
+    for (label, colour, least), marker in zip(
+        lines, "osD^vPX" * len(lines), strict=False
+    ):
         ax.plot(
-            np.arange(1, cycles + 1), least, marker=marker, ms=4, lw=1.4, color=colour, label=label
+            np.arange(1, cycles + 1),
+            least,
+            marker=marker,
+            ms=4,
+            lw=1.4,
+            color=colour,
+            label=label,
         )
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
@@ -98,7 +123,9 @@ def least_margins(motion: Motion) -> np.ndarray:
 
 def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
     steps = (len(values) - 1) // motion.cycles
-    return np.array([values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)])
+    return np.array(
+        [values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)]
+    )
 
 
 def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
@@ -107,7 +134,9 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:
-        bodies_over_cycles(ax, motions).set_title("body distance", fontsize=9, loc="left")
+        bodies_over_cycles(ax, motions).set_title(
+            "body distance", fontsize=9, loc="left"
+        )
     speed_over_cycle(left, motions)
     dashed = ", the last dashed" if motions[0][1].cycles > 1 else ""
     left.set_title(f"speed over the first cycle{dashed}", fontsize=9, loc="left")
@@ -116,7 +145,9 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     return legend_below(figure, left)
 
 
-def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
+def orbit(
+    ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int
+) -> Axes:
     """Draw one joint against another over all cycles: a projection along the other joints' axes.
 
     A disc marks the end of each motion, and a cross the start.
@@ -132,9 +163,17 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
     """
     task = motions[0][1].task
     for label, motion, colour in motions:
-        ax.plot(motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label)
         ax.plot(
-            *motion.q[-1, [across, upward]], "o", color=colour, ms=5, mec="white", mew=0.8, zorder=4
+            motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label
+        )
+        ax.plot(
+            *motion.q[-1, [across, upward]],
+            "o",
+            color=colour,
+            ms=5,
+            mec="white",
+            mew=0.8,
+            zorder=4,
         )
     ax.plot(*motions[0][1].q[0, [across, upward]], "k+", ms=9, mew=1.4, zorder=5)
     ax.set_xlabel(axis_label(task, across))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from ...motion import Motion
@@ -60,6 +60,7 @@ def drift_over_cycles(
     _drift_lines(ax, motions)
     if log:
         ax.set_yscale("log")
+        ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
         ax.yaxis.set_minor_locator(NullLocator())
         _closed_band(ax)
     else:
@@ -71,12 +72,24 @@ def drift_over_cycles(
     return quiet(ax, whole=True)
 
 
-def _drift_lines(ax: Axes, motions: Sequence[tuple[str, Motion, str]], size: float = 4.0) -> None:
+def _drift_lines(
+    ax: Axes, motions: Sequence[tuple[str, Motion, str]], size: float = 4.0
+) -> None:
     """Draw the drift after each cycle, and crosses at the first violations."""
-    for (label, motion, colour), marker in zip(motions, "osD^vPX" * len(motions), strict=False):
+    for (label, motion, colour), marker in zip(
+        motions, "osD^vPX" * len(motions), strict=False
+    ):
         drift = np.maximum(motion.drift, _LEAST)
         cycles = np.arange(1, motion.cycles + 1)
-        ax.plot(cycles, drift, marker=marker, ms=size, lw=0.4 * size, color=colour, label=label)
+        ax.plot(
+            cycles,
+            drift,
+            marker=marker,
+            ms=size,
+            lw=0.4 * size,
+            color=colour,
+            label=label,
+        )
         for beyond in violations_of(motion, motion.coarse):
             cross = _BEYOND | {"ms": 2.25 * size}
             ax.plot(beyond.cycle, drift[beyond.cycle - 1], **cross)
@@ -94,7 +107,15 @@ def _closed_band(ax: Axes) -> None:
     if low < CLOSED:
         ax.axhspan(low, CLOSED, color="#f2f2f2", zorder=0)
         words = f"closed: below {number(CLOSED)}"
-        ax.text(0.01, 0.01, words, transform=ax.transAxes, fontsize=8, va="bottom", color=GREY)
+        ax.text(
+            0.01,
+            0.01,
+            words,
+            transform=ax.transAxes,
+            fontsize=8,
+            va="bottom",
+            color=GREY,
+        )
 
 
 def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
@@ -110,7 +131,10 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
 
     These are motions that move far away in cycle 1 and stay there.
     """
-    rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
+    rest = max(
+        (float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)),
+        default=0.0,
+    )
     return [
         one
         for one in motions
@@ -161,7 +185,7 @@ def _end_words(label: str, motion: Motion, high: float) -> str:
     if motion.closes:
         value = f"0\n({number(drift)}, the integrator's error)"
     beyond = "".join(
-        f"\n$\\times$ {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
+        f"\n× {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
         for it in violations_of(motion, motion.coarse)
     )
     return f"{label}: {value}{' ↑' if drift > high else ''}{beyond}"
@@ -180,7 +204,9 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
     return places
 
 
-def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int) -> Axes:
+def joint_over_cycles(
+    ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int
+) -> Axes:
     """Draw one joint against time in cycles, with nearby limits as dashed lines.
 
     A cross marks where a motion first exceeds a joint limit, if it is the limit of this joint.
@@ -197,7 +223,9 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
         for beyond in violations_of(motion, motion.coarse):
             if beyond.names == task.joint_names[joint : joint + 1]:
                 ax.plot(
-                    beyond.moment, motion.q[round(beyond.moment * motion.steps), joint], **_BEYOND
+                    beyond.moment,
+                    motion.q[round(beyond.moment * motion.steps), joint],
+                    **_BEYOND,
                 )
     low, high = ax.get_ylim()
     span = high - low
@@ -206,7 +234,9 @@ def joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], join
         if low - 0.5 * span < limit < high + 0.5 * span:
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
     ax.set_title(plain(task.joint_names[joint]), fontsize=9, loc="left")
-    ends = " to ".join(f"{limit:.2f}" if np.isfinite(limit) else "∞" for limit in limits)
+    ends = " to ".join(
+        f"{limit:.2f}" if np.isfinite(limit) else "∞" for limit in limits
+    )
     words = f"limits {ends}" if np.isfinite(limits).any() else "no limits"
     ax.set_title(words.replace("-", "−"), fontsize=8, loc="right", color=GREY)
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
@@ -269,7 +299,9 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
     joints = liveliest_joints(motions, SHOWN_JOINTS)
     columns = 2 if len(joints) == SHOWN_JOINTS else 1
     rows = len(joints) // columns
-    most = f": the {len(joints)} joints of {n} that drift most" if n > len(joints) else ""
+    most = (
+        f": the {len(joints)} joints of {n} that drift most" if n > len(joints) else ""
+    )
     size = (10, 1.9 * rows + 0.9) if columns == 2 else (7, 1.7 * rows + 0.9)
     figure = titled(*size, f"{title}{most}".removeprefix(": "))
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
@@ -280,7 +312,9 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
     return legend_below(figure, axes[0, 0])
 
 
-def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
+def liveliest_joints(
+    motions: Sequence[tuple[str, Motion, str]], count: int = 3
+) -> list[int]:
     """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
     Motions that move away in the first cycle and then stay count only if all motions do.
@@ -294,6 +328,14 @@ def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3)
     return sorted(int(joint) for joint in order)
 
 
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_of_ten(value: float, _: object = None) -> str:
+    """Label a tick of a log scale in plain text, without matplotlib's slow parser of formulas."""
+    return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS)
+
+
 def plain(text: str) -> str:
     """Escape a name for matplotlib, which would read text between two $ as a formula."""
     return text.replace("$", r"\$")
@@ -305,7 +347,9 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
     if layout is not None and "bbox_inches" not in options:
         figure.set_dpi(dpi)
         layout.execute(figure)
-        figure.set_layout_engine(None)  # savefig would draw everything twice, first for the layout
+        figure.set_layout_engine(
+            None
+        )  # savefig would draw everything twice, first for the layout
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=dpi, **options)
     return file.getvalue()
@@ -322,14 +366,21 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
     """Add a legend of the axes below the figure, in one row."""
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=len(labels),
+        frameon=False,
+        fontsize=9,
     )
     return figure
 
 
 def axis_label(task: Task, joint: int) -> str:
     """Write the label of an axis: a joint and its unit."""
-    return f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
+    return (
+        f"{plain(task.joint_names[joint])} ({'rad' if task.revolute[joint] else 'm'})"
+    )
 
 
 def quiet(ax: Axes, *, whole: bool = False) -> Axes:

@@ -49,7 +49,12 @@ def labels_figure(relabeled: Relabeled) -> Figure:
         ax.set_xticks([])
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(
-        handles, labels, loc="outside lower center", ncols=2, markerscale=5, frameon=False
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=2,
+        markerscale=5,
+        frameon=False,
     )
     return figure
 
@@ -71,7 +76,9 @@ def shares_figure(relabeled: Relabeled) -> Figure:
     figure = titled(10.0, 3.4, "")
     left, right = figure.subplots(1, 2)
     misfits = relabeled.ambiguity.misfits
-    for values, colour, label in _pairs(misfits[0] if len(misfits) > 1 else None, misfits[-1]):
+    for values, colour, label in _pairs(
+        misfits[0] if len(misfits) > 1 else None, misfits[-1]
+    ):
         _share_below(left, np.maximum(values, 1e-12), colour, label)
     left.set_xscale("log")
     left.set_xlabel(f"misfit of a smooth fit q(pose), {unit}")

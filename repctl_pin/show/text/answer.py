@@ -20,7 +20,11 @@ ROWS, COLUMNS = 24, 80
 NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
 
-_TITLES = {"pseudoinverse": "usual control", "posture": "+ posture", "repeatable": "repeatable"}
+_TITLES = {
+    "pseudoinverse": "usual control",
+    "posture": "+ posture",
+    "repeatable": "repeatable",
+}
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that are listed last, and left out first if there is no space."""
 
@@ -46,8 +50,14 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
         Pieces of text; a terminal shows their tone as colour.
     """
     rows = [row for row in study.rows if row.key != NOT_SHOWN]
-    out = [Span(f"{line}\n", "bad") for line in fitted("\n".join(_warnings(rows))).splitlines()]
-    out += [*wrapped(study_headline(study).sentence), Span(f"\n\n{fitted(_about(study))}\n\n")]
+    out = [
+        Span(f"{line}\n", "bad")
+        for line in fitted("\n".join(_warnings(rows))).splitlines()
+    ]
+    out += [
+        *wrapped(study_headline(study).sentence),
+        Span(f"\n\n{fitted(_about(study))}\n\n"),
+    ]
     out += _short_table(study, rows)
     after = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
     after += _proved(study)
@@ -77,7 +87,9 @@ def _about(study: Study) -> str:
     """Write one line that names the arm, its task, its path and the number of cycles."""
     cycles = _cycles(study)
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
-    task = f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
+    task = (
+        f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
+    )
     return f"{task}: {study.path.name}, {times}"
 
 
@@ -85,7 +97,10 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     """Format the short table; the text of a bad or good value has that tone."""
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = _cells(study, rows)
-    text = table(header, [[name, *(cell.text for cell in line)] for name, line in cells]) + "\n"
+    text = (
+        table(header, [[name, *(cell.text for cell in line)] for name, line in cells])
+        + "\n"
+    )
     out: list[Span] = []
     for line in text.splitlines(keepends=True):
         found = next((row for name, row in cells if line.startswith(f"{name}  ")), [])
@@ -118,14 +133,20 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
         ("hand off its path, at most", line(_hand)),
         (
             f"{_part(outcomes)} off at the end",
-            [Span("stopped", "bad") if one is None else off_of(one) for one in outcomes],
+            [
+                Span("stopped", "bad") if one is None else off_of(one)
+                for one in outcomes
+            ],
         ),
         (f"joints off at the end{unit}", line(_joints)),
         ("first cycle closes", line(_first)),
         ("extra joint speed, cycle 1", line(lambda _, summary: _speed(summary, usual))),
         ("limits", line(lambda _, summary: _limits(summary))),
     ]
-    known = any(summary is not None and summary.body_distance is not None for summary in summaries)
+    known = any(
+        summary is not None and summary.body_distance is not None
+        for summary in summaries
+    )
     return [*cells, *([("closest links", line(_links))] if known else [])]
 
 
@@ -145,7 +166,11 @@ def _hand(row: Row, summary: MotionSummary) -> Span:
 def _joints(row: Row, _: MotionSummary) -> Span:
     motion = row.motion
     assert motion is not None
-    return Span("0", "good") if motion.closes else Span(number(float(motion.drift[-1])), "bad")
+    return (
+        Span("0", "good")
+        if motion.closes
+        else Span(number(float(motion.drift[-1])), "bad")
+    )
 
 
 def _first(row: Row, _: MotionSummary) -> Span:
@@ -194,12 +219,26 @@ def _proved(study: Study) -> list[str]:
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     """List the notes of a study that are not already said in the sentence or below the table."""
-    said = {f"{row.label}: {violation}" for row in rows for violation in _violations(row)}
-    notes = sorted((n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST))
+    said = {
+        f"{row.label}: {violation}" for row in rows for violation in _violations(row)
+    }
+    notes = sorted(
+        (n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST)
+    )
     for row in rows:
         if row.motion is None and row.key not in ("pseudoinverse", "repeatable"):
             notes.insert(0, f"{_title(row)}: {row.stopped}")
-    return notes
+    return [*notes, *_meanings(study)]
+
+
+def _meanings(study: Study) -> list[str]:
+    """Explain the letters and units of the short table."""
+    said = ["the usual control is the pseudoinverse J⁺, r the number of spare joints"]
+    if study.task.unit == "rad and m":
+        said.append(
+            "joints off: root of the sum of squares; rad if they turn, m if they slide"
+        )
+    return said
 
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:

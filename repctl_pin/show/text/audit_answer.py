@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...recordings.audit import Audit
+from .headline import Headline
 from .lines import Span, fitted, wrapped
 from .numbers import metres, number
 from .table import table
@@ -40,7 +41,11 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 def audit_sentence(audit: Audit) -> list[Span]:
     """Write a sentence on whether the arm creeps, and how fast."""
     if not audit.repeats:
-        return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of creep.")]
+        return [
+            Span(
+                f"The log does not repeat{_distance(audit)}. Nothing can be said of creep."
+            )
+        ]
     seconds, unit = audit.clock
     error = f"{metres(audit.error * seconds)} per {unit}"
     if audit.creeps:
@@ -53,12 +58,25 @@ def audit_sentence(audit: Audit) -> list[Span]:
     if audit.scatters:
         off = metres(audit.scatter).replace(" ", "\u00a0")
         return [
-            Span(f"Your arm does not creep steadily, but the {part_of(audit)} comes back "),
+            Span(
+                f"Your arm does not creep steadily, but the {part_of(audit)} comes back "
+            ),
             Span(off, "bad"),
             Span(" off its trend."),
         ]
     no = Span("no creep".replace(" ", "\u00a0"), "good")
     return [Span("Your arm repeats: "), no, Span(f" above the noise, {error}.")]
+
+
+def audit_headline(audit: Audit) -> Headline:
+    """Write the headline of the page: the sentence of the audit, and where the creep leads."""
+    said = (*audit_sentence(audit), Span(f" {_returns(audit)}"))
+    return Headline(said, tuple(Span(_capital(note)) for note in _leads(audit)))
+
+
+def _capital(text: str) -> str:
+    text = text.removeprefix("! ")
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def _distance(audit: Audit) -> str:
@@ -86,13 +104,18 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
     assert audit.joints is not None
     seconds, unit = audit.clock
     if audit.rate > audit.error:
-        low, high = (metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1))
+        low, high = (
+            metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1)
+        )
         rate = f"{metres(audit.rate * seconds)} per {unit}"
         return f"the {part_of(audit)}", rate, f"(95 %: {low} to {high})"
     joint = int(np.argmax(np.abs(audit.joints.rate) / audit.joints.error))
     rate, error = (
         number(float(value))
-        for value in (abs(audit.joints.rate[joint]) * seconds, audit.joints.error[joint] * seconds)
+        for value in (
+            abs(audit.joints.rate[joint]) * seconds,
+            audit.joints.error[joint] * seconds,
+        )
     )
     name = audit.task.joint_names[joint]
     return name, f"{rate} {_unit(audit, joint)} per {unit}", f"(± {error})"
@@ -148,7 +171,9 @@ def _leads(audit: Audit) -> list[str]:
     said = []
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
-        said.append(f"! at this rate {joint} leaves its range in another {time_span(when)}")
+        said.append(
+            f"! at this rate {joint} leaves its range in another {time_span(when)}"
+        )
     noise = number(float(audit.visits.noise.max()))
     said.append(
         f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"

@@ -76,9 +76,15 @@ def summary(study: Study) -> list[str]:
         )
     else:
         out.append(f"The nearest repeatable inverse stopped: {closed.stopped}.")
-    broken = [f"{row.label}: {violation}" for row in study.rows for violation in row.violations]
+    broken = [
+        f"{row.label}: {violation}"
+        for row in study.rows
+        for violation in row.violations
+    ]
     known = any(row.body_distance is not None for row in study.rows)
-    kept = "No joint exceeds its limits" + (", and no two bodies collide." if known else ".")
+    kept = "No joint exceeds its limits" + (
+        ", and no two bodies collide." if known else "."
+    )
     out.append(f"{'; '.join(broken)}." if broken else kept)
     near = [
         f"{row.label} {row.body_distance:.3f} m "
@@ -87,7 +93,9 @@ def summary(study: Study) -> list[str]:
         if row.motion is not None and row.body_distance is not None
     ]
     if near:
-        out.append(f"Minimum body distance, at 100 points per cycle: {'; '.join(near)}.")
+        out.append(
+            f"Minimum body distance, at 100 points per cycle: {'; '.join(near)}."
+        )
     times = [
         f"{row.label} {row.cycle_time:.3f} s{'' if row.motion.closes else ' (does not close)'}"
         for row in study.rows
@@ -137,7 +145,9 @@ def orbits_words(study: Study) -> str:
         else f"{label}: ends {amount(motion, -1)} from its start"
         for label, motion in _moved(study, without="posture_off")
     ]
-    views = "The three joints that drift most, plotted against each other in three views."
+    views = (
+        "The three joints that drift most, plotted against each other in three views."
+    )
     return f"{views} {'; '.join(said)}."
 
 
@@ -148,8 +158,12 @@ def cycles_words(study: Study) -> str:
         margin = float(motion.limit_margin.min())
         limits = f"minimum limit margin {margin:.3g}" if margin < 1e6 else "no limits"
         distance = float(motion.coarse.body_distance.min())
-        bodies = f", minimum body distance {distance:.3g} m" if np.isfinite(distance) else ""
-        parts.append(f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}")
+        bodies = (
+            f", minimum body distance {distance:.3g} m" if np.isfinite(distance) else ""
+        )
+        parts.append(
+            f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}"
+        )
     return (
         "Joint speed over the cycle; minimum joint-limit margin in each cycle; minimum body "
         f"distance in each cycle, if the URDF has collision geometry. {'; '.join(parts)}."
@@ -187,7 +201,8 @@ def still_words(study: Study) -> str:
     """Describe the still picture of the animation, for readers who cannot see it."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
-        "stopped" if r.motion is None else f"has drifted by {amount(r.motion, -1)}" for r in rows
+        "stopped" if r.motion is None else f"has drifted by {amount(r.motion, -1)}"
+        for r in rows
     ]
     parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]
     return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."

@@ -23,6 +23,12 @@ _TURNED = 0.1
 """Displacement of a joint, rad, above which it is named if no part is displaced."""
 
 _TITLES = {"J⁺": "Usual control (pseudoinverse)", "nearest repeatable": "Repeatable"}
+_ABOUT = {
+    "J⁺": "the pseudoinverse J⁺ of the Jacobian: at every moment the smallest joint speeds that "
+    "move the hand as asked",
+    "nearest repeatable": "nearly the joint speeds of the usual control, chosen so that a closed "
+    "path ends in the joint positions with which it began",
+}
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
 _HANDS = {1: "The hand is", 2: "Both hands are"}
 
@@ -81,12 +87,24 @@ def title_of(label: str) -> str:
     return _TITLES.get(label, label)
 
 
+def about(label: str) -> str:
+    """Return what a controller does, from its label; empty for a controller of the user's."""
+    return _ABOUT.get(label, "")
+
+
+def under(label: str) -> str:
+    """Return how a sentence names a controller, from its label."""
+    return _UNDER.get(label, label)
+
+
 def stopped_words(label: str, why: str) -> str:
     """Write a sentence that a motion stopped, and why."""
     return f"{title_of(label).partition(' (')[0]} stopped: {why}."
 
 
-def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()) -> Headline:
+def headline_of(
+    outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()
+) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
     Parameters
@@ -115,12 +133,20 @@ def headline_of(outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str]
     else:
         one = "One" if len(outcomes) == 2 and any(o.back for o in outcomes) else "The"
         words.append(Span(f"{_subject(worst.part, one)} is not: "))
-        words += [*_offs(outcomes, " off"), Span("." if len(outcomes) > 1 else f" after {times}.")]
+        words += [
+            *_offs(outcomes, " off"),
+            Span("." if len(outcomes) > 1 else f" after {times}."),
+        ]
     return Headline((*said, *words), tuple(_notes(outcomes)))
 
 
 def _subject(part: str, article: str) -> str:
-    """Write the subject of a sentence about a part: "One elbow", or "Link 3 of one arm"."""
+    """Write the subject of a sentence about a part: "One elbow", or "Link 3 of one arm".
+
+    A robot has only one head and one torso: "The head of one robot".
+    """
+    if part in ("head", "torso"):
+        return f"The {part} of one robot" if article == "One" else f"The {part}"
     if any(letter.isdigit() for letter in part):
         return f"{part[:1].upper()}{part[1:]} of {article.lower()} arm"
     return f"{article} {part}"
@@ -140,13 +166,13 @@ def _hands(outcomes: Sequence[Outcome]) -> list[Span]:
         assert one.summary.path_loss is not None
         cycle, way, angle = one.summary.path_loss
         by = metres(way) if way > ON_PATH * one.summary.size else radians(angle)
-        said.append(Span(f"Under {_under(one)} the hand leaves its path in cycle {cycle}: "))
+        said.append(
+            Span(
+                f"Under {under(one.summary.label)} the hand leaves its path in cycle {cycle}: "
+            )
+        )
         said += [Span(f"{by} off".replace(" ", "\u00a0"), "bad"), Span(". ")]
     return said
-
-
-def _under(one: Outcome) -> str:
-    return _UNDER.get(one.summary.label, one.summary.label)
 
 
 def _capital(text: str) -> str:
@@ -177,7 +203,9 @@ def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
         word = "" if one.back and k else unit
         said += [Span(", ")] if said else []
         said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, exact))
-        said += [Span(f" under {_under(one)}")] if len(outcomes) > 1 else []
+        said += (
+            [Span(f" under {under(one.summary.label)}")] if len(outcomes) > 1 else []
+        )
     return said
 
 
@@ -191,8 +219,12 @@ def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
         angle = one.summary.joint_displacement[0]
         said += [Span(", ")] if len(said) > 1 else []
         value = "0" if angle < STILL else radians(angle)
-        said.append(Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good"))
-        said += [Span(f" under {_under(one)}")] if len(outcomes) > 1 else []
+        said.append(
+            Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good")
+        )
+        said += (
+            [Span(f" under {under(one.summary.label)}")] if len(outcomes) > 1 else []
+        )
     return [*said, Span(f" after {times}.")]
 
 
@@ -200,9 +232,13 @@ def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
     """Write the extra joint speed, present and predicted limit violations, and body distances."""
     first, last = outcomes[0].summary, outcomes[-1].summary
     said: list[Span] = []
-    if len(outcomes) > 1 and first.speed > 0 and not (first.path_loss or last.path_loss):
+    if (
+        len(outcomes) > 1
+        and first.speed > 0
+        and not (first.path_loss or last.path_loss)
+    ):
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
-        subject = _capital(_under(outcomes[-1]))
+        subject = _capital(under(outcomes[-1].summary.label))
         said.append(
             Span(f"{subject} takes no more joint speed.")
             if cost.startswith("0")
@@ -216,12 +252,19 @@ def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
 def _limits(outcomes: Sequence[Outcome]) -> list[Span]:
     said = []
     for one in outcomes:
-        under = f" under {_under(one)}" if len(outcomes) > 1 else ""
+        words = f" under {under(one.summary.label)}" if len(outcomes) > 1 else ""
         if one.summary.limit_violation:
             cycle, joint = one.summary.limit_violation
-            said.append(Span(f"{joint} leaves its range in cycle {cycle}{under}.", "bad"))
+            said.append(
+                Span(f"{joint} leaves its range in cycle {cycle}{words}.", "bad")
+            )
         if one.summary.speed_ratio > 1 + 1e-9:
-            said.append(Span(f"{one.summary.speed_ratio:.2g} times the speed limit{under}.", "bad"))
+            said.append(
+                Span(
+                    f"{one.summary.speed_ratio:.2g} times the speed limit{words}.",
+                    "bad",
+                )
+            )
     return said or [Span("Joint limits kept.")]
 
 
@@ -230,7 +273,7 @@ def _leads(outcomes: Sequence[Outcome]) -> list[Span]:
     return [
         Span(
             f"At this rate {leaves[1]} leaves its range in cycle {leaves[0]}"
-            + (f" under {_under(one)}." if len(outcomes) > 1 else ".")
+            + (f" under {under(one.summary.label)}." if len(outcomes) > 1 else ".")
         )
         for leaves, one in found
     ]
@@ -245,7 +288,7 @@ def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
     said = [
         Span(
             f"{' and '.join(one.near)} touch in cycle {one.summary.collision_cycle} "
-            f"under {_under(one)}.",
+            f"under {under(one.summary.label)}.",
             "bad",
         )
         for one in touching
@@ -257,7 +300,7 @@ def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
         said.append(Span(f"{texts[0]}, in both.", "near"))
     elif len(outcomes) > 1:
         said += [
-            Span(f"{text} under {_under(one)}.", "near")
+            Span(f"{text} under {under(one.summary.label)}.", "near")
             for text, one in zip(texts, near, strict=True)
         ]
     else:
@@ -266,7 +309,9 @@ def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
         return said
     least = min(one.summary.body_distance or 0.0 for one in free)
     value = metres(least).replace(" ", "\u00a0")
-    return [Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")]
+    return [
+        Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")
+    ]
 
 
 def _near_words(one: Outcome) -> str:

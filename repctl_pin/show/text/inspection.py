@@ -11,7 +11,9 @@ from ...robot.robot import Robot
 from .table import table
 
 
-def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dict[str, Any]:
+def inspection(
+    robot: Robot, redundancy: Mapping[str, Mapping[str, int]]
+) -> dict[str, Any]:
     """Collect the contents of a robot file in plain Python types.
 
     Parameters
@@ -48,12 +50,19 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
         "locked": [
             {
                 "name": name,
-                "why": f"mimics {joints[name].mimic}" if joints[name].mimic else joints[name].kind,
+                "why": f"mimics {joints[name].mimic}"
+                if joints[name].mimic
+                else joints[name].kind,
             }
             for name in robot.locked
         ],
         "driven": [
-            {"name": j.name, "by": j.mimic, "multiplier": j.multiplier, "offset": j.offset}
+            {
+                "name": j.name,
+                "by": j.mimic,
+                "multiplier": j.multiplier,
+                "offset": j.offset,
+            }
             for j in robot.joints.values()
             if j.mimic is not None and j.name not in robot.locked
         ],
@@ -75,7 +84,11 @@ def inspection(robot: Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dic
 def inspection_text(found: Mapping[str, Any]) -> str:
     """Format the contents of a robot file, from :func:`inspection`, for a terminal."""
     rows = [
-        [j["name"], j["kind"], *map(_number, (j["lower"], j["upper"], j["speed"], j["reference"]))]
+        [
+            j["name"],
+            j["kind"],
+            *map(_number, (j["lower"], j["upper"], j["speed"], j["reference"])),
+        ]
         for j in found["joints"]
     ]
     lines = [
@@ -87,7 +100,11 @@ def inspection_text(found: Mapping[str, Any]) -> str:
         "units: rad or m, rad/s or m/s; –: no limit in the URDF",
     ]
     if found["locked"]:
-        lines += ["", "locked: " + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"])]
+        lines += [
+            "",
+            "locked: "
+            + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"]),
+        ]
     if found["driven"]:
         lines += [
             "",
@@ -116,7 +133,11 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
             ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items())
             or "no task at full rank"
         )
-        lines += ["", f"frame {name}, moved by {len(chain)}: {', '.join(chain)}", f"  {kinds}"]
+        lines += [
+            "",
+            f"frame {name}, moved by {len(chain)}: {', '.join(chain)}",
+            f"  {kinds}",
+        ]
     return lines
 
 
@@ -133,7 +154,11 @@ def _frames(found: Mapping[str, Any]) -> list[str]:
     return [
         table(["frame", "joints", "x", "y", "z"], rows),
         "x, y, z in m from the base, at the reference pose; choose one with --frame"
-        + (f"; --all lists {found['frames_left_out']} more" if found["frames_left_out"] else ""),
+        + (
+            f"; --all lists {found['frames_left_out']} more"
+            if found["frames_left_out"]
+            else ""
+        ),
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,7 +21,8 @@ def part_name(task: Task, q: Array, link: str) -> str:
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
     returned. A link next to the joint nearest to the middle of the arm is the ``elbow``, if that
-    joint is near the middle. Else the link's name without the robot's name is returned: ``link 4``.
+    joint is near the middle. Else the link's name without the robot's name, and without a
+    prefix that most links share, is returned: ``link 4``.
 
     Parameters
     ----------
@@ -31,18 +33,31 @@ def part_name(task: Task, q: Array, link: str) -> str:
     link
         Link of the URDF.
     """
-    words = " ".join(re.findall(r"[A-Za-z]+|\d+", re.sub(r"([a-z])([A-Z])", r"\1 \2", link)))
-    plain = words.lower().replace("upperarm", "upper arm")
+    plain = _words(link).lower().replace("upperarm", "upper arm")
     found = next((word for word in _WORDS if word in plain), None)
     if found is not None:
         return found
     if link in _elbow_links(task, q):
         return "elbow"
     robot = set(re.findall(r"[a-z]+|\d+", task.robot.name.lower()))
-    kept = [word for word in plain.split() if word not in robot or word.isdigit()]
+    own = _words(_without_prefix(link, list(task.robot.description.links))).lower()
+    kept = [word for word in own.split() if word not in robot or word.isdigit()]
     if kept and kept[-1] == "link" and len(kept) > 1:
         kept = kept[:-1]
     return " ".join(kept) or link
+
+
+def _words(name: str) -> str:
+    """Split a name into words and numbers: ``panda_link4`` is ``panda link 4``."""
+    parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return " ".join(re.findall(r"[A-Za-z]+|\d+", parted))
+
+
+def _without_prefix(link: str, links: Sequence[str]) -> str:
+    """Drop the part before the first underscore if most links share it, and a word follows."""
+    first, _, rest = link.partition("_")
+    shared = sum(name.startswith(f"{first}_") for name in links)
+    return rest if rest[:1].isalpha() and 2 * shared > len(links) else link
 
 
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
@@ -56,4 +71,7 @@ def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     if not _MIDDLE[0] <= share[joint] <= _MIDDLE[1] or joint >= len(task.joint_names):
         return ()
     name = task.joint_names[joint]
-    return next(((j.parent, j.child) for j in task.robot.description.joints if j.name == name), ())
+    return next(
+        ((j.parent, j.child) for j in task.robot.description.joints if j.name == name),
+        (),
+    )

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...motion import Motion
 from ...strategies import Pseudoinverse
-from ...studies import Row, Study
 from .lines import fitted, terminal_width
 from .numbers import number
 from .verdict import study_verdict
+
+if TYPE_CHECKING:
+    from ...studies import Row, Study
 
 NARROW = 10
 """Maximum width of a strategy's name, in characters per line."""
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
+def table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
+) -> str:
     """Align a table: the first columns to the left, the others to the right; a header may have
     several lines.
 
@@ -30,7 +35,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     blocks, width = [[0]], terminal_width()
     for i in range(1, len(header)):
-        if sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width and len(blocks[-1]) > 1:
+        if (
+            sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width
+            and len(blocks[-1]) > 1
+        ):
             blocks.append([0])
         blocks[-1].append(i)
     aligned = [
@@ -44,7 +52,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 
 
 def _block(
-    lines: Sequence[Sequence[str]], widths: Sequence[int], columns: Sequence[int], heads: int
+    lines: Sequence[Sequence[str]],
+    widths: Sequence[int],
+    columns: Sequence[int],
+    heads: int,
 ) -> str:
     """Format some columns of a table, with a rule below ``heads`` header lines."""
     out = ["  ".join(line[i] for i in columns).rstrip() for line in lines]
@@ -87,10 +98,15 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
 
     def of_motions(say: Callable[[Motion], str]) -> list[str]:
-        return ["stopped" if row.motion is None else say(row.motion) for row in study.rows]
+        return [
+            "stopped" if row.motion is None else say(row.motion) for row in study.rows
+        ]
 
     def of_rows(say: Callable[[Row], float | None]) -> list[str]:
-        return ["–" if value is None else f"{100 * value:.3g} %" for value in map(say, study.rows)]
+        return [
+            "–" if value is None else f"{100 * value:.3g} %"
+            for value in map(say, study.rows)
+        ]
 
     later = [
         (
@@ -102,9 +118,14 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
             of_motions(lambda motion: number(motion.cycle_drift[-1])),
         ),
     ]
-    distances = [("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))]
+    distances = [
+        ("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))
+    ]
     distances += [
-        ("body distance, all cycles, m", of_motions(lambda motion: _apart(motion, cycles)))
+        (
+            "body distance, all cycles, m",
+            of_motions(lambda motion: _apart(motion, cycles)),
+        )
     ] * (cycles > 1)
     speeds = [
         (
@@ -113,23 +134,39 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         )
     ]
     speeds += [
-        (f"joint speed, all cycles, {speed}", of_motions(lambda motion: number(motion.rms_speed)))
+        (
+            f"joint speed, all cycles, {speed}",
+            of_motions(lambda motion: number(motion.rms_speed)),
+        )
     ] * (cycles > 1)
     return [
-        (f"drift after 1 cycle, {rad}", of_motions(lambda motion: number(motion.drift[0]))),
+        (
+            f"drift after 1 cycle, {rad}",
+            of_motions(lambda motion: number(motion.drift[0])),
+        ),
         *(later if cycles > 1 else []),
         ("tracking error, m", of_motions(_tracking)),
         *speeds,
         (f"peak joint speed, {speed}", of_motions(_peak)),
         (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
-        *(distances if any(row.body_distance is not None for row in study.rows) else []),
+        *(
+            distances
+            if any(row.body_distance is not None for row in study.rows)
+            else []
+        ),
         ("fastest first cycle, s", [_time(row) for row in study.rows]),
         (
             "leaf margin",
-            ["–" if row.leaf_margin is None else number(row.leaf_margin) for row in study.rows],
+            [
+                "–" if row.leaf_margin is None else number(row.leaf_margin)
+                for row in study.rows
+            ],
         ),
         (f"distance from {_desired(study)}", of_rows(lambda row: row.distance)),
-        ("outside Ω", of_rows(lambda row: None if row.motion is None else row.motion.outside)),
+        (
+            "outside Ω",
+            of_rows(lambda row: None if row.motion is None else row.motion.outside),
+        ),
     ]
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...motion.joint_motion import JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
 from ...robot.length import arm_length
-from ...studies import Study
 from .numbers import metres, percent, radians
+
+if TYPE_CHECKING:
+    from ...studies import Study
 
 STILL = 1e-5
 """Displacement of an elbow, in arm lengths, below which it counts as back at its start."""
@@ -94,7 +97,9 @@ def motion_summary(
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
     body_distance, collision = (
-        (float(coarse.body_distance.min()), coarse.first_touch) if bodies else (np.inf, None)
+        (float(coarse.body_distance.min()), coarse.first_touch)
+        if bodies
+        else (np.inf, None)
     )
     return MotionSummary(
         label,
@@ -128,7 +133,9 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
         words.append(f"End effector: {said}.")
     twists = any(summary.twists for summary in summaries)
     name = f"{'Elbow and joint' if twists else 'Elbow'} displacement after {times}"
-    said = _compared(summaries, [_displacement(summary, twists) for summary in summaries])
+    said = _compared(
+        summaries, [_displacement(summary, twists) for summary in summaries]
+    )
     words.append(f"{name}: {said}.")
     if len(summaries) > 1:
         said = _speeds(summaries[0], summaries[-1], times)
@@ -152,8 +159,12 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
     words.append(f"Joint limits: {said}." if violated else "Joint limits respected.")
     if all(summary.body_distance is not None for summary in summaries):
         collides = any(summary.collision_cycle for summary in summaries)
-        said = _compared(summaries, [_bodies(summary, collides) for summary in summaries])
-        words.append(f"Body distance: {said}." if collides else f"Minimum body distance: {said}.")
+        said = _compared(
+            summaries, [_bodies(summary, collides) for summary in summaries]
+        )
+        words.append(
+            f"Body distance: {said}." if collides else f"Minimum body distance: {said}."
+        )
     return " ".join(words)
 
 
@@ -162,7 +173,8 @@ def _compared(summaries: Sequence[MotionSummary], texts: Sequence[str]) -> str:
     if len(set(texts)) == 1:
         return texts[0]
     return " → ".join(
-        f"{text} ({_short(summary)})" for summary, text in zip(summaries, texts, strict=True)
+        f"{text} ({_short(summary)})"
+        for summary, text in zip(summaries, texts, strict=True)
     )
 
 
@@ -214,11 +226,14 @@ def _bodies(summary: MotionSummary, collides: bool) -> str:
 def study_verdict(study: Study) -> str:
     """Write the verdict that compares J⁺ and the nearest repeatable inverse of a study."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stopped = [f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None]
+    stopped = [
+        f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None
+    ]
     moved = [(row.label, row.motion) for row in rows if row.motion is not None]
     if not moved:
         return " ".join(stopped)
     text = verdict(
-        [motion_summary(label, motion, study.elbow) for label, motion in moved], moved[0][1].cycles
+        [motion_summary(label, motion, study.elbow) for label, motion in moved],
+        moved[0][1].cycles,
     )
     return " ".join([*stopped, text])

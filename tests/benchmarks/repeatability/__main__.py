@@ -72,10 +72,16 @@ def rows_of(arm: str, folder: Path, cycles: int, steps: int) -> Iterator[Row]:
     times["repctl_pin, C"] = generated_c.run(program, scenes[0], 20)[1]
     for scene in scenes:
         yield from _all(
-            scene, makers, program, cycles if scene.path == "circle" else min(cycles, 10), times
+            scene,
+            makers,
+            program,
+            cycles if scene.path == "circle" else min(cycles, 10),
+            times,
         )
     times.pop("ssik Tracker", None)  # it goes by joints of its own: no servo enters
-    yield from _all(scenes_of(arm, task, int(1000 * PERIOD))[0], makers, program, 1, times, lag=1.0)
+    yield from _all(
+        scenes_of(arm, task, int(1000 * PERIOD))[0], makers, program, 1, times, lag=1.0
+    )
 
 
 def _loops(makers: dict[str, Make], scene: Scene) -> dict[str, ours.Step]:
@@ -123,17 +129,26 @@ def main() -> None:
     )
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
     parser.add_argument("--cycles", type=int, default=100)
-    parser.add_argument("--steps", type=int, default=250, help="a cycle of 5 s (default 250)")
     parser.add_argument(
-        "--out", type=Path, help="a folder for the files, in place of the documentation's"
+        "--steps", type=int, default=250, help="a cycle of 5 s (default 250)"
     )
     parser.add_argument(
-        "--again", nargs="*", type=Path, help="measure nothing: write the files from these CSVs"
+        "--out",
+        type=Path,
+        help="a folder for the files, in place of the documentation's",
+    )
+    parser.add_argument(
+        "--again",
+        nargs="*",
+        type=Path,
+        help="measure nothing: write the files from these CSVs",
     )
     options = parser.parse_args()
     if options.again is not None:
         read = [pages.read(path) for path in options.again or [pages.CSV]]
-        pages.write([row for found, _ in read for row in found], options.out, read[0][1])
+        pages.write(
+            [row for found, _ in read for row in found], options.out, read[0][1]
+        )
         return
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:

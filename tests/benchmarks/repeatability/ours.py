@@ -32,7 +32,11 @@ def pinv_loop(scene: Scene) -> Step:
 
 def with_posture(scene: Scene) -> Step:
     """The same, and a pull of 1/s towards the posture in the null space (rp.PostureControl)."""
-    control, task, dt = rp.PostureControl(scene.task, scene.posture), scene.task, scene.dt
+    control, task, dt = (
+        rp.PostureControl(scene.task, scene.posture),
+        scene.task,
+        scene.dt,
+    )
     return lambda q, target: q + dt * control.velocity(q, task.error(q, target) / dt)
 
 
@@ -58,7 +62,9 @@ def quadratic_program(scene: Scene) -> Step:
         high = np.minimum((highest - q) / dt, task.velocity_limit)
         wanted = e / dt
         upper, lower = np.concatenate([high, wanted]), np.concatenate([low, wanted])
-        found, _, flag, _ = daqp.solve(identity, GAIN * (q - start), J, upper, lower, sense)
+        found, _, flag, _ = daqp.solve(
+            identity, GAIN * (q - start), J, upper, lower, sense
+        )
         if flag < 1:
             raise RuntimeError(f"the quadratic program has no solution (daqp: {flag})")
         return q + dt * np.asarray(found)
@@ -87,7 +93,9 @@ def design_for(scenes: list[Scene]) -> rp.Design:
     )
 
 
-def _errors(task: rp.Task) -> Callable[[np.ndarray, pin.SE3], tuple[np.ndarray, np.ndarray]]:
+def _errors(
+    task: rp.Task,
+) -> Callable[[np.ndarray, pin.SE3], tuple[np.ndarray, np.ndarray]]:
     """Make a function that evaluates J and the task error with one pass of Pinocchio."""
     model, data = task.model, task.model.createData()
     frame, axes = (

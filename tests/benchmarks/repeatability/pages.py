@@ -50,12 +50,18 @@ def write(rows: Sequence[Row], out: Path | None, said: str) -> None:
         file.write(f"# {said}\n")
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow([field.name for field in fields(Row)])
-        lines.writerows([_short(value) for value in asdict(row).values()] for row in rows)
-    rows = read(folder / CSV.name)[0]  # tables say what the file does, to its last digit
+        lines.writerows(
+            [_short(value) for value in asdict(row).values()] for row in rows
+        )
+    rows = read(folder / CSV.name)[
+        0
+    ]  # tables say what the file does, to its last digit
     figure(rows, folder / "benchmark.png")
     for page in PAGES:
         if out is None:
-            page.write_text(filled(page.read_text(encoding="utf-8"), rows, said), encoding="utf-8")
+            page.write_text(
+                filled(page.read_text(encoding="utf-8"), rows, said), encoding="utf-8"
+            )
     for name, lines in tables(rows).items():
         print("", name, "", *lines, sep="\n")
     print("", said, sep="\n")
@@ -67,7 +73,8 @@ def read(path: Path = CSV) -> tuple[list[Row], str]:
     words = {"arm", "path", "start", "program", "failure"}
     given = csv.DictReader(lines)
     return [
-        Row(**{k: v if k in words else float(v) for k, v in row.items()}) for row in given
+        Row(**{k: v if k in words else float(v) for k, v in row.items()})
+        for row in given
     ], said[2:]
 
 
@@ -103,8 +110,12 @@ def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
         "on": _summary(row for row in plain if row.start == "on"),
         "off": _summary(row for row in plain if row.start == "off"),
         "lag": _summary(row for row in rows if row.lag_ms > 0),
-        "arms": _by_arm([row for row in plain if row.start == "on" and row.path == "circle"]),
-        "times": _times([row for row in plain if row.start == "on" and row.path == "circle"]),
+        "arms": _by_arm(
+            [row for row in plain if row.start == "on" and row.path == "circle"]
+        ),
+        "times": _times(
+            [row for row in plain if row.start == "on" and row.path == "circle"]
+        ),
         "failures": [
             f"- {row.arm}, {row.path}, {row.start}, {row.program}: {row.failure}"
             for row in rows
@@ -133,7 +144,8 @@ def _summary(rows: Iterable[Row]) -> list[str]:
                 f"{_percent(np.nanmedian(speed))}<br>{_percent(np.nanmax(speed))}",
                 _middle([row.jump for row in of]),
                 _middle([row.tracking for row in of]),
-                f"{broken} of {len(of)}" + (f"<br>{stopped} stopped" if stopped else ""),
+                f"{broken} of {len(of)}"
+                + (f"<br>{stopped} stopped" if stopped else ""),
                 _number(min(row.body_distance for row in of)),
                 f"{np.nanmedian([row.of_pinv for row in of]):.2f}",
             ]
@@ -162,7 +174,14 @@ def _short_table(rows: Sequence[Row]) -> list[str]:
         jump = _median([row.jump for row in off])
         took = f"{np.nanmedian([row.of_pinv for row in of]):.2f}"
         lines.append(
-            [_bold(name), *drift, _median([row.drift_10 for row in off]), speed, jump, took]
+            [
+                _bold(name),
+                *drift,
+                _median([row.drift_10 for row in off]),
+                speed,
+                jump,
+                took,
+            ]
         )
     return _markdown((*header, "off the posture: largest step", "time of pinv"), lines)
 
@@ -172,7 +191,9 @@ def _by_arm(rows: Sequence[Row]) -> list[str]:
     arms = list(_grouped(rows, "arm"))
     lines = []
     for name, of in _grouped(rows, "program").items():
-        drift = {row.arm: (row.failure and "stopped") or _number(row.drift_10) for row in of}
+        drift = {
+            row.arm: (row.failure and "stopped") or _number(row.drift_10) for row in of
+        }
         lines.append([_bold(name), *(drift.get(arm, "–") for arm in arms)])
     return _markdown(("program", *arms), lines)
 
@@ -229,7 +250,9 @@ def figure(rows: Sequence[Row], path: Path) -> None:
     canvas.savefig(path, dpi=110)
 
 
-def _row(ax: Axes, y: float, values: Sequence[float], colour: str, *, hollow: bool) -> None:
+def _row(
+    ax: Axes, y: float, values: Sequence[float], colour: str, *, hollow: bool
+) -> None:
     """Draw the values of one program in one row, and their median."""
     ax.plot(values, [y] * len(values), "o", ms=2.5, color=colour, alpha=0.45, mew=0)
     face = "white" if hollow else colour
@@ -270,7 +293,9 @@ def _number(value: float) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{round(100 * share, 1) + 0.0:+.1f} %".replace("-", "−").replace(" ", "\u202f")
+    return f"{round(100 * share, 1) + 0.0:+.1f} %".replace("-", "−").replace(
+        " ", "\u202f"
+    )
 
 
 def _short(value: object) -> object:
@@ -282,4 +307,6 @@ def _bold(name: str) -> str:
 
 
 def _markdown(header: Sequence[str], lines: Sequence[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *lines)]
+    return [
+        f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *lines)
+    ]

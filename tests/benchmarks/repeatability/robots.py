@@ -44,7 +44,10 @@ def task_of(arm: str, folder: Path) -> rp.Task:
 
 def chain_urdf(task: rp.Task, folder: Path) -> Path:
     """Write the joints that a task moves, and nothing else, as a URDF from ``base`` to ``tool``."""
-    model, limits = task.model, zip(task.lower, task.upper, task.velocity_limit, strict=True)
+    model, limits = (
+        task.model,
+        zip(task.lower, task.upper, task.velocity_limit, strict=True),
+    )
     of = dict(zip(task.joint_names, limits, strict=True))
     joints = []
     for i in range(1, model.njoints):
@@ -79,7 +82,15 @@ def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
     for joint in ssik_arm(arm).kinbody.joints:
         low, high = joint.limits or (-np.inf, np.inf)
         joints.append(
-            (joint.name, pin.SE3(carried @ joint.T_left), joint.axis, True, low, high, 2.0)
+            (
+                joint.name,
+                pin.SE3(carried @ joint.T_left),
+                joint.axis,
+                True,
+                low,
+                high,
+                2.0,
+            )
         )
         carried = joint.T_right
     return joints, pin.SE3(carried)
@@ -107,7 +118,11 @@ def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
         f'link="{parent}"/>'
         f'<child link="tool"/>{_origin(tool)}</joint>'
     )
-    return '<?xml version="1.0"?>\n<robot name="chain">\n' + "\n".join(parts) + "\n</robot>\n"
+    return (
+        '<?xml version="1.0"?>\n<robot name="chain">\n'
+        + "\n".join(parts)
+        + "\n</robot>\n"
+    )
 
 
 def _origin(placement: pin.SE3) -> str:

@@ -16,7 +16,7 @@ export class Callouts {
   say() {
     for (const { arm, part, hand } of this.sets) {
       const off = arm.partOff(), way = arm.handOff();
-      part.value.textContent = `${this.scene.part} ${inMetres(off)} off`;
+      part.value.textContent = `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`;
       part.value.className = tint(off);
       part.box.title = `${off.toPrecision(3)} m`;
       hand.value.textContent = way < 1e-3 ? "hand back: 0 off" : `hand ${inMetres(way)} off`;
@@ -34,8 +34,9 @@ export class Callouts {
       const { width, height } = panes.place(k), label = panes.frames[k].firstChild, low = height < LOW;
       const on = (p) => { const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height }; };
       const at = on(arm.partCentre()), tip = on(arm.point("tip", 0, arm.now.frame, arm.now.f));
-      put(part, at, low ? 8 : label.offsetTop + label.offsetHeight + 6, width, height, low ? label.offsetLeft + label.offsetWidth + 8 : 8);
-      put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8);
+      const end = label.offsetLeft + label.offsetWidth + 8, beside = low && end + part.box.offsetWidth + 8 <= width; // in one row with the label
+      put(part, at, beside ? 8 : label.offsetTop + label.offsetHeight + 6, width, height, beside ? end : 8);
+      put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8, at);
     });
   }
 }
@@ -47,9 +48,14 @@ function callout(pane, kind) {
   return { box, leader, value, note };
 }
 
-// `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins
-function put({ box, leader }, at, y, width, height, left) {
-  const { offsetWidth: w, offsetHeight: h } = box, x = Math.max(Math.min(Math.max(at.x - w / 2, left), width - w - 8), 0), top = Math.min(Math.max(y, 4), height - h - 4);
+// `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins; `free`: a point to leave free, the box
+// stands beside it, on the side that it stood on before
+function put(callout, at, y, width, height, left, free) {
+  const { box, leader } = callout, { offsetWidth: w, offsetHeight: h } = box, top = Math.min(Math.max(y, 4), height - h - 4);
+  const beside = (side) => Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
+  const clear = (side) => !free || free.y < top - 8 || free.y > top + h + 8 || free.x < beside(side) - 8 || free.x > beside(side) + w + 8;
+  callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;
+  const x = beside(callout.side);
   box.style.transform = `translate(${x}px, ${top}px)`;
   const from = { x: Math.min(Math.max(at.x, x + 6), x + w - 6), y: at.y > top + h ? top + h : at.y < top ? top : NaN };
   const dx = at.x - from.x, dy = at.y - from.y;
@@ -64,5 +70,7 @@ function growth({ off }, scene) {
   const end = off.at(-1)[1], count = scene.cycles.at(-1);
   if (Math.max(...off.flat()) < 1e-4) return "closes every cycle, from the first";
   if (end < 0.01) return `hardly drifts: ${inMetres(end)} in ${count === 1 ? "1 cycle" : `${count} cycles`}`;
-  return count > 1 ? `about ${inMetres(end / count)} more each cycle` : "after 1 cycle";
+  if (count === 1) return "after 1 cycle";
+  const steady = off.every(([, way], c) => Math.abs(way - (end * scene.cycles[c]) / count) < 0.15 * end), most = Math.max(...off.map(([, way]) => way));
+  return steady ? `about ${inMetres(end / count)} more at each cycle’s end` : `${inMetres(off[0][1])} after cycle 1, later up to ${inMetres(most)}`;
 }

@@ -25,7 +25,14 @@ export class Chart {
   reserve() {
     const box = byId("readings"), { cycles } = this.scene;
     box.style.minWidth = "";
-    const widths = [0, ...cycles.keys()].map((c, k) => { this.say(k ? cycles[c] : 0, c, k ? 1 : 0); return box.scrollWidth; });
+    const values = this.readings.map(({ value }) => value), most = values.map(() => 0);
+    for (const value of values) value.style.minWidth = "";
+    const widths = [0, ...cycles.keys()].map((c, k) => {
+      this.say(k ? cycles[c] : 0, c, k ? 1 : 0);
+      values.forEach((value, i) => { most[i] = Math.max(most[i], value.offsetWidth); });
+      return box.scrollWidth;
+    });
+    values.forEach((value, i) => { value.style.minWidth = `${most[i] + 1}px`; });
     box.style.minWidth = `${Math.max(...widths)}px`;
   }
 
@@ -48,8 +55,8 @@ export class Chart {
       value.textContent = `${inMetres(off)} off`;
       value.className = tint(off);
       value.title = `${off.toPrecision(3)} m`;
-      detail.textContent = `${times}; joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}`;
-      detail.title = `${joints.toPrecision(3)} ${data.unit}`;
+      detail.textContent = `${times}; all joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}`;
+      detail.title = `${joints.toPrecision(3)} ${data.unit}: root of the sum of squares over all joints`;
     });
     return times;
   }
@@ -63,8 +70,6 @@ export class Chart {
     draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
     draw.strokeStyle = tone("--edge"); draw.fillStyle = tone("--soft"); draw.lineWidth = 1;
     line(draw, INSET, level(scale), width - INSET, level(scale), [3, 4]);
-    draw.textAlign = "left";
-    if (room > 2.5 * em) draw.fillText(inMetres(scale), INSET, level(scale) + (top > 1.4 * scale ? -0.3 : 0.95) * em);
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
     const every = Math.ceil((1.6 * em) / pitch);
     for (let c = 0; c < count; c++) {
@@ -79,6 +84,7 @@ export class Chart {
       draw.fillStyle = tone("--soft"); draw.textAlign = "center";
       if ((count - 1 - c) % every === 0) draw.fillText(scene.cycles[c], at(c + 1) - group / 2, height - 0.25 * em);
     }
+    if (room > 2.5 * em) haloed(draw, inMetres(scale), INSET + 2, level(scale) + (top > 1.4 * scale ? -0.3 : 0.95) * em, 0.3 * em);
     draw.strokeStyle = tone("--ink"); draw.lineWidth = 1.5;
     line(draw, at(cycle + part), 0, at(cycle + part), foot, []);
   }
@@ -91,6 +97,13 @@ function line(draw, x0, y0, x1, y1, dash) {
   draw.setLineDash(dash);
   draw.beginPath(); draw.moveTo(x0, y0); draw.lineTo(x1, y1); draw.stroke();
   draw.setLineDash([]);
+}
+
+// Text that stays legible where bars pass behind it.
+function haloed(draw, words, x, y, width) {
+  Object.assign(draw, { textAlign: "left", lineJoin: "round", lineWidth: width, strokeStyle: tone("--paper"), fillStyle: tone("--soft") });
+  draw.strokeText(words, x, y);
+  draw.fillText(words, x, y);
 }
 
 function hatch(draw, x, y, width, height, step) {

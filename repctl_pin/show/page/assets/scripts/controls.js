@@ -12,7 +12,7 @@ export function connect(clock, view, last) {
   byId("speed").addEventListener("change", (event) => { clock.speed = Number(event.target.value); event.target.blur(); });
   byId("running").addEventListener("click", () => { clock.step(false); clock.play(true); });
   byId("stepping").addEventListener("click", () => { clock.step(true); clock.play(true); });
-  const keys = () => byId("keys").showModal();
+  const keys = () => { byId("keys").showModal(); byId("keys").scrollTop = 0; };
   byId("help").addEventListener("click", keys);
   document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
   byId("view").addEventListener("click", view.reset);

@@ -19,6 +19,24 @@ export async function unpack(id) {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
+// Series of numbers from the bytes of their third differences: row after row of each series, which are [rows, columns].
+export function summed(bytes, series, resolution) {
+  const n = bytes.length / 4, out = new Float64Array(n);
+  let at = 0;
+  for (const [rows, columns] of series) {
+    const start = at;
+    for (let column = 0; column < columns; column++)
+      for (let row = 0, second = 0, first = 0, value = 0; row < rows; row++, at++) {
+        const bits = bytes[at] | (bytes[at + n] << 8) | (bytes[at + 2 * n] << 16) | (bytes[at + 3 * n] << 24);
+        second = (second + ((bits >>> 1) ^ -(bits & 1))) | 0;
+        first = (first + second) | 0;
+        value = (value + first) | 0;
+        out[start + row * columns + column] = value * resolution;
+      }
+  }
+  return out;
+}
+
 // A colour of the style sheet, as the light or the dark scheme has it.
 const tones = new Map();
 export function tone(name) {

@@ -72,8 +72,8 @@ function moved(key, camera) {
 function judge(arms, scene, hand, cycles) {
   const most = arms.map((arm) => arm.off.reduce((best, off, k) => (off > best[0] ? [off, arm.moving[k].name] : best), [0, ""]));
   const [, worst] = most.reduce((a, b) => (b[0] > a[0] ? b : a)), name = scene.names[worst] || worst, times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
-  const off = arms.flatMap((arm, k) => [k ? ", " : "", element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`), ` under ${arm.data.label}`]);
-  const words = hand < 1e-3 ? [`After ${times} the hand is where it was in cycle 1; the ${name} is `, ...off, "."] : [`The hand is ${inMetres(hand)} from where it was in cycle 1: bring the target back (Home) to compare.`];
+  const off = arms.flatMap((arm, k) => [k ? ", " : "", element("b", { class: tint(most[k][0]) }, `${inMetres(most[k][0])} off`), ` under ${arm.data.under}`]);
+  const words = hand < 1e-3 ? [`After ${times} the hand is where it was in cycle 1; ${/\d$/.test(name) ? "" : "the "}${name} is `, ...off, "."] : [`The hand is ${inMetres(hand)} from where it was in cycle 1: bring the target back (Home) to compare.`];
   if (!byId("verdict")) return;
   byId("verdict").replaceChildren(...words);
 }

@@ -1,23 +1,32 @@
-// For print: the end of the motion on white, each arm under its own name.
+// For print: the end of the motion on white, in the light colours, each arm under its own name.
 
-import { byId, element } from "./dom.js";
+import { byId, element, forgetTones } from "./dom.js";
+import { inMetres } from "./numbers.js";
+
+const WIDE = 1800; // px
 
 export function still(viewer, clock, arms, panes) {
-  const { domElement } = viewer.renderer, scale = viewer.renderer.getPixelRatio(), { time } = clock, { width, height } = panes.place(0);
-  const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length), rows = Math.ceil(arms.length / columns), head = 34 * scale;
+  const { renderer } = viewer, { domElement } = renderer, { time } = clock, { width, height } = panes.place(0), before = renderer.getPixelRatio();
+  const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length), rows = Math.ceil(arms.length / columns);
+  const scale = Math.max(before, WIDE / (columns * width)), text = (columns * width * scale) / 80, head = 2.2 * text;
   const paper = element("canvas", { width: Math.round(columns * width * scale), height: Math.round(rows * (height * scale + head)) }), draw = paper.getContext("2d");
   draw.fillStyle = "#ffffff";
   draw.fillRect(0, 0, paper.width, paper.height);
+  const light = (on) => { document.documentElement.classList.toggle("on-paper", on); forgetTones(); };
+  light(true);
+  renderer.setPixelRatio(scale);
   clock.seek(clock.cycles);
-  viewer.renderer.setClearColor("#ffffff", 1);
+  renderer.setClearColor("#ffffff", 1);
   viewer.render();
-  draw.font = `600 ${17 * scale}px sans-serif`;
   arms.forEach(({ data }, k) => {
     const { left, top, width: w, height: h } = panes.place(k), x = (k % columns) * width * scale, y = Math.floor(k / columns) * (height * scale + head);
     draw.drawImage(domElement, left * scale, top * scale, w * scale, h * scale, x, y + head, w * scale, h * scale);
     draw.fillStyle = data.color;
-    draw.fillText(data.title, x + 12 * scale, y + 24 * scale);
+    draw.font = `600 ${text}px sans-serif`;
+    draw.fillText(`${data.title}: ${inMetres(data.off.at(-1)[1])} off`, x + 0.6 * text, y + 1.5 * text);
   });
+  light(false);
+  renderer.setPixelRatio(before);
   panes.colour();
   clock.seek(time);
   return paper;

@@ -1,7 +1,7 @@
 // What stands on the stage: the arms, their ways, the light, and a camera that sees them all.
 
 import { ArmView, cornersOf } from "./arm.js";
-import { byId, unpack } from "./dom.js";
+import { byId, summed, unpack } from "./dom.js";
 import { Eye, towards } from "./eye.js";
 import { inMetres } from "./numbers.js";
 import { Panes } from "./panes.js";
@@ -9,7 +9,7 @@ import { drawPaths, drawWays } from "./traces.js";
 import { floor, light } from "./viewer.js";
 
 export async function setStage(viewer, scene) {
-  const T = MeshCat.THREE, bytes = await unpack("motion"), motion = new Float32Array(bytes.buffer, 0, bytes.length / 4);
+  const T = MeshCat.THREE, motion = summed(await unpack("motion"), scene.series, scene.resolution);
   const F = scene.perCycle, frames = F * scene.cycles.length;
   let at = 0;
   const arms = scene.arms.map((data) => { const arm = new ArmView(viewer, data, motion, at, frames, F); at = arm.end; return arm; });

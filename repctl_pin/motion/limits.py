@@ -1,0 +1,266 @@
+"""Limits of a motion in time: as the user gives them, and as numbers per joint of a task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import (
+    Array,
+    as_numbers,
+    flag,
+    freeze,
+    per_joint,
+    read_only,
+    require_type,
+    shown,
+)
+from ..errors import InputError
+from ..robot.task import Task
+from ..urdf.rules import NO_EFFORT
+from .profile import JointLimits
+
+PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
+    "panda": (
+        (15, 7.5, 10, 12.5, 15, 20, 20),
+        "frankaemika.github.io/docs/control_parameters.html, limits for Panda",
+    ),
+    "fr3": (
+        (10,) * 7,
+        "frankarobotics.github.io/docs/robot_specifications.html, limits for Franka Research 3",
+    ),
+    "ur": (
+        (5,) * 6,
+        "Universal_Robots_ROS2_Driver, ur_moveit_config/config/joint_limits.yaml",
+    ),
+}
+"""Published acceleration limits of arms, rad/s² from the base outward, and their sources.
+
+Franka's controller stops beyond its limits; libfranka's ``rate_limiting.h`` has the same numbers
+(branch 0.8 for Panda, main for FR3). UR publishes only torque limits; the numbers here are those
+that its MoveIt configuration chooses, "conservatively". FR3's speed limits that depend on position
+are not included."""
+
+JERKS: dict[str, tuple[tuple[float, ...], str]] = {
+    "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), PRESETS["panda"][1]),
+    "fr3": (
+        (5000,) * 7,
+        "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on",
+    ),
+}
+"""Published jerk limits of arms, rad/s³ from the base outward, and sources; UR publishes none."""
+
+FULL_SPEED = 0.2
+"""Assumed time, s, in which a joint reaches its speed limit, if its acceleration limit is
+unknown."""
+
+_UNLIMITED = 10.0
+"""Assumed acceleration limit, rad/s² or m/s², of a joint that has no speed limit either."""
+
+
+def presumed_acceleration(task: Task) -> tuple[Array, str]:
+    """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
+
+    They are published ones if the arm has any, else each joint's speed limit divided by 0.2 s.
+    """
+    entry, names = task.robot.entry, task.robot_joints
+    if entry is not None and entry.acceleration is not None:
+        published = PRESETS[entry.acceleration][0]
+        if len(published) == len(names):
+            return np.array(
+                published, float
+            ), f"published limits for {entry.acceleration}"
+    speed = task.joint_limits[2]
+    return np.where(
+        np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED
+    ), f"assumed: each joint reaches its speed limit in {FULL_SPEED:g} s"
+
+
+_DIFFERENCE = 1e-5
+"""Joint step of the finite differences of the frame's placement, rad or m."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+@read_only
+class Limits:
+    """Limits for :func:`timed`, :func:`approach` and :class:`Governor`: speeds to torques.
+
+    Attributes
+    ----------
+    acceleration : float, (n,) array or str
+        Acceleration limits of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in
+        ``PRESETS``, published limits: ``panda``, ``fr3``, ``ur``.
+    velocity : float or (n,) array, optional
+        Speed limits, rad/s (m/s); by default the URDF's.
+    jerk : float, (n,) array or str, optional
+        Jerk limits of the robot's joints, rad/s³ or m/s³, or a name in ``JERKS``: ``panda``,
+        ``fr3``. By default not limited.
+    torque : bool
+        Keep the URDF's effort limits too, by Pinocchio's inverse dynamics. Not for a governor.
+    tool_speed : float or (2,) array, optional
+        Largest speed of the frame along the path, m/s; or of its linear and its angular speed, m/s
+        and rad/s. Not for a governor.
+
+    Raises
+    ------
+    InputError
+        If accelerations are missing, a number is not above 0, or no limits of that name are known.
+
+    Examples
+    --------
+    >>> limits = rp.Limits(acceleration=5.0, jerk=500.0)  # rad/s², rad/s³
+    >>> timed = rp.timed(motion, limits)
+    >>> bool(np.abs(timed.qddot).max() < 5.01)
+    True
+    """
+
+    acceleration: ArrayLike | str | None = None
+    velocity: ArrayLike | None = None
+    jerk: ArrayLike | str | None = None
+    torque: bool = False
+    tool_speed: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        if self.acceleration is None:
+            known = ", ".join(PRESETS)
+            also = "; jerk= requires it too" if self.jerk is not None else ""
+            raise InputError(
+                "acceleration= is missing, and a URDF has no acceleration limits; "
+                f"give rad/s² (prismatic: m/s²) per joint, or one of {known}{also}"
+            )
+        freeze(
+            self,
+            acceleration=_known(self.acceleration, "acceleration", PRESETS),
+            velocity=_known(self.velocity, "velocity"),
+            jerk=_known(self.jerk, "jerk", JERKS),
+            torque=flag(self.torque, "torque"),
+            tool_speed=_known(self.tool_speed, "tool_speed"),
+        )
+
+
+def _known(
+    given: ArrayLike | str | None,
+    name: str,
+    published: dict[str, tuple[tuple[float, ...], str]] | None = None,
+) -> Array | str | None:
+    """Check limits as far as that is possible without a robot; return numbers or a known name."""
+    if given is None:
+        return None
+    if isinstance(given, str) and published is not None:
+        if given not in published:
+            raise InputError(
+                f"no {name}s of {given!r} are known, only of {', '.join(published)}; give numbers"
+            )
+        return given
+    array = as_numbers(given)
+    if array is None or array.ndim > 1 or not array.size or not (array > 0).all():
+        raise InputError(
+            f"must be one number above 0, or one per joint; got {shown(given)}"
+            if name != "tool_speed"
+            else f"must be one number above 0 or 2 of them, m/s and rad/s; got {shown(given)}",
+            argument=name,
+        )
+    if published is not None and not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite numbers")
+    return array
+
+
+LIMITS_MOVED = {
+    name: f"rp.Limits({name}=...) as limits"
+    for name in ("acceleration", "velocity", "jerk", "torque", "tool_speed")
+}
+"""Options that are limits, and their place."""
+
+
+def joint_limits(task: Task, limits: Limits) -> JointLimits:
+    """Compute the limits of a task's joints as numbers, given by the user or else by the URDF.
+
+    Raises
+    ------
+    InputError
+        If the sizes do not fit, or the URDF lacks efforts or masses for torque limits.
+    """
+    what = "rp.Limits, such as rp.Limits(acceleration=5.0)"
+    limits = require_type(limits, Limits, "limits", what)
+    names = task.robot_joints
+    own = np.array(
+        [
+            task.robot.velocity_limit[task.robot.joint_names.index(name)]
+            for name in names
+        ]
+    )
+    given, tool = limits.velocity, limits.tool_speed
+    assert limits.acceleration is not None  # the class refuses None
+    found = JointLimits(
+        own if given is None else per_joint(given, len(names), "velocity"),
+        _per_joint(limits.acceleration, PRESETS, task, "acceleration"),
+        jerk=None
+        if limits.jerk is None
+        else _per_joint(limits.jerk, JERKS, task, "jerk"),
+        tool=None if tool is None else _tool_share(task, tool),
+    )
+    if not limits.torque:
+        return found
+    if task.coordinates is not None:
+        raise InputError(
+            "torque limits are of the robot's own joints; follow the path with the original task"
+        )
+    model = task.robot.model
+    efforts = np.array(
+        [model.effortLimit[model.getJointId(name) - 1] for name in names]
+    )
+    if (efforts >= NO_EFFORT).any() or not sum(
+        inertia.mass for inertia in model.inertias
+    ) > 0:
+        raise InputError(
+            "torque limits need efforts and masses, and this URDF lacks some; leave torque out"
+        )
+    return replace(found, torque=efforts, dynamics=task.dynamics())
+
+
+def _per_joint(
+    given: ArrayLike | str,
+    known: dict[str, tuple[tuple[float, ...], str]],
+    task: Task,
+    what: str,
+) -> Array:
+    """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,)."""
+    n = len(task.robot_joints)
+    if isinstance(given, str):
+        given = np.array(known[given][0], dtype=float)
+        if len(given) != n:
+            moved = f"{task.frame!r} is moved by {n}: give {n} numbers"
+            raise InputError(f"these {what}s are of {len(given)} joints, but {moved}")
+    return per_joint(given, n, what)
+
+
+def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
+    """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame."""
+    v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
+    if np.size(np.asarray(most)) == 1:  # m/s alone
+        omega_max = np.inf
+
+    def placed(joints: Array) -> pin.SE3:
+        return task.placement(
+            joints if task.coordinates is None else task.coordinates.coordinates(joints)
+        )
+
+    def share(Q: Array, Qdot: Array) -> Array:
+        found = np.zeros(len(Q))
+        for k, (q, qdot) in enumerate(zip(Q, Qdot, strict=True)):
+            size = float(np.linalg.norm(qdot))
+            if size > 0:
+                step = _DIFFERENCE / size
+                ahead, behind = placed(q + step * qdot), placed(q - step * qdot)
+                v = np.linalg.norm(ahead.translation - behind.translation) / (2 * step)
+                omega = np.linalg.norm(pin.log3(ahead.rotation @ behind.rotation.T)) / (
+                    2 * step
+                )
+                found[k] = max(v / v_max, omega / omega_max)
+        return found
+
+    return share

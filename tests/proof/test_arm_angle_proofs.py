@@ -1,0 +1,312 @@
+"""Proofs of arm angles: the bounds of their gradient hold, wrong ones are noticed, and singular
+angles are never proved."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from arms import spatial_task
+from commands import told
+from mimic_arm import MIMICS, arm
+from mutants import ARM, ARM_C, POWER, source, wrong
+from proofs import design_of, margins
+
+import repctl_pin as rp
+from repctl_pin.c_library import loaded_library
+from repctl_pin.proof import arm_angle, arm_angle_kernel, leaf_margin_bounds, taylor
+from repctl_pin.proof.arm_angle import ArmAngleChain, gradient_bounds
+
+PANDA = ("panda_link2", "panda_link4", "panda_link6")
+UNDEFINED = "the arm angle is not defined there"
+Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+
+
+def panda() -> rp.Task:
+    return rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+
+
+def mimics(folder: Path) -> rp.Task:
+    return rp.Robot.load(arm(folder, MIMICS, n=9)).task("l9", "axis")
+
+
+ANGLES: dict[str, Callable[[Path], rp.ArmAngle]] = {
+    "conventional": lambda _: rp.ArmAngle(panda(), *PANDA, reference=(0, 1, 0.2)),
+    "stereographic": lambda _: rp.ArmAngle(
+        panda(), *PANDA, reference=(0, 0, 1), singular=(-1, 0.2, -1)
+    ),
+    "prismatic joints": lambda folder: rp.ArmAngle(
+        spatial_task(7, folder, kind="pose", seed=3), "link2", "link5", "tool"
+    ),
+    "mimic joints": lambda folder: rp.ArmAngle(mimics(folder), "l2", "l5", "l9"),
+    "any order, from the base": lambda folder: rp.ArmAngle(
+        spatial_task(7, folder, kind="pose", seed=4), "link4", "base", "link6"
+    ),
+}
+
+
+def boxes_of(angle: rp.ArmAngle, count: int) -> tuple[np.ndarray, np.ndarray]:
+    rng, n = np.random.default_rng(0), angle.task.n
+    half = 10.0 ** rng.uniform(-3, -1, (count, 1)) * rng.uniform(0.1, 1, (count, n))
+    one = half[1::3]  # one joint moves: bounds are reached, but for the remainder
+    one *= np.eye(n)[np.arange(len(one)) % n]
+    return angle.task.reference + 0.2 + rng.uniform(-0.3, 0.3, (count, n)), half
+
+
+def gradients_off(angle: rp.ArmAngle, law: ModuleType = arm_angle) -> float:
+    """The largest share of its bound that a gradient differs from its expansion by, in boxes."""
+    chain = law.ArmAngleChain.of(angle, np.ones(1))
+    Q, half = boxes_of(angle, 24)
+    P, r = law.in_numpy(chain, Q, half)
+    found = law._bounds(chain, P, r, half)
+    rng, used = np.random.default_rng(1), 0.0
+    good = np.isfinite(found.rest).all(axis=1)
+    assert good.mean() > 0.4
+    for trial in range(12):
+        way = rng.uniform(-1, 1, Q.shape)
+        d = half * (np.sign(way) if trial % 2 else way)
+        V = angle.gradients(Q + d)[..., 0]
+        off = V - found.V - np.einsum("Kij,Kj->Ki", found.dV, d)
+        used = max(used, float((np.abs(off) / (found.rest + 1e-13))[good].max()))
+        assert law is not arm_angle or (np.abs(V).max(axis=1) <= found.size)[good].all()
+    return used
+
+
+@pytest.mark.parametrize("name", ANGLES)
+def test_a_gradient_stays_in_its_bounds(name: str, tmp_path: Path) -> None:
+    assert 0.3 < gradients_off(ANGLES[name](tmp_path)) <= 1
+
+
+@pytest.mark.parametrize("name", ANGLES)
+def test_c_and_numpy_find_the_same_models(name: str, tmp_path: Path) -> None:
+    angle = ANGLES[name](tmp_path)
+    chain = ArmAngleChain.of(angle, np.ones(1))
+    Q, half = boxes_of(angle, 21)
+    on = chain.moving
+    made = arm_angle_kernel.gradients_in_c(chain, Q[:, on], half[:, on])
+    if made is None:
+        pytest.skip("there is no C compiler")
+    (P, r), (P_c, r_c) = arm_angle.in_numpy(chain, Q, half), made
+    good = np.isfinite(r).all(axis=1)
+    assert (np.isfinite(r_c).all(axis=1) == good).all()
+    scale = np.abs(P).sum(axis=-1)[good]
+    assert (np.abs(P_c - P)[good].max(axis=-1) <= 1e-11 * (1 + scale)).all()
+    np.testing.assert_allclose(r_c[good], r[good], rtol=1e-3, atol=1e-7)
+
+
+def test_the_leaf_margin_of_joined_potentials_is_bounded(tmp_path: Path) -> None:
+    """An arm angle and polynomials, r = 2, in C and in NumPy."""
+    task = panda().robot.task("panda_hand_tcp", "axis")
+    angle = rp.ArmAngle(task, *PANDA, reference=(0, 1, 0))
+    both = angle + rp.Polynomial(Q0, 2, 0.3)
+    A = 0.1 * np.random.default_rng(0).standard_normal((both.size, 2))
+    A[0] = 1.0, 0.3
+    A[-7:] += np.linalg.svd(task.jacobian(Q0))[2][5:].T
+    box = rp.Box(Q0, 0.1)
+    design = design_of(task, both.weighted(A), box)
+    problem = leaf_margin_bounds.leaf_margin_of(task, design.inverse.potentials, box)
+    rng = np.random.default_rng(2)
+    Q = Q0 + rng.uniform(-0.1, 0.1, (24, 7))
+    half = 10 ** rng.uniform(-5, -1.8, (24, 1)) * rng.uniform(0.3, 1, (24, 7))
+    found = problem.bounds(Q, half)
+    plain = leaf_margin_bounds.in_numpy(problem, Q, half)
+    for name in ("leaf_margin", "center", "sigma_min"):
+        one, two = getattr(found, name), getattr(plain, name)
+        np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9)
+    assert (found.leaf_margin > 0).mean() > 0.6
+    for _ in range(10):
+        points = Q + half * np.sign(rng.standard_normal(Q.shape))
+        assert (found.leaf_margin <= margins(design, points) + 1e-9).all()
+    np.testing.assert_allclose(found.center, margins(design, Q), rtol=0.02)
+
+
+def design_over(angle: rp.PotentialBasis, region: rp.Box) -> rp.Design:
+    A = np.zeros((angle.size, 1))
+    A[0] = 1.0
+    return replace(
+        design_of(panda(), angle.weighted(A), region), potentials=angle, coefficients=A
+    )
+
+
+def test_a_panda_s_arm_angle_is_proved_and_its_certificate_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    angle = rp.ArmAngle(panda(), *PANDA, reference=(0, 1, 0))
+    design = design_over(angle, rp.Box(Q0, 0.2))
+    proof = rp.prove(design)
+    sampled = margins(design, design.region.random(2048, 0)).min()
+    assert proof and 0.9 * sampled < proof.leaf_margin < sampled
+    kept = replace(design, proof=proof, leaf_margin_at=proof.worst)
+    file = rp.save(kept, tmp_path / "arm.json")
+    again = rp.load(file)
+    assert repr(again.proof) == repr(proof)
+    same = rp.prove(again, margin=0.35)
+    assert same and same.theorem == proof.theorem
+    assert told(capsys, "check", str(file), "--prove")["proved"]
+
+
+@pytest.mark.parametrize("case", ["along r", "half-line", "straight"])
+def test_a_singular_arm_angle_is_never_proved(case: str, tmp_path: Path) -> None:
+    """The wrist points along r or t, or the elbow is on the line, somewhere in the box."""
+    rng, task = np.random.default_rng(len(case)), panda()
+    frames, region = PANDA, rp.Box(Q0, 0.1)
+    at = Q0 + rng.uniform(-0.09, 0.09, 7)
+    p = rp.ArmAngle(task, *frames)._points(at)
+    w = p[1][0] / np.linalg.norm(p[1][0])
+    across = np.cross(w, [0.3, 0.9, 0.1])
+    if case == "along r":
+        angle = rp.ArmAngle(task, *frames, reference=-w)
+    elif case == "half-line":
+        angle = rp.ArmAngle(task, *frames, reference=across, singular=w)
+    else:
+        task = spatial_task(4, tmp_path)
+        q = np.zeros(4)
+        angle = rp.ArmAngle(task, "link1", "link2", "link1")
+        region = rp.Box(q, 0.1)  # the wrist is the shoulder
+    potentials = angle.weighted(np.ones((1, 1)))
+    design = design_of(task, potentials, region)
+    proof = rp.prove(design, margin=0.0, seconds=0.2)
+    assert not proof and proof.leaf_margin == 0
+    assert proof.reason.startswith("stopped after 0.2 s")
+    problem = leaf_margin_bounds.leaf_margin_of(task, potentials, region)
+    at = at if task.n == 7 else region.center
+    assert problem.undefined(at[None], np.full((1, task.n), 1e-9))[0]
+    assert case != "straight" or rp.prove(design).reason == UNDEFINED
+    if case == "half-line":  # on the other side of the sphere there is none
+        other = rp.ArmAngle(task, *frames, reference=across, singular=-w)
+        design = design_of(task, other.weighted(np.ones((1, 1))), region)
+        assert rp.prove(design, margin=0.0, seconds=5)
+
+
+# ---- what is wrong is noticed ------------------------------------------------------------------
+
+
+SLOW = [pytest.mark.slow]
+
+
+@pytest.mark.parametrize(
+    "mutant", [pytest.param(m, marks=SLOW if i > 2 else []) for i, m in enumerate(ARM)]
+)
+def test_a_wrong_term_is_noticed(
+    mutant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law = wrong(monkeypatch, "arm_angle.py", *ARM[mutant])
+    cases = (
+        "conventional",
+        "stereographic",
+        "prismatic joints",
+        "mimic joints",
+        "any order, from the base",
+    )
+    for name in cases:
+        try:
+            if gradients_off(ANGLES[name](tmp_path), law) > 1:
+                return
+        except AssertionError:
+            return
+    pytest.fail("nothing was noticed")
+
+
+def powers_off(law: ModuleType = taylor) -> float:
+    """The largest share of its bound that a power is from its model, on boxes."""
+    rng, worst = np.random.default_rng(0), 0.0
+    for s in (0.5, -0.5, -1.0):
+        c, d, t = rng.uniform(0.1, 3, (3, 40))
+        d = d / 3.1 * c
+        model = law.TaylorModel.constant(1, c)
+        P = model.P.copy()
+        P[:, 1] = d
+        found = law.TaylorModel(1, P, model.r).power(s)
+        for t in (-1.0, -0.9, 0.5, 1.0):
+            near = found.P @ np.array([1, t, t**2, t**3])
+            off = np.abs(near - (c + d * t) ** s)
+            worst = max(worst, float((off / (found.r + 1e-14)).max()))
+    return worst
+
+
+def test_powers_of_taylor_models_hold() -> None:
+    assert 0.3 < powers_off() <= 1
+    x = taylor.TaylorModel(1, np.array([[1.0, 1.1, 0, 0]]), np.zeros(1))
+    found = x.power(-1)
+    assert (
+        np.isinf(found.r).all() and found.P[0, 0] == 1
+    )  # the value at the centre stays
+
+
+@pytest.mark.parametrize("mutant", POWER)
+def test_a_wrong_power_is_noticed(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert powers_off(wrong(monkeypatch, "taylor.py", *POWER[mutant])) > 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
+    """Every wrong version gives other models than the right one, on one of the arms."""
+    for name, change in ARM_C.items():
+        noticed = False
+        for case in ("conventional", "stereographic", "prismatic joints"):
+            angle = ANGLES[case](tmp_path)
+            chain = ArmAngleChain.of(angle, np.ones(1))
+            Q, half = boxes_of(angle, 16)
+            on = chain.moving
+            terms = {4: 35, 6: 84, 7: 120}[len(on)]
+            text = source("arm_angle.c", *change)
+            head = f"#include <math.h>\n#define MOST {terms}\n"
+            text = head + source("taylor.c", "", "") + "\n" + text
+            path = loaded_library(text, ("-std=c99", "-O1", "-fPIC", "-shared"))
+            boxes = Q[:, on], half[:, on]
+            P, r = arm_angle_kernel.gradients_in_c(chain, *boxes)
+            other = arm_angle_kernel.gradients_in_c(chain, *boxes, ctypes.CDLL(path))
+            noticed |= not np.allclose(P, other[0], equal_nan=True)
+            noticed |= not np.allclose(r, other[1], rtol=1e-4, atol=1e-12)
+        assert noticed, name
+
+
+# ---- against rigorous arithmetic, and at many points -------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["conventional", "stereographic"])
+def test_boxes_against_ball_arithmetic(name: str, tmp_path: Path) -> None:
+    """Tiny boxes too, where all that is left is rounding."""
+    pytest.importorskip("flint")
+    from arb_arm_angle import arb, at, gradient_in_balls
+
+    angle = ANGLES[name](tmp_path)
+    chain, rng = ArmAngleChain.of(angle, np.ones(1)), np.random.default_rng(0)
+    Q = Q0 + rng.uniform(-0.3, 0.3, (110, 7))
+    half = 10 ** rng.uniform(-15, -1.3, (110, 1)) * np.ones((1, 7))
+    found = gradient_bounds(chain, Q, half)
+    assert np.isfinite(found.rest).all()
+    for i, t in enumerate(rng.uniform(-1, 1, Q.shape)):
+        V = gradient_in_balls(angle, at(Q[i], half[i], t))
+        d = at(0 * Q[i], half[i], t)
+        for j in range(7):
+            off = V[j] - arb(float(found.V[i, j]))
+            for l in range(7):
+                off -= arb(float(found.dV[i, j, l])) * d[l]
+            if not found.rest[i, j]:
+                assert off.contains(0)  # a joint that does not move the points
+                continue
+            assert abs(off) <= arb(float(found.rest[i, j]))  # of balls: certain
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["conventional", "stereographic"])
+def test_a_hundred_thousand_configurations_violate_nothing(
+    name: str, tmp_path: Path
+) -> None:
+    angle = ANGLES[name](tmp_path)
+    design = design_over(angle, rp.Box(Q0, 0.3))
+    proof = rp.prove(design, seconds=60)
+    assert proof, proof.reason
+    Q = design.region.random(50_000, 5)
+    Q[::2] = Q0 + 0.3 * np.sign(Q[::2] - Q0) * np.abs((Q[::2] - Q0) / 0.3) ** 0.1
+    found = margins(design, Q)
+    assert found.min() >= proof.leaf_margin
+    J = design.task.jacobians(Q)
+    assert np.linalg.svd(J, compute_uv=False)[:, -1].min() >= proof.sigma_min
