@@ -8,7 +8,7 @@ import json
 import multiprocessing
 import os
 import signal
-import time
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -507,45 +507,56 @@ def test_no_file_a_folder_and_bytes(tmp_path) -> None:
 # ---------------------------------------------------------------------------
 
 
-def _keep_saving(designs: tuple[rp.Design, rp.Design], file: Path, started) -> None:
-    started.set()
-    while True:
-        for design in designs:
-            rp.save(design, file)
+def _save_until(line: int, design: rp.Design, file: Path) -> None:
+    """Save, killed by SIGKILL before the ``line``-th line that repctl_pin/files.py runs."""
+    from repctl_pin import files
+
+    left = line
+
+    def trace(frame, event, _):
+        nonlocal left
+        if frame.f_code.co_filename != files.__file__:
+            return None
+        if event == "line":
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+            left -= 1
+        return trace
+
+    sys.settrace(trace)
+    rp.save(design, file)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills forked processes")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_eighty_kills_leave_a_whole_file(tmp_path, panda_design, small) -> None:
-    """A process that saves without pause is killed at a random moment: one of the two designs is
-    there, whole."""
-    fork, rng = multiprocessing.get_context("fork"), np.random.default_rng(0)
+def test_killed_at_any_line_it_leaves_a_whole_file(
+    tmp_path, panda_design, small
+) -> None:
+    """A process killed anywhere in its writing leaves the old design or the new one, whole."""
+    fork = multiprocessing.get_context("fork")
     folder = tmp_path / "kept"
     folder.mkdir()
     file = folder / "design.json"
-    whole = {
-        rp.save(d, tmp_path / f"{i}.json").read_bytes()
-        for i, d in enumerate((panda_design, small))
-    }
-    rp.save(small, file)
-    seen, interrupted = set(), 0
-    for _ in range(80):
-        started = fork.Event()
-        process = fork.Process(
-            target=_keep_saving, args=((panda_design, small), file, started)
-        )
+    old = rp.save(small, tmp_path / "old.json").read_bytes()
+    new = rp.save(panda_design, tmp_path / "new.json").read_bytes()
+    found, interrupted = [], 0
+    for line in range(200):
+        rp.save(small, file)
+        process = fork.Process(target=_save_until, args=(line, panda_design, file))
         process.start()
-        started.wait(10)
-        time.sleep(float(rng.uniform(0, 0.005)))
-        os.kill(process.pid, signal.SIGKILL)
         process.join()
-        assert file.read_bytes() in whole
-        seen.add(file.read_bytes())
-        interrupted += any(p != file for p in folder.iterdir())
-        for left in folder.iterdir():
-            if left != file:
-                left.unlink()
-    assert seen == whole and interrupted  # some were killed in the middle of writing
+        found.append(file.read_bytes())
+        others = [p for p in folder.iterdir() if p != file]
+        interrupted += bool(others)
+        for other in others:
+            other.unlink()
+        if process.exitcode == 0:
+            break
+        assert process.exitcode == -signal.SIGKILL
+    assert process.exitcode == 0 and len(found) > 20  # every line of the writer, once
+    renamed = found.index(new)
+    assert found == [old] * renamed + [new] * (len(found) - renamed)
+    assert 0 < renamed < len(found) - 1 and interrupted  # killed on both sides of it
     rp.load(file)
 
 
