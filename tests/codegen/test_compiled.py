@@ -347,9 +347,9 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
         for _ in range(100):  # what was killed is gone a moment later
             os.killpg(int((tmp_path / "group").read_text()), 0)
             time.sleep(0.05)
-    began = time.monotonic()
+    (tmp_path / "group").unlink()
     assert "is not run again" in one_warning(panda_design.inverse)
-    assert time.monotonic() - began < 0.5
+    assert not (tmp_path / "group").exists()  # the compiler was not started again
 
 
 @NEEDS_C
