@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..inverse_function.rotations import skew
 from ..potentials.arm_angle import ArmAngle
+from ..robot.joint_chain import joint_axes, joint_coupling
 from .arm_angle_kernel import gradients_in_c
 from .taylor import TaylorModel, cross
 from .taylor_chain import basis
@@ -89,26 +90,16 @@ class ArmAngleChain:
         carried = [_carried(model, model.frames[i], screw) for i in angle._ids]
         ids = sorted({int(i) for j, _ in carried for i in model.supports[j] if i > 0})
         at = {j: i for i, j in enumerate(ids)}
-        local = [screw(j) for j in ids]
-        turns = np.array([np.linalg.norm(xi[3:]) > 0.5 for xi in local], bool)
-        drive, rows = task.drive, [j - 1 for j in ids]
-        S, o = (
-            (np.eye(task.n), np.zeros(task.n))
-            if drive is None
-            else (drive.S, drive.offset)
-        )
+        axes, revolute = joint_axes(model, ids)
         placements = [model.jointPlacements[j] for j in ids]
         sideways = angle.singular
         return cls(
             np.array([x.rotation for x in placements]).reshape(-1, 3, 3),
             np.array([x.translation for x in placements]).reshape(-1, 3),
-            np.array(
-                [x[3:] if t else x[:3] for x, t in zip(local, turns, strict=True)]
-            ),
+            axes,
             np.array([at.get(int(model.parents[j]), -1) for j in ids], np.int32),
-            turns,
-            S[rows],
-            o[rows],
+            revolute,
+            *joint_coupling(task, ids),
             np.array([at.get(j, -1) for j, _ in carried], np.int32),
             np.array([place for _, place in carried]),
             angle.reference if sideways is None else sideways,

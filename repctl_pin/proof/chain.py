@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
+from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
 FREE: dict[str, tuple[str, str]] = {
@@ -125,50 +125,31 @@ class Chain:
 
 def chain_of(task: Task) -> Chain:
     """Create the extended chain of a task, with the base as its middle link."""
-    model, data = task.model, task.model.createData()
-    frame = model.frames[task._frame_id]
-    path = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
-    neutral = pin.neutral(model)
-    local = [
-        pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
-        for j in path
-    ]
-    turns = [bool(np.linalg.norm(xi[3:]) > 0.5) for xi in local]
-    axes = [xi[3:] if turn else xi[:3] for xi, turn in zip(local, turns, strict=True)]
-    placements = [model.jointPlacements[j] for j in path]
-    S, o = (
-        (np.eye(task.n), np.zeros(task.n))
-        if task.drive is None
-        else (task.drive.S, task.drive.offset)
-    )
-    rows = [j - 1 for j in path]
-    slides, spins = FREE[task.kind]
-    unit = dict(zip("xyz", np.eye(3), strict=True))
-    before, after = [unit[name] for name in slides], [unit[name] for name in spins]
-    stay = pin.SE3.Identity()
-    still = len(before) + len(after)
-    after = after or [
-        unit["z"]
-    ]  # a pose has no further joint: one that is in no column marks the frame
-    at = (
-        [stay] * len(before)
-        + placements
-        + [frame.placement if i == 0 else stay for i in range(len(after))]
-    )
-    whole = np.zeros((len(at), task.n + still))
-    whole[len(before) : len(before) + len(path), : task.n] = S[rows]
-    whole[: len(before), task.n : task.n + len(before)] = np.eye(len(before))
+    joints, unit = joint_chain(task), dict(zip("xyz", np.eye(3), strict=True))
+    slides, spins = ([unit[name] for name in names] for names in FREE[task.kind])
+    tool = spins or [unit["z"]]  # of a pose: in no column, it marks the frame
+    before, own, after = len(slides), len(joints.axes), len(tool)
+    P = before + own + after
+
+    R, p = np.tile(np.eye(3), (P, 1, 1)), np.zeros((P, 3))
+    R[before : before + own + 1] = joints.R
+    p[before : before + own + 1] = joints.p
+    S = np.zeros((P, task.n + before + len(spins)))
+    S[before : before + own, : task.n] = joints.S
+    S[:before, task.n : task.n + before] = np.eye(before)
     if spins:
-        whole[len(at) - len(after) :, task.n + len(before) :] = np.eye(len(after))
-    offsets = np.concatenate([np.zeros(len(before)), o[rows], np.zeros(len(after))])
+        S[P - after :, task.n + before :] = np.eye(after)
+    o = np.zeros(P)
+    o[before : before + own] = joints.offset
+    level = np.arange(P) >= P - (after if len(spins) != 1 else 0)
     return Chain(
-        np.array([x.rotation for x in at]),
-        np.array([x.translation for x in at]),
-        np.array([*before, *axes, *after]),
-        np.array([False] * len(before) + turns + [True] * len(after)),
-        np.arange(len(at)) >= len(at) - (len(after) if len(spins) != 1 else 0),
-        whole,
-        offsets,
+        R,
+        p,
+        np.array([*slides, *joints.axes, *tool]),
+        np.array([False] * before + list(joints.revolute) + [True] * after),
+        level,
+        S,
+        o,
         task.n,
         0,
         np.zeros(3),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,27 +41,36 @@ class JointChain:
 
 def joint_chain(task: Task) -> JointChain:
     """Extract the serial chain of a task from its Pinocchio model."""
-    model, data = task.model, task.model.createData()
+    model = task.model
     frame = model.frames[task._frame_id]
-    path = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
-    neutral = pin.neutral(model)
-    local = [
-        pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
-        for j in path
-    ]
-    turns = [bool(np.linalg.norm(xi[3:]) > 0.5) for xi in local]
-    places = [*(model.jointPlacements[j] for j in path), frame.placement]
-    rows = [j - 1 for j in path]
-    S, offset = (np.eye(task.n), np.zeros(task.n))
-    if task.drive is not None:
-        S, offset = task.drive.S[rows], task.drive.offset[rows]
+    joints = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
+    places = [*(model.jointPlacements[j] for j in joints), frame.placement]
     return JointChain(
         np.array([place.rotation for place in places], order="C"),
         np.array([place.translation for place in places]),
-        np.array(
-            [xi[3:] if turn else xi[:3] for xi, turn in zip(local, turns, strict=True)]
-        ),
-        np.array(turns),
-        S,
-        offset,
+        *joint_axes(model, joints),
+        *joint_coupling(task, joints),
     )
+
+
+def joint_axes(
+    model: pin.Model, joints: Sequence[int]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute."""
+    data, neutral = model.createData(), pin.neutral(model)
+    screws = np.array(
+        [
+            pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]
+            for j in joints
+        ]
+    ).reshape(-1, 6)
+    revolute = np.linalg.norm(screws[:, 3:], axis=1) > 0.5
+    return np.where(revolute[:, None], screws[:, 3:], screws[:, :3]), revolute
+
+
+def joint_coupling(task: Task, joints: Sequence[int]) -> tuple[Array, Array]:
+    """Find S (P, n) and the offset (P,) of ``θ = S q + offset``, the positions of joints."""
+    rows = [j - 1 for j in joints]
+    if task.drive is None:
+        return np.eye(task.n)[rows], np.zeros(len(rows))
+    return task.drive.S[rows], task.drive.offset[rows]
