@@ -120,6 +120,16 @@ class Stage:
         last = [q for _, q in self.commands[-8:]]
         return len(last) == 8 and all((q == last[0]).all() for q in last)
 
+    def wait_for_motion(self, most: float = 20.0) -> None:
+        """Wait until the arm has moved by 1 mrad from the last command."""
+        until, seen = time.monotonic() + most, max(len(self.commands), 1)
+        while not any(
+            np.abs(q - self.commands[seen - 1][1]).max() > 1e-3
+            for _, q in self.commands[seen:]
+        ):
+            assert time.monotonic() < until, "the arm does not move"
+            time.sleep(0.005)
+
     def settle(self, most: float = 20.0) -> np.ndarray:
         """Wait until the commands rest; return the last one."""
         until = time.monotonic() + most

@@ -28,8 +28,8 @@ from .body_shapes import (
     origin,
     transform,
 )
+from .collision_free_pairs import CollisionFreePairs
 from .model import link_frames
-from .separation import Separation
 from .task import Task
 
 Pair = tuple[str, str]
@@ -347,11 +347,11 @@ class CollisionModel:
     def _never_colliding(self, task: Task, asked: Mask) -> Mask:
         """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
         never = np.zeros(len(self.pairs), bool)
-        separation = Separation(
+        pairs = CollisionFreePairs(
             self._model, task.robot.joints, self._shapes, self._full_distance
         )
         for k in np.flatnonzero(asked).tolist():
-            never[k] = separation.proved(k)
+            never[k] = pairs.proved(k)
         return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:

@@ -73,7 +73,7 @@ def test_a_pose_a_refused_one_and_a_clean_end(
     node = stage.node(*LIMITS)
     x = F.cell.at(0.5 * np.ones(F.cell.k))
     stage.pose(x)
-    time.sleep(0.3)
+    stage.wait_for_motion()
     assert np.abs(stage.settle() - F(x)).max() < 1e-6
     stage.pose(pin.SE3(x.rotation, x.translation + [np.nan, 0, 0]))
     stage.wait_for("finite numbers")
@@ -87,10 +87,10 @@ def test_a_pose_a_refused_one_and_a_clean_end(
     assert np.abs(stage.settle() - F(x)).max() < 1e-6
     assert stage.call("resume") == "running"
     stage.pose(F.cell.placement)
-    time.sleep(0.15)
+    stage.wait_for_motion()
     node.send_signal(signal.SIGINT)  # in the middle of the motion: it brakes
     assert node.wait(20) == 0
-    time.sleep(0.3)
+    stage.settle()
     Q = np.array([q for _, q in stage.commands])
     assert (Q[-1] == Q[-3]).all() and np.abs(Q[-1] - F(x)).max() > 1e-3
     assert used(Q, F.task) <= 1 + 1e-6 and off_the_leaf(F, Q) < 1e-6

@@ -22,7 +22,7 @@ _BEYOND = 0.05
 """Distance beyond the joint limits up to which a proof holds, rad or m."""
 
 
-class Separation:
+class CollisionFreePairs:
     r"""Proofs that pairs of bodies collide at no position of the joints between them.
 
     Let d be the distance of two bodies at the centre of a box of joint positions with half-widths
