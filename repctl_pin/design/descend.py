@@ -171,9 +171,11 @@ def descend(
         enough=max(1e-14 * begin.cost, 1e-26),
         report=report,
     )
-    gradient = 0.0 if found.model is None else 2 * float(np.linalg.norm(found.model[0]))
-    A, at = basis @ found.at.x, found.at
-    return Descent(A, at.cost, gradient, found.converged, found.steps, at.data.sides)
+    at = found.at
+    gradient = 2 * float(np.linalg.norm(problem.model(at)[0]))
+    return Descent(
+        basis @ at.x, at.cost, gradient, found.converged, found.steps, at.data.sides
+    )
 
 
 @dataclass(frozen=True, eq=False)

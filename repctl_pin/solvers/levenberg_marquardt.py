@@ -127,15 +127,13 @@ class Damping:
 
 
 @dataclass(frozen=True)
-class Solution(Generic[D, M]):
+class Solution(Generic[D]):
     """Result of :func:`levenberg_marquardt`.
 
     Attributes
     ----------
     at : Point
         Final x, and the objective there.
-    model
-        The last model (g, H) that was evaluated; None if the merit at the start was not finite.
     start : float
         The cost at the start.
     steps : int
@@ -144,7 +142,6 @@ class Solution(Generic[D, M]):
     """
 
     at: Point[D]
-    model: M | None
     start: float
     steps: int
     converged: bool
@@ -161,7 +158,7 @@ def levenberg_marquardt(
     predicted: float = -inf,
     enough: float = -inf,
     report: Callable[[int, float], None] | None = None,
-) -> Solution[D, M]:
+) -> Solution[D]:
     """Minimise a sum of squares from x by damped Gauss–Newton steps.
 
     Parameters
@@ -187,7 +184,7 @@ def levenberg_marquardt(
     """
     here = problem.evaluate(x)
     if not isfinite(here.merit):
-        return Solution(here, None, here.cost, 0, False)
+        return Solution(here, here.cost, 0, False)
     start, model = here.cost, problem.model(here)
     damping = rules.first
     count = still = 0
@@ -195,7 +192,7 @@ def levenberg_marquardt(
         if report is not None:
             report(count, here.cost)
         if here.cost <= enough:
-            return Solution(here, model, start, count, True)
+            return Solution(here, start, count, True)
         step = problem.step(model, damping)
         if (
             step.damping > damping
@@ -204,7 +201,7 @@ def levenberg_marquardt(
             rules = replace(rules, smallest=damping)
         if step.predicted <= predicted * here.cost:
             if damping <= rules.smallest:
-                return Solution(here, model, start, count, True)
+                return Solution(here, start, count, True)
             damping = max(damping / _RELAXED, rules.smallest)
             count += 1
             continue
@@ -212,7 +209,7 @@ def levenberg_marquardt(
         if trial is None:
             damping = max(_RETRY * damping, _FIRST_RETRY)
             if rules.halvings or damping > rules.largest:
-                return Solution(here, model, start, count, False)
+                return Solution(here, start, count, False)
             continue
         damping = rules.after(damping, (here.merit - trial.merit) / step.predicted)
         small = abs(here.cost - trial.cost) <= tolerance * here.cost
@@ -220,9 +217,9 @@ def levenberg_marquardt(
         here = trial
         count += 1
         if still == patience:
-            return Solution(here, model, start, count, True)
+            return Solution(here, start, count, True)
         model = problem.model(here)
-    return Solution(here, model, start, count, False)
+    return Solution(here, start, count, False)
 
 
 def _taken(

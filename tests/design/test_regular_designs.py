@@ -187,6 +187,17 @@ def test_lower_degrees_are_offered_after_the_highest(fit_of_planar3r) -> None:
     assert last.steps == 0 and last.sides.uniform
 
 
+def test_the_gradient_norm_belongs_to_the_coefficients_found(fit_of_planar3r) -> None:
+    """A descent that begins where another ended stops there, and has the same gradient."""
+    way = fit_of_planar3r()
+    (first, *_) = way.regular()
+    noise = np.random.default_rng(0).normal(size=first.A.shape)
+    coarse = way.descend(way.coarse, first.A + 1e-3 * noise, 1e-6, 0.1)
+    again = way.descend(way.coarse, coarse.A, 1e-6, np.inf)
+    assert coarse.steps > 0 and np.allclose(again.A, coarse.A, rtol=1e-9, atol=0)
+    assert coarse.gradient_norm == pytest.approx(again.gradient_norm, rel=1e-6)
+
+
 def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) -> None:
     """Where no V is found singular, and no error was raised: at the last barrier point."""
     way = fit_of_planar3r()
