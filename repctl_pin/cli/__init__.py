@@ -123,11 +123,14 @@ def main(argv: Sequence[str] | None = None) -> int:
                 )
                 raise
 
-    return exit_code(
+    code = exit_code(
         run,
         [word for word in arguments if word != "--debug"],
         debug="--debug" in arguments,
     )
+    if argv is None:
+        gc.freeze()  # else Python searches all objects for garbage before it exits
+    return code
 
 
 def parser() -> Parser:

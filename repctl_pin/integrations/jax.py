@@ -10,9 +10,9 @@ import numpy as np
 from ..arguments import require_type
 from ..errors import InputError
 from ..inverse_function import Cell, InverseFunction, Sector
-from ..inverse_function.rotations import skew
 from ..inverse_function.symmetry import Symmetry
 from ..proof.chain import chain_of
+from ..robot.chain_formulas import skew
 
 try:
     import jax

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
+from ..robot.chain_formulas import skew
 
 
 def exp3(omega: Array) -> Array:
@@ -51,15 +52,6 @@ def left_jacobian(omega: Array) -> Array:
     b = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
     hat = skew(omega)
     return np.eye(3) + a[:, None, None] * hat + b[:, None, None] * (hat @ hat)
-
-
-def skew(omega: Array) -> Array:
-    """Return the skew-symmetric matrices (K, 3, 3) of the cross products with ω (K, 3)."""
-    x, y, z = np.moveaxis(omega, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(
-        *omega.shape[:-1], 3, 3
-    )
 
 
 def tilts(R: Array, goal: Array) -> Array:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
@@ -167,8 +169,8 @@ def follow(
             )
         method = _locked(strategy, path, grid, q, period, integrator)
     else:
-        method = _integrated(strategy, path, grid, q, period, integrator, feedback)
-    *targets, end = [path.placement(s) for s in grid]
+        method = _integrated(strategy, path, steps, q, period, integrator, feedback)
+    *targets, end = _placements(path, steps)
     points = np.array([target.translation for target in targets])
     Q, Qdot, used = _run(method, task, path.name, points, q, cycles)
 
@@ -253,7 +255,7 @@ def _run(
 def _integrated(
     strategy: Strategy,
     path: TaskPath,
-    grid: Array,
+    steps: int,
     q: Array,
     period: float,
     integrator: str,
@@ -262,19 +264,17 @@ def _integrated(
     """Make the stepper of a motion by a fixed-step Runge–Kutta method of ``INTEGRATORS``."""
     task = strategy.task
     nodes, weights = INTEGRATORS[integrator]
-
-    # A path's twists are the same in every cycle, so they are evaluated once, on the step's side of
-    # a corner. So is ẋ, except for an axis task, where it depends on the frame's orientation.
+    grid = path_grid(path, steps)
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
+
+    # A path's twists are the same in every cycle, so they are evaluated once. So is ẋ, except for
+    # an axis task, where it depends on the frame's orientation.
     places = sorted(set(nodes))
-    inside = [
-        [min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE) for c in places]
-        for a, b in ends
-    ]
-    twists = [[path.twist(s) / period for s in row] for row in inside]
+    sampled = _twists(path, steps, tuple(places)) / period
     turning = task.kind == "axis"
     if not turning:
-        twists = [[task.task_velocity(q, twist) for twist in row] for row in twists]
+        sampled = sampled[..., task.rows]
+    twists = [list(row) for row in sampled]
     stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
     b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
 
@@ -305,12 +305,37 @@ def _integrated(
     def compiled(most: Array) -> Steps | None:
         if turning or feedback:
             return None
-        xdot = [[row[place] for _, place, _ in stages] for row in twists]
+        xdot = sampled[:, [place for _, place, _ in stages]]
         return compiled_steps(
             strategy, INTEGRATORS[integrator], xdot, np.diff(grid) * period, most
         )
 
     return Method(advance, at_end, compiled)
+
+
+@lru_cache(maxsize=4)
+def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
+    """Evaluate a path's twists per cycle at several places of each step: (steps, places, 6).
+
+    A place is a fraction of a step. At a corner, the twist is the one on the step's side. Several
+    strategies follow the same path, so the last results are kept.
+    """
+    found = [
+        [
+            path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE))
+            for c in places
+        ]
+        for a, b in pairwise(path_grid(path, steps).tolist())
+    ]
+    for twist in (twist for row in found for twist in row):
+        vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+    return np.array(found)
+
+
+@lru_cache(maxsize=4)
+def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
+    """Evaluate a path's placements at both ends of every step; the last results are kept."""
+    return tuple(path.placement(s) for s in path_grid(path, steps).tolist())
 
 
 def _locked(

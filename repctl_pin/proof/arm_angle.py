@@ -23,8 +23,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..inverse_function.rotations import skew
 from ..potentials.arm_angle import ArmAngle
+from ..robot.chain_formulas import skew
 from ..robot.joint_chain import joint_axes, joint_coupling
 from .arm_angle_kernel import gradients_in_c
 from .taylor import TaylorModel, cross

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..inverse_function.cell import Cell
-from ..inverse_function.rotations import skew
 from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from ..robot.chain_formulas import skew
 from .taylor import TaylorModel
 
 

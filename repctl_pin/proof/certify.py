@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from ..arguments import finite, flag, positive
 from ..certificate import Proof
 from ..design import Design
 from ..errors import InputError
-from ..inverse_function import CellDesign
 from .branch_and_bound import bound_leaf_margin
-from .cell_search import bound_cell
 from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
+
+if TYPE_CHECKING:
+    from ..inverse_function import CellDesign
 
 
 def prove(
@@ -69,11 +71,14 @@ def prove(
     >>> proof.proved, 0.9 * design.leaf_margin < proof.leaf_margin <= design.leaf_margin + 1e-6
     (True, True)
     """
-    if not isinstance(what, (Design, CellDesign)):
-        raise InputError(
-            f"what must be a design, such as the result of rp.nearest_repeatable, "
-            f"not a {type(what).__name__}"
-        )
+    if not isinstance(what, Design):
+        from ..inverse_function import CellDesign  # a study has no need of it
+
+        if not isinstance(what, CellDesign):
+            raise InputError(
+                f"what must be a design, such as the result of rp.nearest_repeatable, "
+                f"not a {type(what).__name__}"
+            )
     goal = None if margin is None else _share(margin)
     least = (
         None
@@ -84,9 +89,9 @@ def prove(
     if not callable(progress):
         progress = flag(progress, "progress")
     with reporting.reporter(progress) as report:
-        if isinstance(what, CellDesign):
-            return _of_cell(what, goal, least, seconds, report)
-        return _of_region(what, goal, least, seconds, report)
+        if isinstance(what, Design):
+            return _of_region(what, goal, least, seconds, report)
+        return _of_cell(what, goal, least, seconds, report)
 
 
 def _share(margin: float) -> float:
@@ -145,6 +150,8 @@ def _of_cell(
     report: reporting.Report,
 ) -> Proof:
     """Prove that the function of a design exists over its cell, and prove its margins."""
+    from .cell_search import bound_cell
+
     begun, found = perf_counter(), design.evaluation
     leaf = 0.9 * found.leaf_margin if goal is None else goal
     if least is not None:

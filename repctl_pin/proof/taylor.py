@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..inverse_function.monomials import Monomials
 
 ORDER = 3
 _ROUND = 2e-14
@@ -54,6 +53,8 @@ class Products:
 @cache
 def products(k: int) -> Products:
     """Return the table of products of monomials of k variables, cached."""
+    from ..inverse_function.monomials import Monomials  # a study has no need of it
+
     monomials = Monomials(k, ORDER)
     at = {tuple(row): i for i, row in enumerate(monomials.exponents)}
     rows = [

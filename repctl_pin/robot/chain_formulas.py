@@ -1,4 +1,5 @@
-"""Formulas for serial chains: kinematic Hessian, rotation between two tool axes, rotation check."""
+"""Formulas for serial chains: kinematic Hessian, rotation between two tool axes, rotation check,
+cross products as matrices."""
 
 from __future__ import annotations
 
@@ -88,6 +89,15 @@ def rotation_vectors(R: Array) -> Array:
     ):  # near half a turn the axis is lost in rounding
         vectors[k] = pin.log3(R[k])
     return vectors
+
+
+def skew(omega: Array) -> Array:
+    """Return the skew-symmetric matrices (K, 3, 3) of the cross products with ω (K, 3)."""
+    x, y, z = np.moveaxis(omega, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(
+        *omega.shape[:-1], 3, 3
+    )
 
 
 def is_rotation(R: Sequence[float]) -> bool:

@@ -286,39 +286,32 @@ class Task:
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
         """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
         targets = as_placements(targets, "target", "a list of placements")
-        goals = {
-            id(target): (target.translation, target.rotation) for target in targets
-        }
+        goals = {id(target): target for target in targets}  # many are the same object
         if self.kind in ("pose", "axis"):
-            for _, R in goals.values():
-                require_rotation(R, "the target")
-        data, frame, kind = self._data, self._frame_id, self.kind
+            for goal in goals.values():
+                require_rotation(goal.rotation, "the target")
         Q = self._matrix(Q)
         if len(Q) != len(targets):
             raise InputError(
                 f"{len(targets)} targets do not match {len(Q)} configurations; give one for each"
             )
-        errors, turns = np.zeros((len(Q), 6)), np.empty((len(Q), 3, 3))
-        for e, turn, q, target in zip(errors, turns, Q, targets, strict=True):
-            pin.framesForwardKinematics(self.model, data, q)
-            here = data.oMf[frame]
-            p, R = goals[id(target)]
-            e[:3] = p - here.translation
-            if kind == "pose":
-                R.dot(here.rotation.T, turn)
-            elif kind == "axis":
-                e[3:5] = axis_turn(here.rotation, R)
-        if kind == "pose":
+        order = {name: k for k, name in enumerate(goals)}
+        which = [order[id(target)] for target in targets]
+        to = np.array([goal.homogeneous for goal in goals.values()]).reshape(-1, 4, 4)
+        p, R = self._placements(Q)
+        errors = np.zeros((len(Q), 6))
+        errors[:, :3] = to[which, :3, 3] - p
+        if self.kind == "pose":
+            turns = to[which, :3, :3] @ np.swapaxes(R, 1, 2)
             errors[:, 3:] = rotation_vectors(turns)
+        elif self.kind == "axis":
+            for e, here, k in zip(errors, R, which, strict=True):
+                e[3:5] = axis_turn(here, to[k, :3, :3])
         return errors[:, self.rows]
 
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
-        points, data = [], self._data
-        for q in self._matrix(Q):
-            pin.framesForwardKinematics(self.model, data, q)
-            points.append(data.oMf[self._frame_id].translation.copy())
-        return np.array(points).reshape(-1, 3)
+        return self._placements(self._matrix(Q))[0]
 
     def joint_origins(self, q: ArrayLike) -> Array:
         """Compute the origins of the joints, from the base outward: an array (n, 3), m.
@@ -509,6 +502,16 @@ class Task:
             if Rs is not None:
                 Rs[k] = self._data.oMf[self._frame_id].rotation
         return Js, Rs
+
+    def _placements(self, Q: Array) -> tuple[Array, Array]:
+        """Evaluate the frame's position (K, 3) and rotation (K, 3, 3) at every row of Q."""
+        here = self._data.oMf[self._frame_id]
+        p, R = here.translation, here.rotation  # views, which each evaluation fills
+        points, turns = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3))
+        for k, q in enumerate(Q):
+            pin.framesForwardKinematics(self.model, self._data, q)
+            points[k], turns[k] = p, R
+        return points, turns
 
     def _vector(self, q: ArrayLike) -> Array:
         values: Any = q

@@ -96,11 +96,11 @@ def _mesh_hull(surface: Surface | InputError) -> Array:
     """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
     if not isinstance(surface, Surface):
         return np.zeros((1, 3))
-    points = np.unique(surface.points, axis=0)
     try:
-        return points[ConvexHull(points).vertices]
+        points = surface.points[ConvexHull(surface.points).vertices]
     except (QhullError, ValueError):  # flat
-        return points
+        points = surface.points
+    return np.unique(points, axis=0)
 
 
 def _primitive(shape: Shape) -> Array:
