@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from typing import Any
 
 import pytest
 
-from repctl_pin.cli import main
+main: Callable[[list[str]], int] = entry_points(group="console_scripts")[
+    "repctl"
+].load()
+"""The command ``repctl`` as it is installed: words in, exit code out."""
 
 OUT = [
     *("follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4"),

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 import repctl_pin as rp
+from repctl_pin import redundancy
 from repctl_pin.potentials import Potentials
-from repctl_pin.redundancy import leaf_margin, nullspace
 
 
 def design_of(task: rp.Task, potentials: Potentials, region: object) -> rp.Design:
@@ -42,8 +42,8 @@ def design_of(task: rp.Task, potentials: Potentials, region: object) -> rp.Desig
 
 def margins(design: rp.Design, Q: np.ndarray) -> np.ndarray:
     """Evaluate the leaf margin at every row of Q (K, n), without anything of the proof."""
-    N = np.array([nullspace(design.task.jacobian(q)) for q in Q])
-    return leaf_margin(N, design.inverse.potentials.gradients(Q))
+    N = np.array([redundancy.nullspace(design.task.jacobian(q)) for q in Q])
+    return redundancy.leaf_margin(N, design.inverse.potentials.gradients(Q))
 
 
 def smallest_singular_values(task: rp.Task, Q: np.ndarray) -> np.ndarray:
@@ -60,5 +60,7 @@ def near_null_space(
     potentials = rp.Polynomial(q, 2, width)
     A = rough * 0.2 * width * rng.standard_normal((potentials.size, task.r))
     D = potentials.gradients(q[None])[0]  # (n, N)
-    A += np.linalg.lstsq(D, nullspace(task.jacobian(q)) - D @ A, rcond=None)[0]
+    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[
+        0
+    ]
     return potentials.weighted(A)

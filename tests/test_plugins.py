@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.motion import parse_path
 from repctl_pin.plugins import plugin, registered
 

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import refused
+from commands import main, refused
 from page_file import Visuals, read
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser
+from repctl_pin.cli import parser
 from repctl_pin.files import write_whole
 from repctl_pin.motion import csv_text, read_motions
 from repctl_pin.show.page import (

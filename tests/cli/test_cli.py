@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 from arms import heed_interrupts
-from commands import computed_once
+from commands import computed_once, main
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.urdf import catalogue
 
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import Q_PANDA, planar_task
-from commands import refused, told, without_pictures
+from commands import main, refused, told, without_pictures
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.motion import parse_path
 
 WORDS = ["--path", "circle:0.1", "--plane", "xy"]

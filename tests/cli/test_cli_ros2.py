@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser
+from repctl_pin.cli import parser
 
 
 @pytest.fixture

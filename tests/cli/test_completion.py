@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from arms import KINDS
+from commands import main
 from page_file import COLOURS
 
-from repctl_pin.cli import main, parser
-from repctl_pin.cli.completion import WORDS
+from repctl_pin.cli import completion, parser
 from repctl_pin.motion import parse_path
 
 COMMANDS = next(
@@ -77,8 +77,8 @@ def test_every_word_is_one_the_commands_take() -> None:
         for action in part._actions
         for name in action.option_strings
     }
-    assert set(WORDS) <= known
-    words = {name: text.split() for name, text in WORDS.items()}
+    assert set(completion.WORDS) <= known
+    words = {name: text.split() for name, text in completion.WORDS.items()}
     assert set(words["--task"]) == set(KINDS)
     assert set(words["--plane"]) == set(PLANES) and set(words["--only"]) == set(COLOURS)
     for weight in words["--weight"]:

@@ -17,11 +17,10 @@ from unittest.mock import Mock
 
 import pytest
 from arms import planar_urdf
-from commands import refused
+from commands import main, refused
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 DEVICES = {"full": os.makedev(1, 7), "zero": os.makedev(1, 5)}
 

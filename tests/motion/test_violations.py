@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import chain_with_bodies
-from commands import OUT, refused, told
+from commands import OUT, main, refused, told
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
 from repctl_pin.show.page import TracedChain, playback_of, playback_page
 from repctl_pin.show.plots import drift_figure, joints_figure

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_task, sliding_task, spatial_task
-from commands import refused, told
+from commands import main, refused, told
 from mimic_arm import MIMICS, arm
 from proofs import design_of, margins, near_null_space, smallest_singular_values
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.proof import leaf_margin_bounds as kernels
 from repctl_pin.proof import remainder, screws
 from repctl_pin.proof.chain import chain_of
@@ -357,11 +356,13 @@ def planted(
     task: rp.Task, at: np.ndarray, center: np.ndarray, width: float, seed: int
 ) -> rp.Design:
     """A design whose leaf margin is 0 at one configuration, and near 1 at the centre of its box."""
-    from repctl_pin.redundancy import nullspace
 
     potentials, rng = rp.Polynomial(center, 2, width), np.random.default_rng(seed)
     A = 0.1 * width * rng.standard_normal((potentials.size, task.r))
-    N, N_at = nullspace(task.jacobian(center)), nullspace(task.jacobian(at))
+    N, N_at = (
+        rp.redundancy.nullspace(task.jacobian(center)),
+        rp.redundancy.nullspace(task.jacobian(at)),
+    )
     across = np.linalg.svd(N_at.T)[2][task.r :].T @ rng.standard_normal(
         (task.n - task.r, task.r)
     )

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser
+from repctl_pin.cli import parser
 
 ROOT = Path(__file__).parents[2]
 SHELF = """<robot name="workcell"><link name="shelf"><collision><origin xyz="0.4 0.5 0.3"/>

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import computed_once, without_pictures
+from commands import computed_once, main, without_pictures
 from shown import answered, drifts, steady, written
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser
+from repctl_pin.cli import parser
 from repctl_pin.urdf import catalogue
 
 ROOT = Path(__file__).parents[2]

@@ -9,11 +9,12 @@ import unicodedata
 from argparse import _SubParsersAction
 
 import pytest
+from commands import main
 from shown import drifts
 from terminals import fit_terminals, terminal_of
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser, terminal
+from repctl_pin.cli import parser, terminal
 from repctl_pin.show.text import fitted, lines, study_table, study_verdict
 
 COMMANDS = [

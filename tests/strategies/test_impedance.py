@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
+from repctl_pin import redundancy
 from repctl_pin.motion import elbow
-from repctl_pin.redundancy import nullspace
 
 PUSH = 20.0
 """N, at the elbow, for half a second."""
@@ -22,7 +22,7 @@ def inverse(request: pytest.FixtureRequest) -> rp.RepeatableInverse:
     the null space."""
     task = rp.Robot.load(request.param).task(kind="pose")
     q0 = np.array(task.reference)
-    N = nullspace(task.jacobian(q0))
+    N = redundancy.nullspace(task.jacobian(q0))
     rows = N + 0.1 * np.random.default_rng(0).normal(size=N.shape)
     potentials = rp.Polynomial(q0, 1, 1.0)
     return rp.RepeatableInverse(task, potentials.weighted(rows))
@@ -226,7 +226,7 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
             model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )[:3]
 
-    along = elbow_jacobian(q_panda) @ nullspace(task.jacobian(q_panda))[:, 0]
+    along = elbow_jacobian(q_panda) @ redundancy.nullspace(task.jacobian(q_panda))[:, 0]
     along /= np.linalg.norm(along)
     q, qdot, hand, off = q_panda.copy(), np.zeros(7), [], []
     for k in range(2500):

@@ -12,8 +12,8 @@ import pytest
 from controls import control
 
 import repctl_pin as rp
+from repctl_pin import redundancy
 from repctl_pin.motion import elbow
-from repctl_pin.redundancy import nullspace
 from repctl_pin.strategies.torque_law import Observer
 
 DT = 1e-3
@@ -87,7 +87,7 @@ class Arm:
         mujoco.mj_jac(
             self.model, self.data, J, None, self.data.xpos[self.body], self.body
         )
-        along = J @ nullspace(task.jacobian(q))[:, 0]
+        along = J @ redundancy.nullspace(task.jacobian(q))[:, 0]
         self.along = along / np.linalg.norm(along)
 
     def step(self, torque: np.ndarray, push: float = 0.0) -> None:

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import computed_once, told, without_pictures
+from commands import computed_once, main, told, without_pictures
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.motion import read_motions
 
 yaml = pytest.importorskip("yaml")

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_urdf
+from commands import main
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.motion import read_motions
 from repctl_pin.problem import NO_BETTER, choose_period
 from repctl_pin.show import study_files

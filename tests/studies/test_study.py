@@ -15,8 +15,7 @@ from page_file import read
 
 import repctl_pin as rp
 from repctl_pin.motion import elbow, fitting_circle
-from repctl_pin.problem import kind_note
-from repctl_pin.problem.start_candidates import default_starts
+from repctl_pin.problem import kind_note, start_candidates
 from repctl_pin.show.page import read_playbacks
 from repctl_pin.show.palette import colours
 from repctl_pin.show.report import report_page
@@ -373,7 +372,7 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
     """A path out of the reference pose's reach: the next good start is tried, and said."""
     offered = [
         q
-        for q, _ in default_starts(
+        for q, _ in start_candidates.default_starts(
             rp.Robot.load("panda").task("panda_hand_tcp", "pose")
         )
     ]

@@ -26,8 +26,8 @@ from repctl_pin.urdf import (
     reference_posture,
     table,
     urdf_folder,
+    validate,
 )
-from repctl_pin.urdf.validate import read_urdf
 
 NAMES = list(table())
 PLANAR = {
@@ -69,7 +69,7 @@ JOINTS = {
 @pytest.mark.parametrize("name", NAMES)
 def test_every_robot_is_what_it_promises(name: str) -> None:
     entry = find(name)
-    d = read_urdf(entry.urdf)
+    d = validate.read_urdf(entry.urdf)
     model = pin.buildModelFromXML(d.xml)
     assert model.nq == model.nv > 0
     lock_joints(
@@ -143,7 +143,7 @@ def test_names_and_aliases() -> None:
 @pytest.mark.parametrize("name", ["panda", "talos", "so100", "planar3r"])
 def test_meshes_are_found(name: str) -> None:
     entry = find(name)
-    xml = read_urdf(entry.urdf).xml
+    xml = validate.read_urdf(entry.urdf).xml
     model = pin.buildModelFromXML(xml)
     paths = [*entry.package_dirs]
     geometry = pin.buildGeomFromUrdfString(
@@ -159,7 +159,7 @@ def test_meshes_are_found(name: str) -> None:
 def position(
     name: str,
 ) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
-    model = pin.buildModelFromXML(read_urdf(find(name).urdf).xml)
+    model = pin.buildModelFromXML(validate.read_urdf(find(name).urdf).xml)
     data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
 
     def tip(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -211,7 +211,7 @@ def test_prr_closed_form() -> None:
 
 @pytest.mark.parametrize("name", ["ppr", "prr", *PLANAR])
 def test_planar_arms_have_room_and_mass(name: str) -> None:
-    d = read_urdf(find(name).urdf)
+    d = validate.read_urdf(find(name).urdf)
     moving = [j for j in d.joints if j.kind != "fixed"]
     assert all(
         -j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi)
