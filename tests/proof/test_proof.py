@@ -15,10 +15,9 @@ from mimic_arm import MIMICS, arm
 from proofs import design_of, margins, near_null_space, smallest_singular_values
 
 import repctl_pin as rp
+from repctl_pin.proof import chain as chains
 from repctl_pin.proof import leaf_margin_bounds as kernels
-from repctl_pin.proof import remainder, screws
-from repctl_pin.proof.chain import chain_of
-from repctl_pin.proof.regions import cover
+from repctl_pin.proof import regions, remainder, screws
 
 TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "pose, r = 1": lambda folder: spatial_task(7, folder, kind="pose", seed=3),
@@ -115,7 +114,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
     case: str, tmp_path: Path
 ) -> None:
     task = TASKS[case](tmp_path)
-    q, whole = regular_start(task), chain_of(task)
+    q, whole = regular_start(task), chains.chain_of(task)
     for middle in range(len(whole.p) + 1):
         chain = whole.seen_from(middle, 0.3)
 
@@ -150,7 +149,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
 def worst_ratio(task: rp.Task, count: int = 120) -> float:
     """The largest ratio of an actual remainder of a screw to its bound, over random boxes and
     corners of them."""
-    whole, rng, worst = chain_of(task), np.random.default_rng(0), 0.0
+    whole, rng, worst = chains.chain_of(task), np.random.default_rng(0), 0.0
     P, moves = len(whole.p), whole.S[:, : task.n].any(axis=1)
     for trial in range(count):
         chain = whole.seen_from(int(rng.integers(P + 1)), float(rng.uniform()))
@@ -307,7 +306,7 @@ def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
     t = np.linspace(0, 2 * np.pi, 200)
     samples = 0.3 * np.column_stack([np.cos(t), np.sin(t), np.sin(2 * t), 0.1 * t])
     tube = rp.Tube(samples, np.array([0.1, 0.05, 0.1, 0.02]))
-    low, high = cover(tube)
+    low, high = regions.cover(tube)
     rng = np.random.default_rng(0)
     k, share = rng.integers(len(t) - 1, size=4000), rng.uniform(size=(4000, 1))
     edge = rng.uniform(-1, 1, (4000, 4))

@@ -15,9 +15,8 @@ from cell_functions import chart_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.inverse_function import CellDesign, InverseFunction
-from repctl_pin.inverse_function.chart import Chart
-from repctl_pin.inverse_function.turning import reduced
+from repctl_pin.inverse_function import CellDesign, InverseFunction, turning
+from repctl_pin.inverse_function import chart as charts
 from repctl_pin.proof import cell_kernel, cells
 
 
@@ -125,7 +124,7 @@ def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
 def test_a_cell_that_is_not_covered_is_not_proved(places: CellDesign) -> None:
     chart = places.function.chart
     beyond = InverseFunction(
-        Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients),
+        charts.Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients),
         keep_limits=False,
     )
     proof = rp.prove(
@@ -240,7 +239,9 @@ def test_a_sector_is_proved_at_every_angle_and_spin() -> None:
 
 
 def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None:
-    sector = reduced(sectors.sector_of(angle=1.0), rp.Pseudoinverse(sectors.panda()))
+    sector = turning.reduced(
+        sectors.sector_of(angle=1.0), rp.Pseudoinverse(sectors.panda())
+    )
     assert sector.removed
     lower, upper = cells.limits_of(sector)
     np.testing.assert_allclose(lower - sector.task.lower, [1.0, *np.zeros(6)])

@@ -16,11 +16,10 @@ from page_file import read
 import repctl_pin as rp
 from repctl_pin.motion import elbow, fitting_circle
 from repctl_pin.problem import kind_note, start_candidates
-from repctl_pin.show.page import read_playbacks
-from repctl_pin.show.palette import colours
-from repctl_pin.show.report import report_page
-from repctl_pin.show.study_files import write_study
-from repctl_pin.show.text import number, study_table, study_verdict, summary
+from repctl_pin.show import page as pages
+from repctl_pin.show import palette, study_files
+from repctl_pin.show import report as reports
+from repctl_pin.show import text as texts
 
 REDUNDANT = [
     ("panda", None, "pose"),
@@ -163,7 +162,7 @@ def test_the_default_region_holds_the_motion() -> None:
     assert off.max(axis=2).min(axis=1).max() <= 1
     assert (
         study.row("repeatable").outside == 0
-        and "OUTSIDE" not in study_table(study)
+        and "OUTSIDE" not in texts.study_table(study)
         and study.design.region is tube
     )
     small = rp.study(
@@ -176,7 +175,7 @@ def test_the_default_region_holds_the_motion() -> None:
         (np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1)
     )
     assert small.row("repeatable").outside == pytest.approx(share)
-    assert study_table(small).startswith(
+    assert texts.study_table(small).startswith(
         f"warning: {100 * share:.1f} % of the motion lies outside Ω"
     )
 
@@ -206,7 +205,12 @@ def small() -> rp.Study:
 def test_what_is_shown_was_computed_by_the_study(small: rp.Study) -> None:
     assert any("fastest cycles" in step for step in STEPS)
     begin = time.process_time()
-    shown = [small.summary(), study_table(small), study_verdict(small), *summary(small)]
+    shown = [
+        small.summary(),
+        texts.study_table(small),
+        texts.study_verdict(small),
+        *texts.summary(small),
+    ]
     assert (
         time.process_time() - begin < 0.1
     )  # timing four motions takes several times as long
@@ -240,24 +244,24 @@ def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None
 
 def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
     data = json.loads(json.dumps(small.as_dict()))
-    text = study_table(small)
+    text = texts.study_table(small)
     for row in small.rows:
         assert all(word in text for word in row.label.split())
         assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
         assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
     plain = small.row("pseudoinverse").motion
     assert re.search(
-        rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ",
+        rf"^drift after 2 cycles, rad +{texts.number(plain.drift[-1])} ",
         text,
         flags=re.MULTILINE,
     )
-    assert " ".join(text.split()).startswith(study_verdict(small))
+    assert " ".join(text.split()).startswith(texts.study_verdict(small))
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 
 @pytest.mark.pictures
 def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
-    files = write_study(small, tmp_path / "out")
+    files = study_files.write_study(small, tmp_path / "out")
     assert [f.name for f in files] == [
         "animation.html",
         "drift.png",
@@ -334,17 +338,20 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     np.testing.assert_allclose(by_hand.q, plain.q, atol=1e-9)
     weighted = rp.follow(own["M"], study.path, study.q0, cycles=2, steps=60)
     np.testing.assert_array_equal(study.row("M").motion.q, weighted.q)
-    assert "<hand>" in study_table(study) and len(set(colours(study).values())) == 6
-    page, _, _, table = write_study(study, tmp_path)
+    assert (
+        "<hand>" in texts.study_table(study)
+        and len(set(palette.colours(study).values())) == 6
+    )
+    page, _, _, table = study_files.write_study(study, tmp_path)
     assert [arm["label"] for arm in read(page.read_text(encoding="utf-8"))[0]["arms"]] == [
         "J⁺", "by <hand>", "M", "nearest repeatable",
     ]  # fmt: skip
-    assert {track.label for track in read_playbacks(table, robot)} == {
+    assert {track.label for track in pages.read_playbacks(table, robot)} == {
         row.label for row in study.rows
     }
-    report = report_page(study)
+    report = reports.report_page(study)
     assert (
-        f"Under your controller M, the joints drift by {number(weighted.drift[-1])} rad"
+        f"Under your controller M, the joints drift by {texts.number(weighted.drift[-1])} rad"
         in report
         and "by <hand>" not in report
     )
