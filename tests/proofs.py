@@ -3,14 +3,15 @@ proofs."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.potentials import Potentials
 
 
-def design_of(task: rp.Task, potentials: Potentials, region: object) -> rp.Design:
+def design_of(task: rp.Task, potentials: Any, region: object) -> rp.Design:
     """Make a design of given potentials; its figures are empty."""
     inverse = rp.RepeatableInverse(task, potentials, region=region)
     nothing = dict.fromkeys(
@@ -53,7 +54,7 @@ def smallest_singular_values(task: rp.Task, Q: np.ndarray) -> np.ndarray:
 
 def near_null_space(
     task: rp.Task, q: np.ndarray, width: float, seed: int, *, rough: float = 1.0
-) -> Potentials:
+) -> rp.Polynomial:
     """Random quadratic potentials whose gradients at q span the null space of J, near to regular
     around it."""
     rng = np.random.default_rng(seed)

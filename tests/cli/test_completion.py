@@ -3,22 +3,19 @@ take."""
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 from arms import KINDS
-from commands import main
+from commands import main, parsers
 from page_file import COLOURS
 
-from repctl_pin.cli import completion, parser
-from repctl_pin.motion import parse_path
+import repctl_pin as rp
+from repctl_pin.cli import completion
 
-COMMANDS = next(
-    a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)
-).choices
+COMMANDS = {name: parser for name, parser in parsers().items() if name}
 PLANES = ("xy", "xz", "yz")
 
 
@@ -84,4 +81,4 @@ def test_every_word_is_one_the_commands_take() -> None:
     for weight in words["--weight"]:
         assert main(["check", "panda", "--weight", weight, "--samples", "8"]) == 0
     for path in words["--path"]:
-        assert callable(parse_path(path))
+        assert rp.Problem("planar3r", path=path)

@@ -55,20 +55,6 @@ def node(tmp_path: Path):
     return make
 
 
-def test_interrupted_while_it_writes_no_file_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from repctl_pin.files import write_whole
-
-    def interrupt(handle: int) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "fsync", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_whole(tmp_path / "whole.txt", "half")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
 @pytest.mark.parametrize(
     "number", [signal.SIGTERM, signal.SIGHUP], ids=lambda number: number.name

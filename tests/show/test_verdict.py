@@ -8,10 +8,19 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.show import text
+from repctl_pin.show.text import (
+    MotionSummary,
+    metres,
+    motion_summary,
+    number,
+    percent,
+    radians,
+    study_verdict,
+)
+from repctl_pin.show.text.verdict import verdict
 
-J = text.MotionSummary("J⁺", 0.4512, 0.464)
-OURS = text.MotionSummary("nearest repeatable", 0.0, 0.464)
+J = MotionSummary("J⁺", 0.4512, 0.464)
+OURS = MotionSummary("nearest repeatable", 0.0, 0.464)
 ELBOW = "Elbow displacement after 10 cycles: 45 cm (J⁺) → 0 (repeatable)."
 SPEED = "Joint speed, relative to J⁺: 0 %."
 LIMITS = "Joint limits respected."
@@ -31,7 +40,7 @@ LIMITS = "Joint limits respected."
         ),
         ([J], f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}"),
         (
-            [text.MotionSummary("a", 0, 1.0), text.MotionSummary("b", 0, 1.0)],
+            [MotionSummary("a", 0, 1.0), MotionSummary("b", 0, 1.0)],
             f"Elbow displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. {LIMITS}",
         ),
         (  # what is small is said, if the motion is not closed
@@ -78,21 +87,19 @@ LIMITS = "Joint limits respected."
         ),
     ],
 )
-def test_the_words_of_every_outcome(
-    summaries: list[text.MotionSummary], words: str
-) -> None:
-    assert text.verdict.verdict(summaries, 10) == words
+def test_the_words_of_every_outcome(summaries: list[MotionSummary], words: str) -> None:
+    assert verdict(summaries, 10) == words
 
 
 def test_a_lost_path_is_said_first_and_speeds_are_not_compared_then() -> None:
     lost = replace(J, path_loss=(3, 0.572, 0.0))
-    told = text.verdict.verdict([lost, OURS], 10)
+    told = verdict([lost, OURS], 10)
     assert told.startswith(
         "End effector: leaves the path in cycle 3, by up to 57 cm (J⁺) → on the path "
         "(repeatable). Elbow displacement"
     )
     assert "Joint speed, relative to J⁺: not compared, since the path is left." in told
-    turned = text.verdict.verdict([replace(J, path_loss=(1, 0.0, 0.31))], 10)
+    turned = verdict([replace(J, path_loss=(1, 0.0, 0.31))], 10)
     assert turned.startswith(
         "End effector: leaves the path in cycle 1, by up to 0.31 rad. "
     )
@@ -100,7 +107,7 @@ def test_a_lost_path_is_said_first_and_speeds_are_not_compared_then() -> None:
 
 def test_joint_speed_is_of_the_first_cycle_and_of_all() -> None:
     """Over all cycles J⁺ is elsewhere, and the sign may turn."""
-    told = text.verdict.verdict(
+    told = verdict(
         [
             replace(J, overall_speed=0.6),
             replace(OURS, speed=0.4654, overall_speed=0.4644),
@@ -117,10 +124,10 @@ def test_the_scale_of_an_arm_decides_what_is_small() -> None:
     tiny = replace(
         J, elbow_displacement=9e-6, size=3e-4, joint_displacement=(0.097, "theta2")
     )
-    assert text.verdict.verdict([tiny, OURS], 10).startswith(
+    assert verdict([tiny, OURS], 10).startswith(
         "Elbow displacement after 10 cycles: 9 µm (J⁺) → 0"
     )
-    still = text.verdict.verdict(
+    still = verdict(
         [
             replace(J, elbow_displacement=1e-12, joint_displacement=(3e-5, "wrist")),
             OURS,
@@ -133,7 +140,7 @@ def test_the_scale_of_an_arm_decides_what_is_small() -> None:
 
 
 def test_the_bodies_and_their_distance() -> None:
-    near = text.verdict.verdict(
+    near = verdict(
         [
             replace(J, body_distance=0.0261, collision_cycle=0),
             replace(OURS, body_distance=0.1189),
@@ -143,7 +150,7 @@ def test_the_bodies_and_their_distance() -> None:
     assert near.endswith(
         f"{LIMITS} Minimum body distance: 2.6 cm (J⁺) → 12 cm (repeatable)."
     )
-    touching = text.verdict.verdict(
+    touching = verdict(
         [
             replace(J, body_distance=-0.01, collision_cycle=3),
             replace(OURS, body_distance=0.1189),
@@ -172,21 +179,21 @@ def test_a_studys_verdict_holds_its_motions_numbers(planar4r: rp.Study) -> None:
         )
         - 1
     )
-    assert text.study_verdict(study) == (
-        f"Elbow displacement after 2 cycles: {text.metres(np.linalg.norm(ends[1] - ends[0]))} (J⁺) → 0 "
+    assert study_verdict(study) == (
+        f"Elbow displacement after 2 cycles: {metres(np.linalg.norm(ends[1] - ends[0]))} (J⁺) → 0 "
         f"(repeatable). "
-        f"Joint speed, relative to J⁺: {text.percent(once)} in cycle 1, {text.percent(overall)} over 2 "
+        f"Joint speed, relative to J⁺: {percent(once)} in cycle 1, {percent(overall)} over 2 "
         f"cycles. {LIMITS}"
     )
     rows = tuple(
         replace(r, motion=None, stopped="why") if r.key == "pseudoinverse" else r
         for r in study.rows
     )
-    assert text.study_verdict(replace(study, rows=rows)).startswith(
+    assert study_verdict(replace(study, rows=rows)).startswith(
         "J⁺ stopped: why. Elbow displacement"
     )
     none = tuple(replace(r, motion=None, stopped="why") for r in study.rows)
-    assert text.study_verdict(replace(study, rows=none)) == (
+    assert study_verdict(replace(study, rows=none)) == (
         "J⁺ stopped: why. nearest repeatable stopped: why."
     )
 
@@ -199,9 +206,7 @@ def test_a_motion_is_closed_exactly_where_the_first_line_says_0(
     few = rp.study("planar4r", cycles=2, steps=12, degree=1)
     for study in (few, planar4r):
         motion = study.row("repeatable").motion
-        assert (
-            text.study_verdict(study).split(" → ")[1].startswith("0 (") == motion.closes
-        )
+        assert study_verdict(study).split(" → ")[1].startswith("0 (") == motion.closes
     task = few.task
     closed = few.row("repeatable").motion
     Q = np.tile(closed.q[0], (3, 1))
@@ -222,28 +227,28 @@ def test_the_joint_that_turns_most_is_named_from_the_motion() -> None:
         return rp.follow(rp.Pseudoinverse(task), path, q0, cycles=3, steps=60)
 
     motion = circled("planar3r", [0.3, 0.8, 0.8])
-    off, told = np.abs(motion.q[-1] - motion.q[0]), text.motion_summary("J⁺", motion, 1)
+    off, told = np.abs(motion.q[-1] - motion.q[0]), motion_summary("J⁺", motion, 1)
     assert told.joint_displacement == (off.max(), motion.task.joint_names[off.argmax()])
     slides = circled("ppr", [0.0, 0.0, 0.5])
-    assert text.motion_summary("J⁺", slides, 1).joint_displacement == (
+    assert motion_summary("J⁺", slides, 1).joint_displacement == (
         abs(slides.q[-1, 2] - slides.q[0, 2]),
         "theta3",
     )  # d1 and d2 slide
 
 
 def test_numbers_are_written_one_way() -> None:
-    assert [text.number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
+    assert [number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
         "1.75", "0.0238", "2e-11", "0", "1234", "–",
     ]  # fmt: skip
-    assert [text.metres(v) for v in (9e-10, 9e-6, 9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == [
+    assert [metres(v) for v in (9e-10, 9e-6, 9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == [
         "0", "9 µm", "0.09 mm", "2.6 mm", "45 cm", "1 m", "1.2 m",
     ]  # fmt: skip
-    assert [text.radians(v) for v in (9e-4, 0.0213, 3.719)] == [
+    assert [radians(v) for v in (9e-4, 0.0213, 3.719)] == [
         "9e-4 rad",
         "0.021 rad",
         "3.7 rad",
     ]
-    assert [text.percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == [
+    assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == [
         "0 %",
         "+0.3 %",
         "−1.0 %",

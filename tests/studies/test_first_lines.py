@@ -14,10 +14,10 @@ from commands import main
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.motion import read_motions
 from repctl_pin.problem import NO_BETTER, choose_period
-from repctl_pin.show import plots, study_files
-from repctl_pin.show import text as texts
+from repctl_pin.show import study_files
+from repctl_pin.show.plots.motions import png
+from repctl_pin.show.text import study_verdict
 from repctl_pin.studies.study import edge_warning
 
 STARTS = "repctl_pin.problem.start_candidates.default_starts"
@@ -40,11 +40,11 @@ def test_a_lost_hand_comes_first(planar: rp.Study) -> None:
         replace(r, motion=lost(r.motion)) if r.key == "pseudoinverse" else r
         for r in planar.rows
     ]
-    told = texts.study_verdict(replace(planar, rows=tuple(rows)))
+    told = study_verdict(replace(planar, rows=tuple(rows)))
     assert told.startswith(
         "End effector: leaves the path in cycle 2, by up to 57 cm (J⁺) → on the path (repeatable)."
     )
-    assert texts.study_verdict(planar).startswith("Elbow displacement")
+    assert study_verdict(planar).startswith("Elbow displacement")
     assert (
         lost(planar.rows[0].motion).path_loss[1:] == (0.572, 0.0)
         and planar.rows[0].motion.path_loss is None
@@ -243,9 +243,7 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
     """The figures are empty, but files as they are written for a user."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        study_files,
-        "png",
-        lambda _, **options: plots.motions.png(Figure((1, 1)), **options),
+        study_files, "png", lambda _, **options: png(Figure((1, 1)), **options)
     )
     command = [
         "study",
@@ -271,10 +269,10 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
         "report.html",
     ):
         assert run.encode() in (folder / name).read_bytes(), name
-    assert (
-        len(read_motions(folder / "motion.csv", rp.Robot.load("planar4r").joint_names))
-        == 4
+    labels = np.genfromtxt(
+        folder / "motion.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
     )
+    assert len(set(labels[labels.dtype.names[0]])) == 4
     (folder / "joints.png").unlink()
     (folder / "joints.png").mkdir()  # where no file can be written
     before = {file: file.read_bytes() for file in folder.iterdir() if file.is_file()}

@@ -14,7 +14,6 @@ from arms import planar_urdf
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.motion import elbow, fitting_circle
 from repctl_pin.problem import kind_note, start_candidates
 from repctl_pin.show import page as pages
 from repctl_pin.show import palette, study_files
@@ -124,7 +123,7 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     (tmp_path / "finger.urdf").write_text(planar_urdf([0.04, 0.03, 0.02], range_=0.8))
     task = rp.Robot.load(tmp_path / "finger.urdf").task("tool", "xy")
     q0 = np.array([0.2, 0.6, 0.7])
-    points = np.array([fitting_circle(task, q0).point(s) for s in (0.0, 0.5)])
+    points = np.array([rp.Problem(task, start=q0).cycle.point(s) for s in (0.0, 0.5)])
     assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
@@ -157,6 +156,8 @@ def test_the_default_region_holds_the_motion() -> None:
     study = rp.study(
         rp.Problem("panda", path="square:0.3", plane="xy"), cycles=1, steps=100
     )
+    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
+    assert study.task.joint_names[study.elbow] in ("panda_joint3", "panda_joint4")
     tube, motion = study.region, study.row("repeatable").motion
     off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
     assert off.max(axis=2).min(axis=1).max() <= 1
@@ -177,14 +178,6 @@ def test_the_default_region_holds_the_motion() -> None:
     assert small.row("repeatable").outside == pytest.approx(share)
     assert texts.study_table(small).startswith(
         f"warning: {100 * share:.1f} % of the motion lies outside Ω"
-    )
-
-
-def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
-    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
-    assert panda_pose.joint_names[elbow(panda_pose, q_panda)] in (
-        "panda_joint3",
-        "panda_joint4",
     )
 
 
