@@ -17,7 +17,7 @@ from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
 
 import repctl_pin as rp
 from repctl_pin.codegen import expressions
-from repctl_pin.codegen import text as texts
+from repctl_pin.codegen.text import checked_name, comment
 from repctl_pin.regions import Region
 
 AGREE = 1e-11
@@ -290,7 +290,7 @@ HOSTILE = [
 
 @pytest.mark.parametrize("words", HOSTILE)
 def test_no_words_end_a_comment(words: str) -> None:
-    text = texts.comment(words)
+    text = comment(words)
     assert text.isascii() and text.isprintable() and len(text) <= 6 * 80
     assert not set(text) & set("*/?\"'%@#") and not text.endswith("\\")
     assert re.sub(r"\\u[0-9a-f]{4}", "", text).count("\\") == 0
@@ -388,7 +388,7 @@ def test_names_that_c_cannot_have_are_refused(
     with pytest.raises(rp.InputError) as caught:
         rp.export_c(panda_design.inverse, tmp_path, name)
     assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
-    assert texts.checked_name("panda_control") == "panda_control"
+    assert checked_name("panda_control") == "panda_control"
 
 
 def test_what_cannot_be_written_down_is_refused(

@@ -21,20 +21,25 @@ from design_file import checksum
 import repctl_pin as rp
 from repctl_pin.inverse_function import (
     FailureReason,
-    cell_evaluation,
     cell_fit,
-    cell_potentials,
     margins,
     nearest_function,
-    posture_search,
-    reference,
     rotations,
-    sample_path,
 )
-from repctl_pin.inverse_function import chart as charts
-from repctl_pin.inverse_function import cost as costs
-from repctl_pin.inverse_function import failures as reasons
-from repctl_pin.inverse_function import monomials as polynomials
+from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
+from repctl_pin.inverse_function.cell_potentials import CellPotentials
+from repctl_pin.inverse_function.chart import Chart
+from repctl_pin.inverse_function.cost import Cost, Penalty, descend
+from repctl_pin.inverse_function.failures import round_the_base, touching
+from repctl_pin.inverse_function.monomials import Monomials
+from repctl_pin.inverse_function.posture_search import (
+    Candidate,
+    judged,
+    searched,
+)
+from repctl_pin.inverse_function.posture_search import chosen as choose
+from repctl_pin.inverse_function.reference import rays
+from repctl_pin.inverse_function.sample_path import tour
 
 
 @cache
@@ -192,7 +197,7 @@ def test_a_cell_says_its_size_and_where_a_pose_is() -> None:
 
 
 def test_monomials_differentiate() -> None:
-    monomials = polynomials.Monomials(3, 4)
+    monomials = Monomials(3, 4)
     U = np.random.default_rng(0).uniform(-1, 1, (5, 3))
     T = monomials.values(U)
     assert monomials.size == 35 and np.allclose(
@@ -215,7 +220,7 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(
     cell = cell_of(kind, rotation, 0.08)
     chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2)
     U, r = 0.9 * cell.sample(6, 3), cell.task.r
-    terms = polynomials.Monomials(cell.k, 2)
+    terms = Monomials(cell.k, 2)
     a = 0.05 * np.random.default_rng(0).normal(size=(terms.size, r))
 
     def section(U: np.ndarray) -> np.ndarray:
@@ -251,7 +256,7 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     chart = chart_of(
         cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64
     )
-    terms, edge = polynomials.Monomials(cell.k, 2), 0.9 * cell.sample(8, 5)
+    terms, edge = Monomials(cell.k, 2), 0.9 * cell.sample(8, 5)
     rng = np.random.default_rng(0)
     asked_for = [
         (margins.limits_of(cell.task), 0.75),
@@ -260,10 +265,9 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     ]
     for chosen, exact in [(asked_for[:1], 1e-5), (asked_for, 1e-3)]:
         kept = [
-            costs.Penalty(margin, edge, np.full(len(edge), asked))
-            for margin, asked in chosen
+            Penalty(margin, edge, np.full(len(edge), asked)) for margin, asked in chosen
         ]
-        cost = costs.Cost(
+        cost = Cost(
             rp.Pseudoinverse(cell.task), chart, terms, cell.sample(16), kept, weight=3.0
         )
         a = 0.03 * rng.normal(size=(terms.size, cell.task.r))
@@ -311,18 +315,14 @@ def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
     desired, U = rp.Pseudoinverse(cell.task), cell.sample(128)
     costs = []
     for degree in (0, 1, 2, 3):
-        terms = polynomials.Monomials(3, degree)
-        costs.append(
-            costs.descend(
-                costs.Cost(desired, chart, terms, U), np.zeros((terms.size, 1))
-            )
-        )
+        terms = Monomials(3, degree)
+        costs.append(descend(Cost(desired, chart, terms, U), np.zeros((terms.size, 1))))
     assert all(b.value.cost < a.value.cost * 1.0001 for a, b in pairwise(costs))
     assert costs[-1].value.cost < 0.8 * costs[0].value.cost
     rng = np.random.default_rng(1)
     for _ in range(3):  # a random start elsewhere comes to the same
-        again = costs.descend(
-            costs.Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1))
+        again = descend(
+            Cost(desired, chart, terms, U), 0.1 * rng.normal(size=(terms.size, 1))
         )
         assert again.value.cost > 0.999 * costs[-1].value.cost
 
@@ -397,15 +397,9 @@ def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> 
     """On random polynomials, inside the cell and off what it holds: the loop's own way, and finite
     differences."""
     cell = rp.Cell(panda(kind), middle(kind), 0.3, rotation)
-    task, rng, monomials = (
-        cell.task,
-        np.random.default_rng(0),
-        polynomials.Monomials(cell.k, 3),
-    )
-    potentials = cell_potentials.CellPotentials(
-        charts.Chart(
-            cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r))
-        )
+    task, rng, monomials = cell.task, np.random.default_rng(0), Monomials(cell.k, 3)
+    potentials = CellPotentials(
+        Chart(cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r)))
     )
     V_T, e = np.zeros((task.n, task.n), order="F")[: task.r], np.zeros(task.r)
     quick = potentials.in_place(V_T, e)
@@ -426,7 +420,7 @@ def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> 
 
 def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     design = found(0.25)
-    path = sample_path.tour(design.cell, 1, reach=1.0)
+    path = tour(design.cell, 1, reach=1.0)
     U = np.array(
         [design.cell.coordinates_of(path.placement(s)) for s in np.linspace(0, 1, 200)]
     )
@@ -488,11 +482,8 @@ def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
     cell, G_d = cell_of(), rp.Pseudoinverse(panda())
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     beside = rp.solve_ik(cell.task, q + 0.02, cell.placement)
-    (_, candidate), U = (
-        posture_search.judged(G_d, cell, np.array([beside, q])),
-        cell.corners(),
-    )
-    ends = reference.rays(G_d, cell, q, U, steps=10)
+    (_, candidate), U = judged(G_d, cell, np.array([beside, q])), cell.corners()
+    ends = rays(G_d, cell, q, U, steps=10)
     assert candidate.share == 1 and (ends.reached == 1).all()
     assert candidate.margin == ends.least.min() > 0
     R = np.array([cell.task.placement(one).rotation for one in ends.Q])
@@ -523,11 +514,11 @@ def test_the_best_posture_is_chosen_in_this_order(
     """Share of the corners, collisions, limit margin, joint speed, distance from the reference."""
     near, far = np.full(7, 0.1), np.full(7, 0.5)
     two = [
-        posture_search.Candidate(q, share, margin, body_distance, speed)
+        Candidate(q, share, margin, body_distance, speed)
         for q, (share, body_distance, margin, speed) in ((near, first), (far, second))
     ]
     for candidates in (two, two[::-1]):
-        assert posture_search.chosen(candidates, np.zeros(7)) is two[best]
+        assert choose(candidates, np.zeros(7)) is two[best]
 
 
 def test_what_a_design_says_of_itself() -> None:
@@ -571,9 +562,7 @@ def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered() -> None:
         coefficients[:, :, 1:] *= margin
         coefficients[0, :, 1] += row
         tilted = replace(chart, coefficients=coefficients)
-        j = cell_evaluation.evaluate_cell(
-            rp.Pseudoinverse(cell.task), tilted, 64, 1, quick=True
-        )
+        j = evaluate_cell(rp.Pseudoinverse(cell.task), tilted, 64, 1, quick=True)
         assert j.coverage == covered
         assert {stop.cause for stop in j.failures} == (set() if covered else {"fold"})
         assert not covered or j.leaf_margin == pytest.approx(margin, rel=0.1)
@@ -590,7 +579,7 @@ def test_the_final_chart_is_the_function() -> None:
 def test_the_judgement_is_honest() -> None:
     """Measured anew, pose by pose, from the function and its control alone."""
     design = found()
-    j = cell_evaluation.evaluate_cell(design.desired, design.function.chart, 1024, 77)
+    j = evaluate_cell(design.desired, design.function.chart, 1024, 77)
     U = design.cell.sample(1024, 77)
     Q = design.function.batch(U)
     G, G_d = design.inverse.batch(Q)[:, :, :3], design.desired.batch(Q)[:, :, :3]
@@ -694,11 +683,9 @@ def test_a_degree_whose_start_has_no_joints_begins_at_the_reference() -> None:
     chart = chart_of(
         cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), degree=2, count=64
     )
-    cost = costs.Cost(
-        rp.Pseudoinverse(cell.task), chart, polynomials.Monomials(3, 1), cell.sample(64)
-    )
+    cost = Cost(rp.Pseudoinverse(cell.task), chart, Monomials(3, 1), cell.sample(64))
     start = 50 * np.ones((4, 1))
-    assert not np.isfinite(costs.descend(cost, start).value.cost)
+    assert not np.isfinite(descend(cost, start).value.cost)
     fitted = cell_fit._fit(cost, start).value.cost
     assert fitted < cost.value(np.zeros((4, 1))).cost < np.inf
 
@@ -722,9 +709,9 @@ def test_a_refusal_names_all_causes_but_collisions() -> None:
 def test_bodies_that_touch_are_named_with_the_pose() -> None:
     cell = cell_of()
     U, distances = cell.corners(), np.full(14, 0.1)
-    assert reasons.touching(cell, U, distances, ("hand", "link1"), 1 / 14) is None
+    assert touching(cell, U, distances, ("hand", "link1"), 1 / 14) is None
     distances[3] = -0.02
-    stop = reasons.touching(cell, U, distances, ("hand", "link1"), 1 / 14)
+    stop = touching(cell, U, distances, ("hand", "link1"), 1 / 14)
     assert (
         stop is not None
         and stop.cause == "collision"
@@ -1016,7 +1003,7 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
         "link_eef", "pose"
     )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
-    q = posture_search.searched(rp.Pseudoinverse(xarm), cell)[0].q
+    q = searched(rp.Pseudoinverse(xarm), cell)[0].q
     assert (
         np.abs(q - xarm.reference) <= np.pi
     ).all()  # not wound up: the joints turn by two pi
@@ -1058,18 +1045,16 @@ def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
     for x in np.random.default_rng(0).uniform(-1.2, 1.2, (24, 3)):
         cell = rp.Cell(task, pin.SE3(np.eye(3), x), (0.6, 0.5, 0.7))
         inside = (np.abs(line - x) <= cell.half_width).all(axis=1).any()
-        assert ("the axis of q1," in reasons.round_the_base(cell)) == inside
+        assert ("the axis of q1," in round_the_base(cell)) == inside
         found.append(inside)
     assert 4 < sum(found) < 20
     for y, says in ((0.0, True), (0.69, True), (0.71, False), (-0.71, False)):
         upright = pin.SE3(np.eye(3), np.array([0.0, y, 0.9]))
         cell = rp.Cell(panda("position"), upright, (0.7, 0.7, 0.1))
-        assert ("panda_joint1" in reasons.round_the_base(cell)) is says
-    assert (
-        reasons.round_the_base(rp.Sector(panda("position"), middle(), radius=0.1)) == ""
-    )
+        assert ("panda_joint1" in round_the_base(cell)) is says
+    assert round_the_base(rp.Sector(panda("position"), middle(), radius=0.1)) == ""
     slides = rp.Robot.load("ppr").task(None, "xy")
-    assert reasons.round_the_base(rp.Cell(slides, np.zeros(3), 9.0)) == ""
+    assert round_the_base(rp.Cell(slides, np.zeros(3), 9.0)) == ""
 
 
 def test_targets_outside_and_other_wrong_things() -> None:
@@ -1212,9 +1197,7 @@ def corner_beyond_a_limit(folder: Path) -> rp.CellDesign:
     (folder / "bound.urdf").write_text('name="theta3"'.join(text))
     bound_task = rp.Robot.load(folder / "bound.urdf").task("tool", "xy")
     chart = replace(free.function.chart, cell=rp.Cell(bound_task, cell.placement, 0.35))
-    evaluation = cell_evaluation.evaluate_cell(
-        rp.Pseudoinverse(bound_task), chart, 128, 0
-    )
+    evaluation = evaluate_cell(rp.Pseudoinverse(bound_task), chart, 128, 0)
     assert not evaluation.everywhere
     return replace(free, function=rp.InverseFunction(chart), evaluation=evaluation)
 
@@ -1234,14 +1217,12 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
         again.summary() == design.summary()
         and rp.save(again, tmp_path / "b.json").read_bytes() == file.read_bytes()
     )
-    reasons.touching = replace(
+    touching = replace(
         design,
         evaluation=replace(design.evaluation, limit_margin=0.1, limit_margin_worst=0.0),
     )
     assert (
-        rp.load(
-            rp.save(reasons.touching, tmp_path / "c.json"), panda()
-        ).limit_margin_worst
+        rp.load(rp.save(touching, tmp_path / "c.json"), panda()).limit_margin_worst
         == 0.0
     )
     with pytest.raises(rp.InputError, match="is for the task kind 'pose'"):
