@@ -146,3 +146,10 @@ def chain_with_bodies(folder: Path) -> Path:
     file = folder / "chain.urdf"
     file.write_text(f'<robot name="chain">{text}</robot>', encoding="utf-8")
     return file
+
+
+def named_path(
+    task: rp.Task, q: np.ndarray, spec: str, plane: str | None = None
+) -> rp.TaskPath:
+    """The path that a problem makes of such words as ``square:0.2``."""
+    return rp.Problem(task, start=q, path=spec, plane=plane).cycle

@@ -9,8 +9,7 @@ import pinocchio as pin
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.chart import Chart
-from repctl_pin.inverse_function.reference import fitted, rays
+from repctl_pin.inverse_function import chart, reference
 
 CELLS = {
     "poses": ("pose", 0.3),
@@ -36,10 +35,12 @@ def cell_of(
     return rp.Cell(panda(kind), middle(kind), half_width, rotation)
 
 
-def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) -> Chart:
-    ends = rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
+def chart_of(
+    cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128
+) -> chart.Chart:
+    ends = reference.rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
     assert (ends.reached == 1).all()
-    return fitted(cell, ends.U, ends.Q, ends.N, degree)
+    return reference.fitted(cell, ends.U, ends.Q, ends.N, degree)
 
 
 def function_of(name: str) -> rp.InverseFunction:

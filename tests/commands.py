@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 import json
+from argparse import ArgumentParser, _SubParsersAction
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from typing import Any
 
 import pytest
 
-from repctl_pin.cli import main
+main: Callable[[list[str]], int] = entry_points(group="console_scripts")[
+    "repctl"
+].load()
+"""The command ``repctl`` as it is installed: words in, exit code out."""
 
 OUT = [
     *("follow", "planar3r", "--strategy", "pseudoinverse", "--start", "6.2,1,-1.4"),
     *("--path", "circle:0.4:0", "--plane", "xy", "--steps", "100"),
 ]
 """A motion that leaves its limits: theta1 ends at 2π, where this circle takes it."""
+
+
+def parsers() -> dict[str, ArgumentParser]:
+    """The parsers of all commands by their names; that of ``repctl`` itself has none."""
+    from repctl_pin.cli import parser
+
+    whole = parser()
+    (commands,) = (
+        action.choices
+        for action in whole._actions
+        if isinstance(action, _SubParsersAction)
+    )
+    return {"": whole, **commands}
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:

@@ -14,7 +14,6 @@ from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
 from repctl_pin.c_library import NoCompilerError, compiler
-from repctl_pin.potentials import PotentialBasis
 
 
 def no_compiler() -> str:
@@ -87,7 +86,10 @@ def iiwa(folder: Path) -> rp.Robot:
 
 
 def control(
-    task: rp.Task, center: np.ndarray, potentials: PotentialBasis, seed: int = 0
+    task: rp.Task,
+    center: np.ndarray,
+    potentials: rp.Polynomial | rp.Fourier | rp.CustomPotentials,
+    seed: int = 0,
 ) -> rp.RepeatableInverse:
     """Potentials of a family whose gradients at a configuration span the null space there, and that
     curve."""

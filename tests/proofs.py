@@ -3,14 +3,15 @@ proofs."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import repctl_pin as rp
-from repctl_pin.potentials import Potentials
-from repctl_pin.redundancy import leaf_margin, nullspace
+from repctl_pin import redundancy
 
 
-def design_of(task: rp.Task, potentials: Potentials, region: object) -> rp.Design:
+def design_of(task: rp.Task, potentials: Any, region: object) -> rp.Design:
     """Make a design of given potentials; its figures are empty."""
     inverse = rp.RepeatableInverse(task, potentials, region=region)
     nothing = dict.fromkeys(
@@ -42,8 +43,8 @@ def design_of(task: rp.Task, potentials: Potentials, region: object) -> rp.Desig
 
 def margins(design: rp.Design, Q: np.ndarray) -> np.ndarray:
     """Evaluate the leaf margin at every row of Q (K, n), without anything of the proof."""
-    N = np.array([nullspace(design.task.jacobian(q)) for q in Q])
-    return leaf_margin(N, design.inverse.potentials.gradients(Q))
+    N = np.array([redundancy.nullspace(design.task.jacobian(q)) for q in Q])
+    return redundancy.leaf_margin(N, design.inverse.potentials.gradients(Q))
 
 
 def smallest_singular_values(task: rp.Task, Q: np.ndarray) -> np.ndarray:
@@ -53,12 +54,14 @@ def smallest_singular_values(task: rp.Task, Q: np.ndarray) -> np.ndarray:
 
 def near_null_space(
     task: rp.Task, q: np.ndarray, width: float, seed: int, *, rough: float = 1.0
-) -> Potentials:
+) -> rp.Polynomial:
     """Random quadratic potentials whose gradients at q span the null space of J, near to regular
     around it."""
     rng = np.random.default_rng(seed)
     potentials = rp.Polynomial(q, 2, width)
     A = rough * 0.2 * width * rng.standard_normal((potentials.size, task.r))
     D = potentials.gradients(q[None])[0]  # (n, N)
-    A += np.linalg.lstsq(D, nullspace(task.jacobian(q)) - D @ A, rcond=None)[0]
+    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[
+        0
+    ]
     return potentials.weighted(A)

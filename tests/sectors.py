@@ -12,8 +12,7 @@ from arms import Q_PANDA
 from cell_functions import chart_of, panda
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
-from repctl_pin.inverse_function.turning import centred, reduced
+from repctl_pin.inverse_function import cell_evaluation, turning
 
 WIDTHS: dict[str, dict[str, Any]] = {
     "pose": {"height": 0.08, "half_angle": (0.2, 0.3), "spin": 0.3},
@@ -49,10 +48,12 @@ def found(name: str = "one orientation") -> rp.CellDesign:
     """The reference over a sector, as a function: what it costs does not matter here."""
     sector = sector_of(name)
     desired = rp.Pseudoinverse(sector.task)
-    sector = reduced(sector, desired)
+    sector = turning.reduced(sector, desired)
     q = rp.solve_ik(sector.task, Q_PANDA, sector.placement)
-    chart, turns = centred(chart_of(sector, q, 2, 64))
-    evaluation = replace(evaluate_cell(desired, chart, 64, 5, quick=True), turns=turns)
+    chart, turns = turning.centred(chart_of(sector, q, 2, 64))
+    evaluation = replace(
+        cell_evaluation.evaluate_cell(desired, chart, 64, 5, quick=True), turns=turns
+    )
     how = {"samples": 64, "held_out": 64, "seed": 0, "steps": 0, "degrees": ((1, 1.0),)}
     asked = ("requested_limit_margin", "requested_body_distance", "requested_sigma_min")
     return rp.CellDesign.of(

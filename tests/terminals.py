@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from repctl_pin.cli import _COMMANDS, terminal
+from repctl_pin import cli
 from repctl_pin.show.text import lines
 
 SIZES = (80, 24), (200, 60)
@@ -55,9 +55,10 @@ def fit_terminals(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
         return reported
 
-    for command in _COMMANDS:
-        if hasattr(command, "report"):
-            monkeypatch.setattr(command, "report", reporting(terminal.report))
+    reported = reporting(cli.terminal.report)
+    for command in vars(cli).values():
+        if hasattr(command, "report") and command is not cli.terminal:
+            monkeypatch.setattr(command, "report", reported)
     return small
 
 

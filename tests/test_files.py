@@ -15,7 +15,14 @@ from pathlib import Path
 import pytest
 
 from repctl_pin import InputError
-from repctl_pin.files import read_whole, write_whole, written_together
+from repctl_pin.files import (
+    check_folder,
+    not_left_empty,
+    prepare_folder,
+    read_whole,
+    write_whole,
+    written_together,
+)
 
 ZERO, NULL, FULL = os.makedev(1, 5), os.makedev(1, 3), os.makedev(1, 7)
 
@@ -208,3 +215,50 @@ def test_two_that_write_together_never_mix(tmp_path: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(run, range(4)))
     assert len({(tmp_path / name).read_text() for name in names}) == 1
+
+
+def test_interrupted_while_it_writes_no_file_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(handle: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_whole(tmp_path / "whole.txt", "half")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
+    """What is made for a run that fails goes again; what a person made stays, and what holds a
+    file."""
+    for failure in (RuntimeError, KeyboardInterrupt):
+        with (
+            pytest.raises(failure),
+            not_left_empty(check_folder(tmp_path / "a" / "b")) as folder,
+        ):
+            assert not folder.parent.exists()  # looking does not make it
+            prepare_folder(folder)
+            raise failure
+        assert list(tmp_path.iterdir()) == []
+    (tmp_path / "a").mkdir()
+    with not_left_empty(tmp_path / "a" / "b") as folder:
+        prepare_folder(folder)
+    assert [p.name for p in tmp_path.rglob("*")] == ["a"]
+    with (
+        pytest.raises(KeyboardInterrupt),
+        not_left_empty(tmp_path / "a" / "b" / "c") as folder,
+    ):
+        write_whole(prepare_folder(folder) / "file", "text")
+        raise KeyboardInterrupt
+    assert (tmp_path / "a" / "b" / "c" / "file").read_text() == "text"
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() == 0,
+    reason="a folder is never closed to root",
+)
+def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="Permission denied"):
+        check_folder(tmp_path / "new")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import named_path
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin.cli import main
-from repctl_pin.motion import parse_path
 from repctl_pin.plugins import plugin, registered
 
 MODULE = '''
@@ -106,7 +106,7 @@ def test_fields_on_the_command_line(capsys) -> None:
 
 
 def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
-    path = parse_path("ellipse:0.1:0.05", "yz")(panda_pose, q_panda)
+    path = named_path(panda_pose, q_panda, "ellipse:0.1:0.05", "yz")
     assert path.name == "ellipse 0.1 0.05"
     assert np.allclose(path.point(0.0), panda_pose.placement(q_panda).translation)
     command = [
@@ -122,7 +122,7 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
     assert main(command) == 0
     assert "ellipse" in capsys.readouterr().out
     with pytest.raises(rp.InputError, match="ellipse"):
-        parse_path("hexagon:1")
+        named_path(panda_pose, q_panda, "hexagon:1")
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from repctl_pin.solvers import (
     levenberg_marquardt,
     newton,
     newton_rows,
+    solve_block_tridiagonal,
 )
 
 RNG = np.random.default_rng(3)
@@ -241,3 +242,22 @@ def test_descent_in_a_box_keeps_to_allowed_points_and_stops_when_it_is_enough() 
     )
     assert x[0, 0] == 0.9 and 0.0 < x[1, 0] <= 0.4
     assert all(1 in rows and 0 not in rows for rows in moved)
+
+
+@pytest.mark.parametrize("cyclic", [False, True])
+@pytest.mark.parametrize("K, r", [(3, 1), (4, 2), (7, 3), (8, 1)])
+def test_block_tridiagonal_systems(K: int, r: int, cyclic: bool) -> None:
+    rng = np.random.default_rng(K)
+    U, b = rng.normal(size=(K, r, r)), rng.normal(size=(K, r))
+    S = rng.normal(size=(K, r, r))
+    D = S + np.swapaxes(S, 1, 2) + 20 * np.eye(r)
+    dense = np.zeros((K, r, K, r))
+    for k in range(K):
+        dense[k, :, k] += D[k]
+        if cyclic or k < K - 1:
+            dense[k, :, (k + 1) % K] += U[k]
+            dense[(k + 1) % K, :, k] += U[k].T
+    a = solve_block_tridiagonal(D, U, b, cyclic=cyclic)
+    assert np.allclose(np.tensordot(dense, a, 2), b, atol=1e-12)
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_block_tridiagonal(-D, U, b, cyclic=cyclic)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import ast
 import inspect
 import re
@@ -10,10 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from commands import parsers
 
 import repctl_pin as rp
 from repctl_pin import arguments
-from repctl_pin.cli import parser
 
 ROOT = Path(__file__).parents[1]
 
@@ -143,12 +142,7 @@ def test_replaced_members_and_parameters_are_gone() -> None:
 
 
 def test_replaced_options_are_gone() -> None:
-    (commands,) = (
-        action.choices
-        for action in parser()._actions
-        if isinstance(action, argparse._SubParsersAction)
-    )
-    for command in commands.values():
+    for command in parsers().values():
         options = {
             option for action in command._actions for option in action.option_strings
         }

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 from arms import planar_urdf
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 START = "0,-0.78539816,0,-2.35619449,0,1.57079633,0.78539816"
 

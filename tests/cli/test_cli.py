@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 from arms import heed_interrupts
-from commands import computed_once
+from commands import computed_once, main
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.urdf import catalogue
 
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
@@ -168,51 +167,6 @@ def test_an_output_folder_that_cannot_be_written(tmp_path) -> None:
     done = repctl("study", "panda", "--out", "taken/inside", cwd=tmp_path)
     refused(done, "cannot write into taken/inside", "Not a directory", "--out")
     assert (tmp_path / "taken").read_text() == "a file, not a folder"
-
-
-def test_a_folder_is_there_only_if_it_holds_something(tmp_path) -> None:
-    """What is made for a run that fails goes again; what a person made stays, and what holds a
-    file."""
-    from repctl_pin.files import (
-        check_folder,
-        not_left_empty,
-        prepare_folder,
-        write_whole,
-    )
-
-    for failure in (RuntimeError, KeyboardInterrupt):
-        with (
-            pytest.raises(failure),
-            not_left_empty(check_folder(tmp_path / "a" / "b")) as folder,
-        ):
-            assert not folder.parent.exists()  # looking does not make it
-            prepare_folder(folder)
-            raise failure
-        assert list(tmp_path.iterdir()) == []
-    (tmp_path / "a").mkdir()
-    with not_left_empty(tmp_path / "a" / "b") as folder:
-        prepare_folder(folder)
-    assert [p.name for p in tmp_path.rglob("*")] == ["a"]
-    with (
-        pytest.raises(KeyboardInterrupt),
-        not_left_empty(tmp_path / "a" / "b" / "c") as folder,
-    ):
-        write_whole(prepare_folder(folder) / "file", "text")
-        raise KeyboardInterrupt
-    assert (tmp_path / "a" / "b" / "c" / "file").read_text() == "text"
-
-
-@pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() == 0,
-    reason="a folder is never closed to root",
-)
-def test_a_closed_folder_is_seen_before_the_work(tmp_path) -> None:
-    from repctl_pin import InputError
-    from repctl_pin.files import check_folder
-
-    tmp_path.chmod(0o500)
-    with pytest.raises(InputError, match="Permission denied"):
-        check_folder(tmp_path / "new")
 
 
 def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from arms import planar_urdf
 from browser import asleep, errors, schemes, wait_until_drawn
-
-from repctl_pin.cli import main
+from commands import main
 
 
 def cell_of(made: Path) -> list[str]:

@@ -14,9 +14,7 @@ from pathlib import Path
 
 import pytest
 from arms import heed_interrupts
-from commands import told
-
-from repctl_pin.cli import main
+from commands import main, told
 
 SMALL = ("--samples", "512", "--held-out", "512")
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"

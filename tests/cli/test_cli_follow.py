@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main
 from test_cli import refused, repctl
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 yaml = pytest.importorskip("yaml")
 

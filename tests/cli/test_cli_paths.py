@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import Q_PANDA, planar_task
-from commands import refused, told, without_pictures
+from arms import Q_PANDA, named_path, planar_task
+from commands import main, refused, told, without_pictures
 
 import repctl_pin as rp
-from repctl_pin.cli import main
-from repctl_pin.motion import parse_path
 
 WORDS = ["--path", "circle:0.1", "--plane", "xy"]
 SHORT = ["--cycles", "1", "--steps", "80"]
@@ -119,22 +117,22 @@ def test_a_design_round_a_path_is_round_the_studied_one(
 def test_an_angle_that_is_given_is_taken(panda_pose, q_panda) -> None:
     here = panda_pose.placement(q_panda).translation
     for degrees in (0.0, 35.0, -90.0, 180.0):
-        path = parse_path(f"circle:0.1:{degrees:g}", "yz")(panda_pose, q_panda)
+        path = named_path(panda_pose, q_panda, f"circle:0.1:{degrees:g}", "yz")
         middle = path.points(401)[:-1].mean(axis=0)
         expected = 0.1 * np.array(
             [0, np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))]
         )
         np.testing.assert_allclose(here - middle, expected, atol=1e-12)
         assert (path.spec, path.plane) == (f"circle:0.1:{degrees:g}", "yz")
-    turned = parse_path("circle:0.1", "xy")(panda_pose, q_panda)
-    lying = parse_path("circle:0.1:0", "xy")(panda_pose, q_panda)
+    turned = named_path(panda_pose, q_panda, "circle:0.1", "xy")
+    lying = named_path(panda_pose, q_panda, "circle:0.1:0", "xy")
     drifts = [
         rp.follow(rp.Pseudoinverse(panda_pose), p, q_panda, cycles=1).drift[0]
         for p in (turned, lying)
     ]
     np.testing.assert_allclose(drifts, [0.146, 0.431], atol=2e-3)
     with pytest.raises(rp.InputError, match="'up' is no angle in degrees"):
-        parse_path("circle:0.1:up")
+        named_path(panda_pose, q_panda, "circle:0.1:up")
 
 
 @pytest.mark.parametrize(
@@ -149,8 +147,8 @@ def test_an_angle_that_is_given_is_taken(panda_pose, q_panda) -> None:
     ],
 )
 def test_the_words_of_a_path_make_it_again(words: str, panda_pose, q_panda) -> None:
-    path = parse_path(words)(panda_pose, q_panda)
-    same = parse_path(path.spec, path.plane)(panda_pose, q_panda)
+    path = named_path(panda_pose, q_panda, words)
+    same = named_path(panda_pose, q_panda, path.spec, path.plane)
     np.testing.assert_array_equal(path.points(33), same.points(33))
     assert path.options == f"--path {path.spec} --plane xy" and path.spec.startswith(
         words
@@ -160,7 +158,7 @@ def test_the_words_of_a_path_make_it_again(words: str, panda_pose, q_panda) -> N
 def test_a_flat_task_takes_its_own_plane() -> None:
     task = rp.Robot.load("panda").task("panda_hand_tcp", "xz")
     for words in ("circle:0.05", "square:0.05"):
-        path = parse_path(words)(task, Q_PANDA)
+        path = named_path(task, Q_PANDA, words)
         assert path.plane == "xz" and np.ptp(path.points(64)[:, 1]) == 0
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main, parsers
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser
 
 
 @pytest.fixture
@@ -50,5 +50,5 @@ def test_the_arguments_of_ros_are_passed_on() -> None:
         "--log-level",
         "warn",
     ]
-    options = parser().parse_all(["ros2", "design.json", "--ros-args", *words])
+    options = parsers()[""].parse_all(["ros2", "design.json", "--ros-args", *words])
     assert options.what == "design.json" and options.ros_args == words

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_urdf, spatial_urdf
-from commands import refused, told
+from commands import main, refused, told
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 SMALL = [
     "--degree",

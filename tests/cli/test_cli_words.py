@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import OUT, refused
+from commands import OUT, main, refused
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 SINGULAR = ["planar3r", "--start", "0.3,0.6,0.5"]
 

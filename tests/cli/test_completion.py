@@ -3,22 +3,19 @@ take."""
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 from arms import KINDS
+from commands import main, parsers
 from page_file import COLOURS
 
-from repctl_pin.cli import main, parser
-from repctl_pin.cli.completion import WORDS
-from repctl_pin.motion import parse_path
+import repctl_pin as rp
+from repctl_pin.cli import completion
 
-COMMANDS = next(
-    a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)
-).choices
+COMMANDS = {name: parser for name, parser in parsers().items() if name}
 PLANES = ("xy", "xz", "yz")
 
 
@@ -77,11 +74,11 @@ def test_every_word_is_one_the_commands_take() -> None:
         for action in part._actions
         for name in action.option_strings
     }
-    assert set(WORDS) <= known
-    words = {name: text.split() for name, text in WORDS.items()}
+    assert set(completion.WORDS) <= known
+    words = {name: text.split() for name, text in completion.WORDS.items()}
     assert set(words["--task"]) == set(KINDS)
     assert set(words["--plane"]) == set(PLANES) and set(words["--only"]) == set(COLOURS)
     for weight in words["--weight"]:
         assert main(["check", "panda", "--weight", weight, "--samples", "8"]) == 0
     for path in words["--path"]:
-        assert callable(parse_path(path))
+        assert rp.Problem("planar3r", path=path)

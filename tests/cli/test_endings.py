@@ -17,11 +17,10 @@ from unittest.mock import Mock
 
 import pytest
 from arms import planar_urdf
-from commands import refused
+from commands import main, refused
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 DEVICES = {"full": os.makedev(1, 7), "zero": os.makedev(1, 5)}
 
@@ -54,20 +53,6 @@ def node(tmp_path: Path):
         return tmp_path / kind
 
     return make
-
-
-def test_interrupted_while_it_writes_no_file_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from repctl_pin.files import write_whole
-
-    def interrupt(handle: int) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "fsync", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        write_whole(tmp_path / "whole.txt", "half")
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")

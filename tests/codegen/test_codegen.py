@@ -12,11 +12,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_urdf, spatial_urdf
-from commands import refused, told
+from commands import main, refused, told
 from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.codegen import expressions
 from repctl_pin.codegen.text import checked_name, comment
 from repctl_pin.regions import Region

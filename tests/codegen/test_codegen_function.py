@@ -17,8 +17,8 @@ from test_codegen import AGREE, disagreement
 from test_codegen_builds import BUILDS, STRICT, needed, run
 
 import repctl_pin as rp
-from repctl_pin.codegen.text import pose, row
-from repctl_pin.codegen.vectors import targets
+from repctl_pin.codegen import text
+from repctl_pin.codegen import vectors as test_vectors
 
 
 @pytest.mark.parametrize("name", some(CELLS, "poses", "positions"))
@@ -94,7 +94,7 @@ def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
     refused alike."""
     fast, worst, none = rp.compiled(function), 0.0, 0
     assert fast.inverse._loop.own.inverses is not None
-    for k, (target, c) in enumerate(targets(function, count, seed=3)):
+    for k, (target, c) in enumerate(test_vectors.targets(function, count, seed=3)):
         leaf = None if k % 3 == 0 else c
         try:
             q = function(target, leaf=leaf)
@@ -260,13 +260,13 @@ def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> N
         pin.SE3(1.01 * cell.placement.rotation, cell.placement.translation),
     )
     parts = {
-        "inside": row(q),
-        "outside": row(outside),
-        "edge": row(edge),
-        "leaf": row(leaf),
-        "middle": pose(middle),
+        "inside": text.row(q),
+        "outside": text.row(outside),
+        "edge": text.row(edge),
+        "leaf": text.row(leaf),
+        "middle": text.pose(middle),
     }
-    parts |= {"beyond": pose(onward), "scaled": pose(scaled)}
+    parts |= {"beyond": text.pose(onward), "scaled": text.pose(scaled)}
     rp.export_c(function, tmp_path / "F", "arm")
     (tmp_path / "F" / "knows.c").write_text(
         re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS)

@@ -8,9 +8,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import criterion
-from repctl_pin.design.batches import Local
-from repctl_pin.design.singularity_search import LeafMargin
+from repctl_pin.design import batches, criterion, singularity_search
 
 KINDS = {"pose": 1, "axis": 2, "position": 4}
 
@@ -110,12 +108,12 @@ def test_gauge_changes_nothing(setting) -> None:
 def test_order_and_cut_of_the_nodes_change_nothing(setting) -> None:
     task, potentials, builder, Q, weights = setting
     A = some_A(potentials, task.r, 9)
-    whole = Local(builder, Q, weights, 256).total(criterion.gauss_newton, A)
+    whole = batches.Local(builder, Q, weights, 256).total(criterion.gauss_newton, A)
     order = np.random.default_rng(1).permutation(len(Q))
     for other in (
-        Local(builder, Q, weights, 7),
-        Local(builder, Q, weights, 64, stream=True),
-        Local(builder, Q[order], weights[order], 100),
+        batches.Local(builder, Q, weights, 7),
+        batches.Local(builder, Q, weights, 64, stream=True),
+        batches.Local(builder, Q[order], weights[order], 100),
     ):
         for ours, theirs in zip(
             whole[:3], other.total(criterion.gauss_newton, A)[:3], strict=True
@@ -176,7 +174,7 @@ def test_signed_leaf_margin_is_the_leaf_margin(
         task = panda.task("panda_hand_tcp", kind)
         A = np.random.default_rng(1).normal(size=(7, task.r))
         potentials = rp.Polynomial(q_panda_module, 1, 0.6).weighted(A)
-        found = LeafMargin(task, potentials, q_panda_module)(Q)
+        found = singularity_search.LeafMargin(task, potentials, q_panda_module)(Q)
         N, V = redundancy.nullspace(task.jacobians(Q)), potentials.gradients(Q)
         np.testing.assert_allclose(
             np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12
@@ -187,4 +185,11 @@ def test_signed_leaf_margin_is_the_leaf_margin(
     flat = row.weighted(
         np.tile(A[:, :1], task.r)
     )  # all gradients are the same row of J
-    assert abs(LeafMargin(task, flat, q_panda_module)(q_panda_module[None])[0]) < 1e-12
+    assert (
+        abs(
+            singularity_search.LeafMargin(task, flat, q_panda_module)(
+                q_panda_module[None]
+            )[0]
+        )
+        < 1e-12
+    )

@@ -15,9 +15,13 @@ from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import criterion, independence, singularity_search
-from repctl_pin.design.design_map import degree_curve, design_map
-from repctl_pin.design.evaluation import evaluate_design
+from repctl_pin.design import (
+    criterion,
+    design_map,
+    evaluation,
+    independence,
+    singularity_search,
+)
 from repctl_pin.potentials import PotentialBasis
 from repctl_pin.show.plots import design_figure
 
@@ -124,7 +128,7 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
     # the point it names lies in the box, and det J_V has another sign there than at the center
     inverse = rp.ExtendedJacobian(design.task, Q0)
     with pytest.raises(rp.SingularRegionError) as error:
-        evaluate_design(inverse, design.desired, design.region)
+        evaluation.evaluate_design(inverse, design.desired, design.region)
     at = error.value.at
     free = singularity_search.largest_free(
         singularity_search.LeafMargin(design.task, inverse.potentials, Q0),
@@ -142,7 +146,7 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
     ]
     assert sides[0] == -sides[1]
     assert isinstance(free, rp.Box)
-    assert evaluate_design(inverse, design.desired, free).leaf_margin > 0
+    assert evaluation.evaluate_design(inverse, design.desired, free).leaf_margin > 0
 
 
 @pytest.fixture(scope="module")
@@ -594,7 +598,9 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
         ]
         margins.append([loop.limit_margin.min() for loop in loops])
         distances.append(
-            evaluate_design(inverse, plain, box, samples=1024).relative_distance
+            evaluation.evaluate_design(
+                inverse, plain, box, samples=1024
+            ).relative_distance
         )
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
     assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
@@ -816,7 +822,8 @@ def test_the_coordinates_of_a_fit_are_orthonormal(panda_pose: rp.Task) -> None:
 def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> None:
     arguments = panda_design.inverse, panda_design.desired, panda_design.region
     few, many = (
-        evaluate_design(*arguments, samples=samples, seed=7) for samples in (64, 4096)
+        evaluation.evaluate_design(*arguments, samples=samples, seed=7)
+        for samples in (64, 4096)
     )
     assert many.cost_error < few.cost_error / 4
     assert abs(few.cost - panda_design.cost) < 4 * few.cost_error
@@ -851,7 +858,7 @@ def test_an_inverse_that_is_none_is_refused_with_the_residual(
 
 
 def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
-    potentials = design_map(panda_design, points=9)
+    potentials = design_map.design_map(panda_design, points=9)
     i, j = potentials.joints
     assert (
         i != j
@@ -871,7 +878,7 @@ def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
         redundancy.leaf_margin(N, panda_design.inverse.potentials.gradient(q)),
     )
     with pytest.raises(rp.InputError, match="two different joints"):
-        design_map(panda_design, (1, 1))
+        design_map.design_map(panda_design, (1, 1))
 
 
 def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter(
@@ -888,7 +895,7 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter(
         options=rp.FitOptions(samples=512, held_out=64),
     )
     wide = replace(design, region=rp.Box([0.3, 0.0, 0.0], 0.5))
-    found = design_map(wide, (1, 2), points=5)
+    found = design_map.design_map(wide, (1, 2), points=5)
     assert np.array_equal(np.argwhere(np.isnan(found.distance)), [[2, 2]])
     assert np.array_equal(np.isnan(found.reference), np.isnan(found.distance))
     q = np.array([0.3, found.x[4], found.y[1]])
@@ -897,14 +904,16 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter(
     assert np.isclose(found.distance[1, 4], np.linalg.norm(design.inverse(q) - G_d))
     for pair in ((0, 3), (-1, 1), (2, 2)):
         with pytest.raises(rp.InputError, match="from 0 to 2"):
-            design_map(wide, pair)
+            design_map.design_map(wide, pair)
     for slide in (0, 1):  # h = θ₃ + d²: the other slide changes neither inverse
         potentials = rp.Polynomial(np.zeros(3), 2, 1.0)
         rows = potentials.exponents.tolist()
         A = np.zeros((potentials.size, 1))
         A[[rows.index([0, 0, 1]), rows.index((2 * np.eye(3)[slide]).tolist())]] = 1
         bent = rp.RepeatableInverse(ppr_design.task, potentials.weighted(A))
-        assert design_map(replace(ppr_design, inverse=bent), points=3).joints == (
+        assert design_map.design_map(
+            replace(ppr_design, inverse=bent), points=3
+        ).joints == (
             slide,
             2,
         )
@@ -912,13 +921,17 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter(
 
 def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.4, 2, samples=512, held_out=256)
-    degrees = degree_curve(design)
+    degrees = design_map.degree_curve(design)
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
         1
     ] == design.cost < degrees[0][1]
     baselines = design.evaluate_baselines()
     figure = design_figure(
-        design, design_map(design, points=5), degrees, baselines, title="title"
+        design,
+        design_map.design_map(design, points=5),
+        degrees,
+        baselines,
+        title="title",
     )
     ax = figure.axes[0]
     assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])

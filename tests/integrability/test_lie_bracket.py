@@ -15,10 +15,10 @@ from repctl_pin.integrability import (
     brackets,
     curl_form,
     defects,
+    derivative,
     differentiate,
     measure,
 )
-from repctl_pin.integrability.derivative import derivative, inside_limits
 
 
 def swapped(H: np.ndarray) -> np.ndarray:
@@ -109,8 +109,8 @@ def test_the_formula_and_differences_agree_within_their_error(
         + 0.1
         + 0.2 * np.random.default_rng(2).uniform(-1, 1, (3, task.n))
     )
-    exact = derivative(rp.Pseudoinverse(task), Q)
-    rough = derivative(
+    exact = derivative.derivative(rp.Pseudoinverse(task), Q)
+    rough = derivative.derivative(
         rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))), Q
     )
     gap = np.abs(exact.dG - rough.dG).max(axis=(1, 2))
@@ -142,7 +142,9 @@ def test_the_curl_form_is_the_bracket_form() -> None:
     """(B6): g_3 · ∇×g_3 = −g_3ᵀ [g_1, g_2], for an inverse that is not J⁺."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
     for q in np.random.default_rng(4).uniform(0.4, 1.4, (5, 3)):
-        found = derivative(rp.WeightedInverse(task, [1.0, 2.0, 5.0]), q[None])
+        found = derivative.derivative(
+            rp.WeightedInverse(task, [1.0, 2.0, 5.0]), q[None]
+        )
         G, dG = found.G[0], found.dG[0]
         n_G = np.cross(G[:, 0], G[:, 1])
         s = curl_form(G, dG)
@@ -447,7 +449,7 @@ def test_near_a_limit_the_differences_stay_inside(
     T[3, 0] = 1.0
     other = panda_pose.in_coordinates(T)
     Q = np.linalg.solve(T, q)[None]
-    scale = inside_limits(other, Q)
+    scale = derivative.inside_limits(other, Q)
     for k, step in enumerate(np.diag(scale[0]) / 16):
         margin = panda_pose.limit_margin((Q[0] + step) @ T.T)
         assert (margin > 0).all() and (margin[3] < 0.6 * room) == (k in (0, 3))

@@ -12,10 +12,7 @@ from controls import NEEDS_C, own_cache  # noqa: F401
 
 import repctl_pin as rp
 from repctl_pin.inverse_function import chart as charts
-from repctl_pin.inverse_function import kinematics
-from repctl_pin.inverse_function.chart_solve import compiled_chain
-from repctl_pin.inverse_function.margins import lowest_distances
-from repctl_pin.inverse_function.posture_search import judged
+from repctl_pin.inverse_function import chart_solve, kinematics, margins, posture_search
 from repctl_pin.robot.bodies import bodies_of
 
 EXACT = 1e-12
@@ -26,7 +23,7 @@ def agree_in_place(task: rp.Task) -> None:
     Q = np.clip(
         task.reference + np.random.default_rng(0).normal(size=(20, task.n)), -3, 3
     )
-    fast = compiled_chain(task)
+    fast = chart_solve.compiled_chain(task)
     assert fast is not None
     p, R, J = fast.placed(Q)
     places = [task.placement(q) for q in Q]
@@ -71,14 +68,14 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
     for size in (0.1, 1.0):
         Q = task.reference + size * rng.normal(size=(40, task.n))
         exact = bodies.distances(Q)
-        found, share = lowest_distances(bodies, Q)
+        found, share = margins.lowest_distances(bodies, Q)
         assert found.min() == exact.min()
         assert abs(share - (exact < 0).mean()) < 0.2
         assert (found >= exact - 1e-12).all() or exact.min() < 0
     # and of a configuration whose hulls overlap, in the middle of a cell, but no bodies
     q = np.array([-1.25, -0.15, 0.35, -0.1, -0.8, -0.87, 0.43])
     assert bodies.hull_distances(q[None])[0] < -0.005
-    (one,) = judged(
+    (one,) = posture_search.judged(
         rp.Pseudoinverse(task), rp.Cell(task, task.placement(q), 1e-3), q[None]
     )
     assert one.share == 1 and one.body_distance >= 0

@@ -9,12 +9,15 @@ import pytest
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import kinematics, reference
-from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
-from repctl_pin.inverse_function.cost import Cost, descend
-from repctl_pin.inverse_function.monomials import Monomials
-from repctl_pin.inverse_function.posture_search import reached
-from repctl_pin.inverse_function.sample_path import tour
+from repctl_pin.inverse_function import (
+    cell_evaluation,
+    kinematics,
+    monomials,
+    posture_search,
+    reference,
+    sample_path,
+)
+from repctl_pin.inverse_function import cost as costs
 
 pytestmark = pytest.mark.slow
 
@@ -83,7 +86,7 @@ def test_the_limit_margin_of_the_largest_of_them(
     starts = task.lower + (task.upper - task.lower) * np.random.default_rng(1).random(
         (1500, task.n)
     )
-    Q, left = reached(cell, starts, u, push=0.3)
+    Q, left = posture_search.reached(cell, starts, u, push=0.3)
     Q = self_motions(cell, Q[left < 1e-9], u, limit_margin)
     assert len(Q) > 100  # there are joints with this margin
     for t in np.linspace(1, 0, 81)[1:]:
@@ -102,7 +105,7 @@ def self_motions(
 
     def kept(Q: np.ndarray) -> np.ndarray:
         """Those at the pose, inside the limits, in cells of joint space not yet seen."""
-        Q, left = reached(cell, Q, u, iterations=4)
+        Q, left = posture_search.reached(cell, Q, u, iterations=4)
         good = np.flatnonzero(
             (left < 1e-7) & (task.limit_margin(Q).min(axis=1) >= limit_margin)
         )
@@ -178,7 +181,7 @@ def test_ten_thousand_poses_in_three_orders() -> None:
 def test_no_jumps_on_a_hundred_loops() -> None:
     design = found()
     for seed in range(100):
-        path = tour(design.cell, seed)
+        path = sample_path.tour(design.cell, seed)
         Q = design.function.batch([path.placement(s) for s in np.linspace(0, 1, 2001)])
         steps = [
             np.abs(np.diff(Q[::stride], axis=0)).max() for stride in (8, 4, 2, 1)
@@ -189,7 +192,7 @@ def test_no_jumps_on_a_hundred_loops() -> None:
 
 def test_ten_thousand_cycles_without_a_trend() -> None:
     design = found()
-    path = tour(design.cell, 1)
+    path = sample_path.tour(design.cell, 1)
     q0 = design.function(path.placement(0.0))
     motion = rp.follow(
         design.inverse, path, q0, cycles=10_000, steps=40, integrator=rp.LeafLock(3)
@@ -206,12 +209,14 @@ def test_twenty_random_starts_find_nothing_better() -> None:
     ends = reference.rays(desired, cell, design.posture, cell.sample(512))
     chart, terms = (
         reference.fitted(cell, ends.U, ends.Q, ends.N, 2),
-        Monomials(cell.k, 2),
+        monomials.Monomials(cell.k, 2),
     )
-    cost = Cost(desired, chart, terms, ends.U)
-    best, ended = descend(cost, np.zeros((terms.size, 1))).value.cost, []
+    cost = costs.Cost(desired, chart, terms, ends.U)
+    best, ended = costs.descend(cost, np.zeros((terms.size, 1))).value.cost, []
     for _ in range(20):
-        ended.append(descend(cost, 0.15 * rng.normal(size=(terms.size, 1))).value.cost)
+        ended.append(
+            costs.descend(cost, 0.15 * rng.normal(size=(terms.size, 1))).value.cost
+        )
     finite = np.array(ended)[np.isfinite(ended)]
     print(best, np.sort(finite))
     assert len(finite) >= 15 and finite.min() > 0.99 * best
@@ -219,7 +224,9 @@ def test_twenty_random_starts_find_nothing_better() -> None:
 
 def test_the_held_out_figures_hold_on_100_000_poses() -> None:
     design = found()
-    j = evaluate_cell(design.desired, design.function.chart, 100_000, 99)
+    j = cell_evaluation.evaluate_cell(
+        design.desired, design.function.chart, 100_000, 99
+    )
     assert (
         abs(j.extra_speed - design.extra_speed)
         < 2 * design.evaluation.extra_speed_error

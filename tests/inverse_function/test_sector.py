@@ -17,9 +17,7 @@ from design_file import checksum
 from sectors import WIDTHS, found, sector_of
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.cell_evaluation import evaluate_cell, speeds
-from repctl_pin.inverse_function.sample_path import tour
-from repctl_pin.inverse_function.turning import expanded, reduced, turn_at
+from repctl_pin.inverse_function import cell_evaluation, sample_path, turning
 
 # ---- coordinates ---------------------------------------------------------------------------------
 
@@ -211,13 +209,15 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
 def test_the_cost_of_the_reduced_function_is_that_of_the_whole(name: str) -> None:
     """The chart in all coordinates knows nothing of symmetry: same joints, same speeds."""
     design = found(name)
-    chart, whole = design.function.chart, expanded(design.function.chart)
+    chart, whole = design.function.chart, turning.expanded(design.function.chart)
     U = np.random.default_rng(3).uniform(-1, 1, (32, whole.cell.k))
     zero = np.zeros((32, design.task.r))
     points = whole.solve(U, zero)
     assert np.allclose(points.Q, design.function.batch(U), atol=1e-11)
-    every = speeds(design.desired, whole, points)
-    fewer = speeds(design.desired, chart, chart.solve(chart.cell._split(U)[0], zero))
+    every = cell_evaluation.speeds(design.desired, whole, points)
+    fewer = cell_evaluation.speeds(
+        design.desired, chart, chart.solve(chart.cell._split(U)[0], zero)
+    )
     assert np.allclose(every.own, fewer.own, rtol=1e-7)
     assert np.allclose(every.difference, fewer.difference, rtol=1e-5, atol=1e-9)
     assert np.allclose(every.direction, fewer.direction, rtol=1e-6)
@@ -257,7 +257,7 @@ def test_how_far_round_and_what_ends_it() -> None:
         U[:, 1] = end * np.pi / cell.widths[1] * 0.999
         with pytest.raises(rp.InputError, match="panda_joint1 = .* outside its limits"):
             F.batch(U)
-    map_ = turn_at(F.chart, F.chart.cell.sample(4))
+    map_ = turning.turn_at(F.chart, F.chart.cell.sample(4))
     assert map_ is not None and np.allclose(
         map_, turn.joint_range
     )  # one orientation: no spread
@@ -275,7 +275,7 @@ def test_tilts_narrow_the_range_of_the_angle() -> None:
     inside[:, :2] = 1.0
     U = np.concatenate([edge, inside])
     spread = np.ptp(chart.solve(U, np.zeros((len(U), 1))).Q[:, 0])
-    map_ = turn_at(chart, U[:2])
+    map_ = turning.turn_at(chart, U[:2])
     assert map_ is not None and spread > 0.05
     assert np.allclose(map_, turn.joint_range - spread, atol=0.02)
 
@@ -304,11 +304,14 @@ def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
         rp.Pseudoinverse(sector.task),
         rp.WeightedInverse(sector.task, rp.LimitWeight(sector.task)),
     )
-    assert [one.coordinate for one in reduced(sector, plain).removed] == [1, 5]
+    assert [one.coordinate for one in turning.reduced(sector, plain).removed] == [1, 5]
     first = np.diag([2.0, 1, 1, 1, 1, 1, 1])  # constant in the joints: both remain
     weighted = rp.WeightedInverse(sector.task, first)
-    assert [one.coordinate for one in reduced(sector, weighted).removed] == [1, 5]
-    assert reduced(sector, limits).removed == ()
+    assert [one.coordinate for one in turning.reduced(sector, weighted).removed] == [
+        1,
+        5,
+    ]
+    assert turning.reduced(sector, limits).removed == ()
     free = sector_of("one orientation")
     with pytest.raises(
         rp.InputError, match="angle 'all' requires the symmetry .* body_distance="
@@ -336,8 +339,8 @@ def test_an_arm_without_the_symmetry_has_the_same_coordinates(tmp_path: Path) ->
     assert shifted.symmetries == () and symmetric.function.chart.cell.k == 2
     ordinary = rp.nearest_inverse_function(desired, shifted, **how)
     assert ordinary.function.chart.cell.k == 3 and ordinary.evaluation.turns == ()
-    whole = expanded(symmetric.function.chart)
-    judged = evaluate_cell(desired, whole, 128, 5, quick=True)
+    whole = turning.expanded(symmetric.function.chart)
+    judged = cell_evaluation.evaluate_cell(desired, whole, 128, 5, quick=True)
     assert np.isclose(judged.cost, symmetric.cost, rtol=0.1)
     assert ordinary.cost < 1.02 * judged.cost
 
@@ -360,7 +363,7 @@ def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
     assert np.allclose(
         np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12
     )
-    path = tour(design.cell)
+    path = sample_path.tour(design.cell)
     motion = rp.follow(design.inverse, path, F(path.placement(0.0)), steps=300)
     assert motion.drift[-1] < 1e-5
 
@@ -392,7 +395,7 @@ def test_a_file_that_claims_a_symmetry(tmp_path: Path) -> None:
 
 def test_the_tour_of_a_sector_closes_and_stays_inside() -> None:
     cell = found("pose").cell
-    path = tour(cell, 1)
+    path = sample_path.tour(cell, 1)
     h = 1e-6
     for s in (0.1, 0.77):
         assert np.abs(cell.coordinates_of(path.placement(s))).max() <= 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.redundancy import nullspace
+from repctl_pin import redundancy
 
 ARMS = [
     ("panda", "pose"),
@@ -24,7 +24,7 @@ def test_c_and_python_follow_alike(name: str, kind: str) -> None:
     path = rp.circle(task, q0, 0.03, normal="z")
     basis = rp.Polynomial(q0, 2)
     linear = basis.gradients(q0[None])[0]  # (n, N)
-    N = nullspace(task.jacobian(q0))
+    N = redundancy.nullspace(task.jacobian(q0))
     A = np.linalg.lstsq(linear, N, rcond=None)[0]
     A += 0.01 * np.random.default_rng(0).normal(size=A.shape)
     controllers = [

@@ -8,8 +8,7 @@ from arms import Q_PANDA
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.motion.leaf_change import leaf_change
-from repctl_pin.motion.profile import JointLimits
+from repctl_pin.motion import leaf_change, profile
 
 DT = 0.005
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -33,13 +32,13 @@ def test_pieces_lead_to_the_leaf(
 ) -> None:
     inverse = make()  # type: ignore[operator]
     n, place = inverse.task.n, inverse.task.placement(q).translation
-    limits = JointLimits(
+    limits = profile.JointLimits(
         np.full(n, 0.5), np.full(n, 4.0), jerk=jerk and np.full(n, jerk)
     )
     wanted = inverse.leaf(q) + 0.15
     Q = q[None]
     while np.abs(inverse.leaf(Q[-1]) - wanted).max() > 1e-10:
-        piece = leaf_change(inverse, Q[-1], wanted, limits, DT)
+        piece = leaf_change.leaf_change(inverse, Q[-1], wanted, limits, DT)
         assert np.abs(piece[-1] - Q[-1]).max() <= 0.1
         Q = np.concatenate([Q, piece])
     assert (
@@ -54,12 +53,12 @@ def test_pieces_lead_to_the_leaf(
 
 
 def test_a_motion_out_of_omega_or_the_limits_is_refused() -> None:
-    limits = JointLimits(np.ones(3), np.ones(3))
+    limits = profile.JointLimits(np.ones(3), np.ones(3))
     with pytest.raises(rp.InputError, match="would leave Ω"):
         inverse = planar(rp.Box(Q0, 0.03))
-        leaf_change(inverse, Q0, inverse.leaf(Q0) + 0.1, limits, DT)
+        leaf_change.leaf_change(inverse, Q0, inverse.leaf(Q0) + 0.1, limits, DT)
     inverse = planar()
     q = Q0
     with pytest.raises(rp.InputError):
         for _ in range(200):
-            q = leaf_change(inverse, q, [9.0], limits, 0.1)[-1]
+            q = leaf_change.leaf_change(inverse, q, [9.0], limits, 0.1)[-1]

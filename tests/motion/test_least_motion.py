@@ -8,7 +8,6 @@ from scipy.optimize import minimize
 
 import repctl_pin as rp
 from repctl_pin.motion import least_start
-from repctl_pin.solvers import solve_block_tridiagonal
 
 nullspace = rp.redundancy.nullspace
 
@@ -35,25 +34,6 @@ def there_and_back(task: rp.Task, q0: np.ndarray, length: float) -> rp.TaskPath:
         lambda s: 2 * np.pi * np.sin(2 * np.pi * s) * y,
         here.rotation,
     )
-
-
-@pytest.mark.parametrize("cyclic", [False, True])
-@pytest.mark.parametrize("K, r", [(3, 1), (4, 2), (7, 3), (8, 1)])
-def test_block_tridiagonal_systems(K: int, r: int, cyclic: bool) -> None:
-    rng = np.random.default_rng(K)
-    U, b = rng.normal(size=(K, r, r)), rng.normal(size=(K, r))
-    S = rng.normal(size=(K, r, r))
-    D = S + np.swapaxes(S, 1, 2) + 20 * np.eye(r)
-    dense = np.zeros((K, r, K, r))
-    for k in range(K):
-        dense[k, :, k] += D[k]
-        if cyclic or k < K - 1:
-            dense[k, :, (k + 1) % K] += U[k]
-            dense[(k + 1) % K, :, k] += U[k].T
-    a = solve_block_tridiagonal(D, U, b, cyclic=cyclic)
-    assert np.allclose(np.tensordot(dense, a, 2), b, atol=1e-12)
-    with pytest.raises(np.linalg.LinAlgError):
-        solve_block_tridiagonal(-D, U, b, cyclic=cyclic)
 
 
 @pytest.mark.parametrize("robot", ["planar3r", "planar4r"])

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.motion import Loop
-from repctl_pin.motion.governed_loop import GovernedLoop
+from repctl_pin.motion import Loop, governed_loop
 
 PERIOD = 1.0
 
@@ -129,7 +128,9 @@ def test_out_of_reach_it_holds_says_so_and_comes_back(
 def test_through_a_governor_it_repeats_within_the_limits(controls) -> None:
     q0 = np.array([0.3, 0.8, 0.8])
     task = controls[0].task
-    loop = GovernedLoop(controls, rp.circle(task, q0, 0.05), q0, period=0.6)
+    loop = governed_loop.GovernedLoop(
+        controls, rp.circle(task, q0, 0.05), q0, period=0.6
+    )
     Q = [loop.q[1]]
     for k in range(150):
         loop.run(loop.dt, [0.0, 0.05, 0.0] if k < 20 else [0.0, 0.0, 0.0])

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import named_path
 from scipy.integrate import solve_ivp
 
 import repctl_pin as rp
-from repctl_pin.motion import parse_path, rose
 
 
 def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
@@ -18,13 +18,13 @@ def all_paths(task: rp.Task, q: np.ndarray) -> list[rp.TaskPath]:
     return [
         rp.circle(task, q, 0.1, normal="x", start_angle=0.7),
         rp.figure_eight(task, q, 0.1, normal="y", start_angle=0.3),
-        rose(task, q, 0.1, petals=5),
+        named_path(task, q, "rose:0.1", "yz"),
         rp.polygon(task, q, [[0.1, 0, 0], [0.1, 0.05, 0.1]]),
         rp.waypoints(
             np.array(loop) + task.placement(q).translation, task.placement(q).rotation
         ),
-        parse_path("square:0.2", "yz")(task, q),
-        parse_path("polygon:5:0.1", "xz")(task, q),
+        named_path(task, q, "square:0.2", "yz"),
+        named_path(task, q, "polygon:5:0.1", "xz"),
     ]
 
 
@@ -315,13 +315,13 @@ def test_bad_waypoint_files_get_one_clear_line(tmp_path, case: str) -> None:
     file = tmp_path / "loop.csv"
     file.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(rp.InputError, match=message) as error:
-        parse_path(str(file))
+        rp.Problem("planar3r", path=str(file))
     assert "\n" not in str(error.value)
 
 
 def test_missing_waypoint_file(tmp_path) -> None:
     with pytest.raises(rp.InputError, match="cannot read .*No such file"):
-        parse_path(str(tmp_path / "none.csv"))
+        rp.Problem("planar3r", path=str(tmp_path / "none.csv"))
 
 
 @pytest.mark.parametrize(
@@ -340,7 +340,7 @@ def test_missing_waypoint_file(tmp_path) -> None:
 )
 def test_bad_path_spec_get_one_clear_line(text: str) -> None:
     with pytest.raises(rp.InputError, match="circle:RADIUS"):
-        parse_path(text)
+        rp.Problem("planar3r", path=text)
 
 
 @pytest.mark.parametrize(

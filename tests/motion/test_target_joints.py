@@ -8,9 +8,7 @@ import pytest
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.motion.governor_law import Bounds, regularity
-from repctl_pin.motion.leaf_direction import ALONG, leaf_direction
-from repctl_pin.motion.target_joints import TargetJoints
+from repctl_pin.motion import governor_law, leaf_direction, target_joints
 
 Q0 = np.array([0.3, 0.8, 0.8])
 FREE = np.full(3, np.inf)
@@ -25,7 +23,9 @@ def inverse() -> rp.RepeatableInverse:
 def joints_of(
     inverse: rp.RepeatableInverse, target: pin.SE3, upper: np.ndarray = FREE
 ) -> np.ndarray | None:
-    joints = TargetJoints(inverse, Bounds(FREE, FREE, FREE, -FREE, upper, 0.001, 0.004))
+    joints = target_joints.TargetJoints(
+        inverse, governor_law.Bounds(FREE, FREE, FREE, -FREE, upper, 0.001, 0.004)
+    )
     joints.start(Q0, inverse.leaf(Q0))
     for _ in range(100):
         joints.look_for(target)
@@ -66,7 +66,7 @@ def test_the_direction_is_along_the_leaf_and_around_a_singularity(
     inverse: rp.RepeatableInverse,
 ) -> None:
     def regular(q: np.ndarray) -> float:
-        return regularity(inverse.task.jacobian(q), inverse(q))
+        return governor_law.regularity(inverse.task.jacobian(q), inverse(q))
 
     goal = joints_of(inverse, moved(inverse, -0.6, -0.9))
     assert goal is not None
@@ -75,13 +75,13 @@ def test_the_direction_is_along_the_leaf_and_around_a_singularity(
         moved(inverse, 5.0, 5.0).translation - moved(inverse, 0.0, 0.0).translation,
     )
     V = inverse.potentials.gradients(q[None])[0]
-    d = leaf_direction(inverse, q, goal)
-    assert regular(q) > ALONG and np.abs(V.T @ d).max() < 1e-12
+    d = leaf_direction.leaf_direction(inverse, q, goal)
+    assert regular(q) > leaf_direction.ALONG and np.abs(V.T @ d).max() < 1e-12
     assert np.linalg.matrix_rank(np.column_stack([goal - q - d, V]), tol=1e-9) == 1
-    while regular(q) > 0.5 * ALONG:  # towards the edge of the reach
+    while regular(q) > 0.5 * leaf_direction.ALONG:  # towards the edge of the reach
         q = q + 0.002 * inverse(q) @ (far[:2] / np.linalg.norm(far))
     beyond = q + 0.3 * inverse(q) @ far[:2]
-    d = leaf_direction(inverse, q, beyond)
+    d = leaf_direction.leaf_direction(inverse, q, beyond)
     V = inverse.potentials.gradients(q[None])[0]
     assert np.abs(V.T @ d).max() < 1e-9 * np.linalg.norm(d)
     assert regular(q + 1e-5 * d / np.linalg.norm(d)) > regular(q)

@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import chain_with_bodies
-from commands import OUT, refused, told
+from commands import OUT, main, refused, told
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
-from repctl_pin.show.page import TracedChain, playback_of, playback_page
-from repctl_pin.show.plots import drift_figure, joints_figure
+from repctl_pin.show import page, plots
 
 CELL = """<robot name="cell"><link name="room"/>
 <link name="post"><collision><geometry><cylinder radius="0.1" length="1"/></geometry></collision>
@@ -185,7 +183,7 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     assert ours.drift.max() < 1e-3 and violations_of(ours, ours.thinned(10)) == ()
     drift, joints = (
         figure([("J⁺", plain, "#D55E00")], "")
-        for figure in (drift_figure, joints_figure)
+        for figure in (plots.drift_figure, plots.joints_figure)
     )
     assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
     crosses = [
@@ -209,7 +207,9 @@ def test_the_page_marks_the_touch(tmp_path) -> None:
     )
     assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
     scene, _, _ = read(
-        playback_page([TracedChain(task, 1)], [playback_of("J⁺", motion, "#D55E00")])
+        page.playback_page(
+            [page.TracedChain(task, 1)], [page.playback_of("J⁺", motion, "#D55E00")]
+        )
     )
     broken = scene["arms"][0]["broken"]
     assert broken["words"] == "tip and post have touched" and broken["cycle"] == 1

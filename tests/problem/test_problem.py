@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 QUICK = {"cycles": 1, "steps": 40, "degree": 1}
 

@@ -7,8 +7,8 @@ from types import ModuleType
 import numpy as np
 
 import repctl_pin as rp
+from repctl_pin import redundancy
 from repctl_pin.proof import screws
-from repctl_pin.redundancy import leaf_margin
 
 EPS = 1e-13
 
@@ -42,7 +42,7 @@ def compared(
 
     along = np.einsum("j,jia,ib->ab", delta, found.dP[i], T_c)
     cosine = kernels._cosine(np.linalg.norm(S, 2) ** 2, np.linalg.norm(P, 2), EPS)
-    margin = leaf_margin(np.linalg.qr(N)[0][None], V[None])[0]
+    margin = redundancy.leaf_margin(np.linalg.qr(N)[0][None], V[None])[0]
     return {
         "ν": used(beyond(N, X, found.dN[i]), found.nu[i]),
         "π": used(beyond(P, 0 * P, found.dP[i]), found.pi[i]),
@@ -161,7 +161,7 @@ def in_chain(
             V = potentials.gradients((Q[i] + delta)[None])[0] @ gauge
             ratios = compared(kernels, found, i, delta, N, V)
             ratios["V"] = used(V - V_c - (at.dV[i] @ delta).T, at.rest[i].T)
-            true = leaf_margin(np.linalg.qr(N)[0][None], V[None])[0]
+            true = redundancy.leaf_margin(np.linalg.qr(N)[0][None], V[None])[0]
             ratios["bound"] = float(bounds.leaf_margin[i] / true)
             parts.append(ratios)
     return worst(parts) if parts else {}, len(good) / boxes

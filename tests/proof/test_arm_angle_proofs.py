@@ -20,7 +20,6 @@ from proofs import design_of, margins
 import repctl_pin as rp
 from repctl_pin.c_library import loaded_library
 from repctl_pin.proof import arm_angle, arm_angle_kernel, leaf_margin_bounds, taylor
-from repctl_pin.proof.arm_angle import ArmAngleChain, gradient_bounds
 
 PANDA = ("panda_link2", "panda_link4", "panda_link6")
 UNDEFINED = "the arm angle is not defined there"
@@ -85,7 +84,7 @@ def test_a_gradient_stays_in_its_bounds(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ANGLES)
 def test_c_and_numpy_find_the_same_models(name: str, tmp_path: Path) -> None:
     angle = ANGLES[name](tmp_path)
-    chain = ArmAngleChain.of(angle, np.ones(1))
+    chain = arm_angle.ArmAngleChain.of(angle, np.ones(1))
     Q, half = boxes_of(angle, 21)
     on = chain.moving
     made = arm_angle_kernel.gradients_in_c(chain, Q[:, on], half[:, on])
@@ -251,7 +250,7 @@ def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
         noticed = False
         for case in ("conventional", "stereographic", "prismatic joints"):
             angle = ANGLES[case](tmp_path)
-            chain = ArmAngleChain.of(angle, np.ones(1))
+            chain = arm_angle.ArmAngleChain.of(angle, np.ones(1))
             Q, half = boxes_of(angle, 16)
             on = chain.moving
             terms = {4: 35, 6: 84, 7: 120}[len(on)]
@@ -277,10 +276,10 @@ def test_boxes_against_ball_arithmetic(name: str, tmp_path: Path) -> None:
     from arb_arm_angle import arb, at, gradient_in_balls
 
     angle = ANGLES[name](tmp_path)
-    chain, rng = ArmAngleChain.of(angle, np.ones(1)), np.random.default_rng(0)
+    chain, rng = arm_angle.ArmAngleChain.of(angle, np.ones(1)), np.random.default_rng(0)
     Q = Q0 + rng.uniform(-0.3, 0.3, (110, 7))
     half = 10 ** rng.uniform(-15, -1.3, (110, 1)) * np.ones((1, 7))
-    found = gradient_bounds(chain, Q, half)
+    found = arm_angle.gradient_bounds(chain, Q, half)
     assert np.isfinite(found.rest).all()
     for i, t in enumerate(rng.uniform(-1, 1, Q.shape)):
         V = gradient_in_balls(angle, at(Q[i], half[i], t))

@@ -18,13 +18,17 @@ from sectors import sector_of
 
 import repctl_pin as rp
 from repctl_pin.c_library import loaded_library
-from repctl_pin.inverse_function.chart import Chart
-from repctl_pin.inverse_function.monomials import Monomials
-from repctl_pin.proof import cell_kernel, cells, commutator, taylor_chain
-from repctl_pin.proof.cell_poses import Poses
-from repctl_pin.proof.cells import CellProof
-from repctl_pin.proof.chain import Chain, chain_of
-from repctl_pin.proof.screws import screws, slopes, turn
+from repctl_pin.inverse_function import chart as charts
+from repctl_pin.inverse_function import monomials as polynomials
+from repctl_pin.proof import (
+    cell_kernel,
+    cell_poses,
+    cells,
+    commutator,
+    screws,
+    taylor_chain,
+)
+from repctl_pin.proof import chain as chains
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
 """A configuration of the panda in the middle of the cell."""
@@ -36,13 +40,13 @@ SCALES = [(0.1, 1e-4, 0.05), (1e-4, 0.1, 0.05), (0.1, 0.4, 0.05), (1e-4, 0.4, 1e
 
 
 @pytest.fixture(scope="module")
-def chart() -> Chart:
+def chart() -> charts.Chart:
     return chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE)
 
 
 @pytest.fixture(scope="module")
-def plain(chart: Chart) -> CellProof:
-    return CellProof(chart, compiled=False)
+def plain(chart: charts.Chart) -> cells.CellProof:
+    return cells.CellProof(chart, compiled=False)
 
 
 def boxes_of(k: int, count: int, seed: int = 0) -> Boxes:
@@ -72,8 +76,8 @@ def points_in(boxes: Boxes, trial: int) -> np.ndarray:
 )
 def test_poses_are_those_of_the_cell(cell: rp.Cell) -> None:
     Uc, h = boxes_of(cell.k, 12)
-    p, R = Poses.of(cell).at(Uc, h)
-    monomials, used = Monomials(cell.k, 3), 0.0
+    p, R = cell_poses.Poses.of(cell).at(Uc, h)
+    monomials, used = polynomials.Monomials(cell.k, 3), 0.0
     for trial in range(12):
         t = points_in((Uc, h), trial)
         T = monomials.values(t)
@@ -86,7 +90,7 @@ def test_poses_are_those_of_the_cell(cell: rp.Cell) -> None:
 
 
 def screws_off(
-    problem: CellProof, count: int = 16, closure: ModuleType = taylor_chain
+    problem: cells.CellProof, count: int = 16, closure: ModuleType = taylor_chain
 ) -> dict[str, float]:
     """The largest ratios of actual differences to bounds: of q_ref and n_ref, of A J_V at q_ref,
     of J beside q_ref, and of ξ."""
@@ -99,9 +103,12 @@ def screws_off(
     g = np.array([0.05, 0.005])[np.arange(count) % 2, None] * np.ones(n)
     A = np.tile(np.eye(chain.N), (count, 1, 1))
     dJ = np.zeros((count, n, chain.N, chain.N))
-    dJ[:, :, :6] = np.swapaxes(slopes(chain, *screws(chain, theta)), 2, 3)
+    dJ[:, :, :6] = np.swapaxes(screws.slopes(chain, *screws.screws(chain, theta)), 2, 3)
     rest = problem._rest(A, dJ, theta, reference.reach, g)
-    monomials, used = Monomials(k, 3), dict.fromkeys(("chart", "J", "beside", "ξ"), 0.0)
+    monomials, used = (
+        polynomials.Monomials(k, 3),
+        dict.fromkeys(("chart", "J", "beside", "ξ"), 0.0),
+    )
     for trial in range(30):
         t = points_in((Uc, h), trial)
         T = monomials.values(t)
@@ -134,11 +141,11 @@ def screws_off(
     return used
 
 
-def seen(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
+def seen(chain: chains.Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
     """Evaluate, from the middle link: J, the tool's place, the base's rotation, the tool's, and the
     base's place."""
     theta = q @ chain.S[:, : chain.n].T + chain.o
-    xi, tip = screws(chain, theta)
+    xi, tip = screws.screws(chain, theta)
     J = np.einsum("Klx,lc->Kxc", xi, chain.S)
     R, o = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
     R_t = R
@@ -153,14 +160,16 @@ def seen(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
         R = R @ chain.R[joint]
         R_t = R
         if chain.revolute[joint]:
-            R = R @ turn(chain.a[joint], theta[:, joint])
+            R = R @ screws.turn(chain.a[joint], theta[:, joint])
         else:
             o = o + theta[:, joint, None] * (R @ chain.a[joint])
     R_b = np.swapaxes(middle, 1, 2)
     return J, tip, R_b, R_t, -np.einsum("Kab,Kb->Ka", R_b, place)
 
 
-def test_taylor_models_of_a_chain_hold_and_are_not_wasteful(plain: CellProof) -> None:
+def test_taylor_models_of_a_chain_hold_and_are_not_wasteful(
+    plain: cells.CellProof,
+) -> None:
     used = screws_off(plain)
     assert max(used.values()) <= 1
     assert used["J"] > 0.02 and used["beside"] > 0.4 and used["ξ"] > 0.02
@@ -172,9 +181,9 @@ def test_an_arm_with_a_prismatic_joint_has_the_same_bounds(tmp_path: Path) -> No
     Q = task.reference + rng.uniform(-0.7, 0.7, (64, 7))
     q = Q[np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1])]
     chart = chart_of(rp.Cell(task, task.placement(q), 0.02, 0.02), q, 2, 64)
-    problem = CellProof(chart, compiled=False)
+    problem = cells.CellProof(chart, compiled=False)
     for middle in (2, 4):
-        problem.chain = chain_of(task).seen_from(middle, 0.5)
+        problem.chain = chains.chain_of(task).seen_from(middle, 0.5)
         assert max(screws_off(problem, 8).values()) <= 1
 
 
@@ -182,7 +191,7 @@ def test_an_arm_with_a_prismatic_joint_has_the_same_bounds(tmp_path: Path) -> No
 
 
 def turned_off(
-    problem: CellProof, seed: int, scale: tuple[float, float, float]
+    problem: cells.CellProof, seed: int, scale: tuple[float, float, float]
 ) -> np.ndarray:
     """How far a twist is from ξ, seen from the middle link beside q_ref: ratios to the bounds."""
     rng, chain, worst = np.random.default_rng(seed), problem.chain, np.zeros(2)
@@ -217,7 +226,7 @@ def turned_off(
 
 @pytest.mark.parametrize("scale", SCALES)
 def test_a_twist_seen_from_beside_q_ref_changes_as_bounded(
-    plain: CellProof, scale: tuple[float, float, float]
+    plain: cells.CellProof, scale: tuple[float, float, float]
 ) -> None:
     linear, angular = turned_off(plain, 0, scale)
     assert linear <= 1 and angular <= 1
@@ -226,7 +235,7 @@ def test_a_twist_seen_from_beside_q_ref_changes_as_bounded(
 
 @pytest.mark.parametrize("mutant", CELLS)
 def test_a_wrong_term_of_a_cell_s_bounds_is_noticed(
-    mutant: str, plain: CellProof, monkeypatch: pytest.MonkeyPatch
+    mutant: str, plain: cells.CellProof, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     problem = copy(plain)
     problem.__class__ = wrong(monkeypatch, "cells.py", *CELLS[mutant]).CellProof
@@ -241,7 +250,7 @@ def test_a_wrong_term_of_a_cell_s_bounds_is_noticed(
 
 @pytest.mark.parametrize("mutant", CHAIN)
 def test_a_wrong_sign_in_a_chain_s_models_is_noticed(
-    mutant: str, plain: CellProof, monkeypatch: pytest.MonkeyPatch
+    mutant: str, plain: cells.CellProof, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = wrong(monkeypatch, "taylor_chain.py", *CHAIN[mutant])
     assert max(screws_off(plain, 4, module).values()) > 1
@@ -251,7 +260,7 @@ def test_a_wrong_sign_in_a_chain_s_models_is_noticed(
 
 
 def velocities(
-    task: rp.Task, chain: Chain, q: np.ndarray, other: np.ndarray
+    task: rp.Task, chain: chains.Chain, q: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """ζ (N,), the motion from q to other that closes the chain, and J ζ (T, 6) at the nodes of a
     quadrature of it, from the middle link; the rotations of a position task cancel the frame's."""
@@ -265,7 +274,7 @@ def velocities(
         zeta[chain.n] = (x.translation - y.translation)[axis]
     nodes, _ = np.polynomial.legendre.leggauss(12)
     Q = q + (nodes[:, None] + 1) / 2 * (other - q)
-    xi, tip = screws(chain, Q @ chain.S[:, : chain.n].T + chain.o)
+    xi, tip = screws.screws(chain, Q @ chain.S[:, : chain.n].T + chain.o)
     V = np.einsum("Klx,lc,c->Kx", xi, chain.S, zeta)
     if chain.loose.any():
         V[:, :3] += np.cross(V[:, 3:], tip)
@@ -274,7 +283,7 @@ def velocities(
 
 
 def apart(
-    task: rp.Task, chain: Chain, seed: int, law: ModuleType = commutator
+    task: rp.Task, chain: chains.Chain, seed: int, law: ModuleType = commutator
 ) -> np.ndarray:
     """Compare pairs of configurations at one pose with Λ: the largest shares of the integral's two
     rows, and of the largest velocity's linear one."""
@@ -310,9 +319,9 @@ def apart(
 def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
     for task in (panda(), spatial_task(7, tmp_path, kind="pose", seed=3)):
         for middle in (2, 4, 5):
-            used = apart(task, chain_of(task).seen_from(middle, 0.5), middle)
+            used = apart(task, chains.chain_of(task).seen_from(middle, 0.5), middle)
             assert (used <= 1).all() and (used[:2] > 0).all()
-    used = apart(panda(), chain_of(panda()).seen_from(4, 0.5), 4)
+    used = apart(panda(), chains.chain_of(panda()).seen_from(4, 0.5), 4)
     assert used.max() > 0.02  # third order: signs cancel, what is left is small
 
 
@@ -325,7 +334,7 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
 ) -> None:
     used = np.zeros(3)
     for task in (panda(kind), spatial_task(7, tmp_path, kind=kind, seed=3)):
-        chain = chain_of(task)
+        chain = chains.chain_of(task)
         for middle in (3, len(chain.p) - 1):
             found = apart(task, chain.seen_from(middle, 0.5), middle)
             used = np.maximum(used, found)
@@ -336,7 +345,7 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
 def velocity_changes_off(task: rp.Task, law: ModuleType = commutator) -> float:
     """The largest share of the bounds that the frame's velocity changes by, joint by joint: small
     steps of any sign."""
-    whole, rng, worst = chain_of(task), np.random.default_rng(0), 0.0
+    whole, rng, worst = chains.chain_of(task), np.random.default_rng(0), 0.0
     moves = whole.S[:, : task.n].any(axis=1)
     S = np.where(moves[:, None], np.eye(len(whole.p)), 0.0)
     for trial in range(120):
@@ -345,7 +354,9 @@ def velocity_changes_off(task: rp.Task, law: ModuleType = commutator) -> float:
         theta[1] *= moves & (rng.uniform(size=len(S)) < 0.4)
         ways = [
             (xi, tip)
-            for xi, tip in (screws(chain, x[None]) for x in (theta[0], theta.sum(0)))
+            for xi, tip in (
+                screws.screws(chain, x[None]) for x in (theta[0], theta.sum(0))
+            )
         ]
         c = [(xi[0, :, :3] + np.cross(xi[0, :, 3:], tip[0]))[moves] for xi, tip in ways]
         slide = np.where(chain.revolute, 0.0, np.abs(theta).sum(axis=0))
@@ -376,7 +387,9 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
     arms = planar_task((1.0, 0.9, 0.8), tmp_path), sliding_task(tmp_path)
     found = [velocity_changes_off(arm, law) for arm in arms]
     for kind in ("axis", "position") if max(found) <= 1 else ():
-        found += [apart(panda(kind), chain_of(panda(kind)).seen_from(3, 0.5), 3, law)]
+        found += [
+            apart(panda(kind), chains.chain_of(panda(kind)).seen_from(3, 0.5), 3, law)
+        ]
     assert np.max(np.hstack(found)) > 1
 
 
@@ -384,9 +397,9 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
 
 
 def test_both_kernels_give_the_same_enclosures(
-    chart: Chart, plain: CellProof, quick_compiler: None
+    chart: charts.Chart, plain: cells.CellProof, quick_compiler: None
 ) -> None:
-    compiled = CellProof(chart)
+    compiled = cells.CellProof(chart)
     if compiled._kernel is None:
         pytest.skip("there is no C compiler")
     rng, k = np.random.default_rng(3), 6
@@ -411,7 +424,9 @@ def test_both_kernels_give_the_same_enclosures(
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_wrong_term_in_c_is_noticed() -> None:
-    right = CellProof(chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256))
+    right = cells.CellProof(
+        chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256)
+    )
     if right._kernel is None:
         pytest.skip("there is no C compiler")
     rng = np.random.default_rng(4)
@@ -433,9 +448,9 @@ def test_a_wrong_term_in_c_is_noticed() -> None:
 
 
 def test_a_cell_is_proved_without_a_compiler_too(
-    chart: Chart, monkeypatch: pytest.MonkeyPatch
+    chart: charts.Chart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cells, "library", lambda: None)
-    problem = CellProof(chart)
+    problem = cells.CellProof(chart)
     assert problem._kernel is None
     assert problem.bounds(np.zeros((1, 6)), np.full((1, 6), 0.01)).leaf_margin[0] > 0.9

@@ -10,16 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_task, sliding_task, spatial_task
-from commands import refused, told
+from commands import main, refused, told
 from mimic_arm import MIMICS, arm
 from proofs import design_of, margins, near_null_space, smallest_singular_values
 
 import repctl_pin as rp
-from repctl_pin.cli import main
+from repctl_pin.proof import chain as chains
 from repctl_pin.proof import leaf_margin_bounds as kernels
-from repctl_pin.proof import remainder, screws
-from repctl_pin.proof.chain import chain_of
-from repctl_pin.proof.regions import cover
+from repctl_pin.proof import regions, remainder, screws
 
 TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "pose, r = 1": lambda folder: spatial_task(7, folder, kind="pose", seed=3),
@@ -116,7 +114,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
     case: str, tmp_path: Path
 ) -> None:
     task = TASKS[case](tmp_path)
-    q, whole = regular_start(task), chain_of(task)
+    q, whole = regular_start(task), chains.chain_of(task)
     for middle in range(len(whole.p) + 1):
         chain = whole.seen_from(middle, 0.3)
 
@@ -151,7 +149,7 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
 def worst_ratio(task: rp.Task, count: int = 120) -> float:
     """The largest ratio of an actual remainder of a screw to its bound, over random boxes and
     corners of them."""
-    whole, rng, worst = chain_of(task), np.random.default_rng(0), 0.0
+    whole, rng, worst = chains.chain_of(task), np.random.default_rng(0), 0.0
     P, moves = len(whole.p), whole.S[:, : task.n].any(axis=1)
     for trial in range(count):
         chain = whole.seen_from(int(rng.integers(P + 1)), float(rng.uniform()))
@@ -308,7 +306,7 @@ def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
     t = np.linspace(0, 2 * np.pi, 200)
     samples = 0.3 * np.column_stack([np.cos(t), np.sin(t), np.sin(2 * t), 0.1 * t])
     tube = rp.Tube(samples, np.array([0.1, 0.05, 0.1, 0.02]))
-    low, high = cover(tube)
+    low, high = regions.cover(tube)
     rng = np.random.default_rng(0)
     k, share = rng.integers(len(t) - 1, size=4000), rng.uniform(size=(4000, 1))
     edge = rng.uniform(-1, 1, (4000, 4))
@@ -357,11 +355,13 @@ def planted(
     task: rp.Task, at: np.ndarray, center: np.ndarray, width: float, seed: int
 ) -> rp.Design:
     """A design whose leaf margin is 0 at one configuration, and near 1 at the centre of its box."""
-    from repctl_pin.redundancy import nullspace
 
     potentials, rng = rp.Polynomial(center, 2, width), np.random.default_rng(seed)
     A = 0.1 * width * rng.standard_normal((potentials.size, task.r))
-    N, N_at = nullspace(task.jacobian(center)), nullspace(task.jacobian(at))
+    N, N_at = (
+        rp.redundancy.nullspace(task.jacobian(center)),
+        rp.redundancy.nullspace(task.jacobian(at)),
+    )
     across = np.linalg.svd(N_at.T)[2][task.r :].T @ rng.standard_normal(
         (task.n - task.r, task.r)
     )

@@ -14,12 +14,10 @@ from arms import spatial_task
 from cell_functions import chart_of
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import CellDesign, InverseFunction
-from repctl_pin.inverse_function.chart import Chart
-from repctl_pin.inverse_function.turning import reduced
-from repctl_pin.proof.cell_kernel import Kernel, library
-from repctl_pin.proof.cells import CellProof, limits_of
-from repctl_pin.redundancy import leaf_margin, nullspace
+from repctl_pin import redundancy
+from repctl_pin.inverse_function import CellDesign, InverseFunction, turning
+from repctl_pin.inverse_function import chart as charts
+from repctl_pin.proof import cell_kernel, cells
 
 
 def function_over(
@@ -54,7 +52,7 @@ def check_enclosures(found: CellDesign, width: float, count: int = 16) -> float:
     """Evaluate F in many boxes of poses: inside the enclosure; how much of its width is used; the
     share enclosed."""
     chart, task = found.function.chart, found.task
-    problem, rng, k = CellProof(chart), np.random.default_rng(0), found.cell.k
+    problem, rng, k = cells.CellProof(chart), np.random.default_rng(0), found.cell.k
     Uc = rng.uniform(width - 1, 1 - width, (count, k))
     half = width * rng.uniform(0.3, 1, Uc.shape)
     bounds, Q, reach = problem.enclosed(Uc, half)
@@ -71,8 +69,10 @@ def check_enclosures(found: CellDesign, width: float, count: int = 16) -> float:
         used = max(used, float(inside.max()))
         assert (inside <= 1 + 1e-9).all()
         assert (np.abs(points.Q - points.q_ref)[good] <= problem.near).all()
-        N = np.array([nullspace(task.jacobian(q)) for q in points.Q])
-        assert (leaf_margin(N, points.n_ref) >= bounds.leaf_margin - 1e-9).all()
+        N = np.array([redundancy.nullspace(task.jacobian(q)) for q in points.Q])
+        assert (
+            redundancy.leaf_margin(N, points.n_ref) >= bounds.leaf_margin - 1e-9
+        ).all()
         sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
         assert (sigma >= bounds.sigma_min - 1e-9).all()
         assert (
@@ -124,7 +124,7 @@ def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
 def test_a_cell_that_is_not_covered_is_not_proved(places: CellDesign) -> None:
     chart = places.function.chart
     beyond = InverseFunction(
-        Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients),
+        charts.Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients),
         keep_limits=False,
     )
     proof = rp.prove(
@@ -195,7 +195,7 @@ def test_both_kernels_agree_on_cells_of_other_tasks(kind: str, tmp_path: Path) -
     q = Q[np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1])]
     size = (0.03, 0.1) if kind == "axis" else (0.05,)
     chart = chart_of(rp.Cell(task, task.placement(q), *size), q, 2)
-    compiled, plain = CellProof(chart), CellProof(chart, compiled=False)
+    compiled, plain = cells.CellProof(chart), cells.CellProof(chart, compiled=False)
     if compiled._kernel is None:
         pytest.skip("there is no C compiler")
     k = chart.cell.k
@@ -233,15 +233,17 @@ def test_a_sector_is_proved_at_every_angle_and_spin() -> None:
     others = whole.limit_margin(Q)[:, 1:]  # the first joint goes as far as it can
     assert others.min() >= proof.limit_margin - 1e-9
     points = chart.solve(rng.uniform(-1, 1, (400, chart.cell.k)), np.zeros((400, 1)))
-    N = np.array([nullspace(J) for J in points.J])
-    assert leaf_margin(N, points.n_ref).min() >= proof.leaf_margin
+    N = np.array([redundancy.nullspace(J) for J in points.J])
+    assert redundancy.leaf_margin(N, points.n_ref).min() >= proof.leaf_margin
     assert not rp.prove(design, margin=0, limit_margin=asked + 0.2)
 
 
 def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None:
-    sector = reduced(sectors.sector_of(angle=1.0), rp.Pseudoinverse(sectors.panda()))
+    sector = turning.reduced(
+        sectors.sector_of(angle=1.0), rp.Pseudoinverse(sectors.panda())
+    )
     assert sector.removed
-    lower, upper = limits_of(sector)
+    lower, upper = cells.limits_of(sector)
     np.testing.assert_allclose(lower - sector.task.lower, [1.0, *np.zeros(6)])
     np.testing.assert_allclose(sector.task.upper - upper, [1.0, *np.zeros(6)])
 
@@ -253,12 +255,12 @@ def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
     chart = places.function.chart
     Uc, half = np.zeros((8, 3)), np.full((8, 3), 0.01)
     for compiled in (True, False):
-        problem = CellProof(chart, compiled)
+        problem = cells.CellProof(chart, compiled)
         assert (problem.bounds(Uc, half).leaf_margin > 0).all()
         for near in (1e-9, 0.2):
             problem.near = np.full(7, near)
             if compiled and problem._kernel is not None:
-                problem._kernel = Kernel(problem, library())
+                problem._kernel = cell_kernel.Kernel(problem, cell_kernel.library())
             assert (problem.bounds(Uc, half).leaf_margin == 0).all()
 
 
@@ -285,7 +287,7 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
     )
     proof = rp.prove(found)
     assert proof, proof.reason
-    near, chart = CellProof(found.function.chart).near, found.function.chart
+    near, chart = cells.CellProof(found.function.chart).near, found.function.chart
     rng, r = np.random.default_rng(1), task.r
     for _ in range(10):
         U = rng.uniform(-1, 1, (10_000, found.cell.k))
@@ -295,7 +297,7 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
         _, s, Vh = np.linalg.svd(task.jacobians(points.Q))
         assert s[:, -1].min() >= proof.sigma_min
         N = np.swapaxes(Vh[:, task.m :], 1, 2)
-        assert leaf_margin(N, points.n_ref).min() >= proof.leaf_margin
+        assert redundancy.leaf_margin(N, points.n_ref).min() >= proof.leaf_margin
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 
@@ -322,7 +324,7 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
     )
     proof = rp.prove(found)
     assert proof, proof.reason
-    near = CellProof(found.function.chart).near
+    near = cells.CellProof(found.function.chart).near
     rng, chart = np.random.default_rng(1), found.function.chart
     for _ in range(34):
         U = rng.uniform(-1, 1, (10_000, 6))
@@ -333,5 +335,8 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
         assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
         _, s, Vh = np.linalg.svd(task.jacobians(points.Q))
         assert s[:, -1].min() >= proof.sigma_min
-        assert leaf_margin(Vh[:, -1, :, None], points.n_ref).min() >= proof.leaf_margin
+        assert (
+            redundancy.leaf_margin(Vh[:, -1, :, None], points.n_ref).min()
+            >= proof.leaf_margin
+        )
         assert task.limit_margin(points.Q).min() >= proof.limit_margin

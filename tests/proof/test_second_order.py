@@ -16,10 +16,10 @@ from proofs import design_of
 from second_order import Ratios, crossed, in_chain, made_up, worst
 
 import repctl_pin as rp
+from repctl_pin import redundancy
 from repctl_pin.c_library import loaded_library
 from repctl_pin.potentials.polynomial import PolynomialMap
 from repctl_pin.proof import leaf_margin_bounds as kernels
-from repctl_pin.redundancy import nullspace
 
 HELD = 1 + 1e-6
 
@@ -68,7 +68,9 @@ def curved(task: rp.Task, degree: int, width: float, rough: float = 0.2) -> rp.D
     A = rough * width * rng.standard_normal((potentials.size, task.r))
     A /= np.sqrt(potentials.size / task.n)
     D = potentials.gradients(q[None])[0]
-    A += np.linalg.lstsq(D, nullspace(task.jacobian(q)) - D @ A, rcond=None)[0]
+    A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[
+        0
+    ]
     return design_of(task, potentials.weighted(A), rp.Box(q, width))
 
 
@@ -123,7 +125,7 @@ def test_a_wrong_bound_of_the_potentials_is_noticed(
 def powers(task: rp.Task, degree: int) -> rp.Design:
     """A design of one linear potential and a power of one joint: one term, nothing cancels."""
     q = task.reference + 0.3 * np.arange(task.n)
-    along = nullspace(task.jacobian(q))[:, 0]
+    along = redundancy.nullspace(task.jacobian(q))[:, 0]
     terms = {
         tuple(row): np.array([v])
         for row, v in zip(np.eye(3, dtype=int), along, strict=True)

@@ -10,8 +10,8 @@ import pytest
 from cell_functions import cell_of, chart_of
 from mutants import TAYLOR, wrong
 
-from repctl_pin.inverse_function.chart import Chart
-from repctl_pin.inverse_function.monomials import Monomials
+from repctl_pin.inverse_function import chart as charts
+from repctl_pin.inverse_function import monomials as polynomials
 from repctl_pin.proof import chart_bounds, taylor
 
 T = np.linspace(-1, 1, 201)[:, None]
@@ -31,7 +31,7 @@ def power(
 
 def off(model: object, true: np.ndarray) -> float:
     """The largest ratio of an actual difference to the bound."""
-    values = Monomials(1, 3).values(T) @ model.P[0]
+    values = polynomials.Monomials(1, 3).values(T) @ model.P[0]
     return float(np.abs(true - values).max() / model.r[0])
 
 
@@ -70,9 +70,13 @@ def ratios(module: ModuleType) -> list[float]:
     x = module.TaylorModel(1, P, np.array([[0.1, 0.2]]))
     A = np.array([[[2.0, -1.0]]])
     y = x.combined(A)
-    true = Monomials(1, 3).values(T) @ (A[0] @ P[0]).T
+    true = polynomials.Monomials(1, 3).values(T) @ (A[0] @ P[0]).T
     found.append(
-        float(np.abs(true[:, 0] + 0.4 - (Monomials(1, 3).values(T) @ y.P[0, 0])).max())
+        float(
+            np.abs(
+                true[:, 0] + 0.4 - (polynomials.Monomials(1, 3).values(T) @ y.P[0, 0])
+            ).max()
+        )
     )
     found[-1] /= float(y.r[0, 0])
     return found
@@ -94,10 +98,10 @@ def test_a_wrong_taylor_model_is_noticed(
 
 @pytest.mark.parametrize("factor", [1.0, 0.9])
 def test_a_chart_of_degree_4_leaves_out_what_is_bounded(factor: float) -> None:
-    monomials, cell = Monomials(3, 4), cell_of()
+    monomials, cell = polynomials.Monomials(3, 4), cell_of()
     C = np.zeros((monomials.size, 7, 2))
     C[int(np.flatnonzero((monomials.exponents == [3, 1, 0]).all(axis=1))[0])] = 1.0
-    chart = Chart(cell, monomials, C)
+    chart = charts.Chart(cell, monomials, C)
     half = np.array([[0.4, 0.5, 0.1]])
     P, rest = chart_bounds.Polynomials.of(chart).shifted(np.zeros((1, 3)), half)
     q, _ = chart.reference(half)
@@ -125,7 +129,7 @@ def test_taylor_models_of_a_chain_hold_in_ball_arithmetic(count: int) -> None:
     reference, _ = problem._models(Uc, h)
     poses = problem.poses.at(Uc, h)
     along = closure_of(problem.chain, "pose", poses, reference, problem.eps)
-    T = Monomials(k, 3).values(t)
+    T = polynomials.Monomials(k, 3).values(t)
     for i in range(count):
         J, xi = closure_in_balls(problem, Uc[i], h[i], t[i])
         sums = [

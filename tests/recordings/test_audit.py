@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import refused, told
+from commands import main, refused, told
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 RATE = 50.0
 """Rows of a log per second."""

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import main
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.recordings.ambiguity import ambiguity
 
 Q0 = np.array([0.3, 0.8, 0.8])

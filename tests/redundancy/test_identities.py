@@ -10,8 +10,7 @@ from arms import spatial_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.integrability import brackets, measure
-from repctl_pin.integrability.derivative import derivative
+from repctl_pin.integrability import brackets, derivative, measure
 
 
 class Setting:
@@ -142,8 +141,8 @@ def test_gradient_potentials_satisfy_the_bracket_condition(setting: Setting) -> 
     )  # away from algorithmic singularities
     Q = setting.Q[clear][:6]
     assert len(Q) >= 4 and close(G_r.batch(Q), setting.G_r[clear][:6])
-    by_formula = derivative(G_r, Q)
-    by_difference = derivative(rp.CustomInverse(setting.task, G_r), Q)
+    by_formula = derivative.derivative(G_r, Q)
+    by_difference = derivative.derivative(rp.CustomInverse(setting.task, G_r), Q)
     assert by_formula.exact and not by_difference.exact
     for found in (by_formula, by_difference):
         scale = np.abs(found.dG).max(axis=(1, 2, 3)) * np.abs(found.G).max(axis=(1, 2))

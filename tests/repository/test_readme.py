@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import computed_once, without_pictures
+from commands import computed_once, main, parsers, without_pictures
 from shown import answered, drifts, steady, written
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser
 from repctl_pin.urdf import catalogue
 
 ROOT = Path(__file__).parents[2]
@@ -88,7 +87,7 @@ def commands() -> list[str]:
 
 @pytest.mark.parametrize("command", commands())
 def test_commands_parse(command: str) -> None:
-    assert callable(parser().parse_args(shlex.split(command)).run)
+    assert callable(parsers()[""].parse_args(shlex.split(command)).run)
 
 
 def test_the_two_commands_are_there() -> None:

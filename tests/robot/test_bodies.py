@@ -16,8 +16,7 @@ import trimesh
 from arms import chain_with_bodies
 
 import repctl_pin as rp
-from repctl_pin.robot import body_shapes, collision_model
-from repctl_pin.robot.body_bounds import JointPlacements
+from repctl_pin.robot import body_bounds, body_shapes, collision_model
 
 
 @pytest.fixture
@@ -507,7 +506,7 @@ def test_surroundings_that_cannot_be_used_are_refused(
 def test_joints_are_placed_as_pinocchio_does(name: str) -> None:
     model = rp.Robot.load(name).model
     Q = np.random.default_rng(0).uniform(-2, 2, (7, model.nq))
-    R, p = JointPlacements(model)(Q)
+    R, p = body_bounds.JointPlacements(model)(Q)
     data = model.createData()
     for q, rotations, origins in zip(Q, R, p, strict=True):
         pin.forwardKinematics(model, data, q)

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import computed_once
+from commands import computed_once, main
 from page_file import BLUE, GREEN, ORANGE, VERMILLION, read
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 
 
 @pytest.fixture(scope="module")

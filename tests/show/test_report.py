@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import asleep, errors, schemes, wait_until_drawn
+from commands import main
 from PIL import Image
 
 import repctl_pin as rp
-from repctl_pin.cli import main
 from repctl_pin.show.page.outcomes import study_headline
 from repctl_pin.show.report import report_page, versions
 from repctl_pin.show.text import GLOSSARY, amount, number, summary

@@ -6,14 +6,14 @@ import io
 import shlex
 import sys
 import unicodedata
-from argparse import _SubParsersAction
 
 import pytest
+from commands import main, parsers
 from shown import drifts
 from terminals import fit_terminals, terminal_of
 
 import repctl_pin as rp
-from repctl_pin.cli import main, parser, terminal
+from repctl_pin.cli import terminal
 from repctl_pin.show.text import fitted, lines, study_table, study_verdict
 
 COMMANDS = [
@@ -87,10 +87,7 @@ def test_a_command_fits(
 @pytest.mark.parametrize("columns", [80, 200])
 def test_the_help_of_every_command_fits(columns: int) -> None:
     with terminal_of(columns, 24):
-        (commands,) = (
-            a.choices for a in parser()._actions if isinstance(a, _SubParsersAction)
-        )
-        for part in (parser(), *commands.values()):
+        for part in parsers().values():
             assert max(map(len, part.format_help().splitlines())) <= columns
             for line in part.epilog.splitlines():  # no command is broken
                 assert not line.lstrip().startswith("repctl") or len(line) <= 80, line

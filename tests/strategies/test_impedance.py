@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.motion import elbow
-from repctl_pin.redundancy import nullspace
+from repctl_pin import redundancy
 
 PUSH = 20.0
 """N, at the elbow, for half a second."""
@@ -22,7 +21,7 @@ def inverse(request: pytest.FixtureRequest) -> rp.RepeatableInverse:
     the null space."""
     task = rp.Robot.load(request.param).task(kind="pose")
     q0 = np.array(task.reference)
-    N = nullspace(task.jacobian(q0))
+    N = redundancy.nullspace(task.jacobian(q0))
     rows = N + 0.1 * np.random.default_rng(0).normal(size=N.shape)
     potentials = rp.Polynomial(q0, 1, 1.0)
     return rp.RepeatableInverse(task, potentials.weighted(rows))
@@ -216,7 +215,7 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
     home, leaf, joint = (
         task.placement(q_panda),
         inverse.leaf(q_panda),
-        elbow(task, q_panda) + 1,
+        task.model.getJointId("panda_joint4"),
     )
     model, data = task.model, task.model.createData()
 
@@ -226,7 +225,7 @@ def test_a_push_at_the_elbow_is_undone_and_the_hand_stays(
             model, data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )[:3]
 
-    along = elbow_jacobian(q_panda) @ nullspace(task.jacobian(q_panda))[:, 0]
+    along = elbow_jacobian(q_panda) @ redundancy.nullspace(task.jacobian(q_panda))[:, 0]
     along /= np.linalg.norm(along)
     q, qdot, hand, off = q_panda.copy(), np.zeros(7), [], []
     for k in range(2500):

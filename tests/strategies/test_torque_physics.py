@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,9 +13,8 @@ import pytest
 from controls import control
 
 import repctl_pin as rp
+from repctl_pin import redundancy
 from repctl_pin.motion import elbow
-from repctl_pin.redundancy import nullspace
-from repctl_pin.strategies.torque_law import Observer
 
 DT = 1e-3
 RAIL = "a rail with six joints"
@@ -87,7 +87,7 @@ class Arm:
         mujoco.mj_jac(
             self.model, self.data, J, None, self.data.xpos[self.body], self.body
         )
-        along = J @ nullspace(task.jacobian(q))[:, 0]
+        along = J @ redundancy.nullspace(task.jacobian(q))[:, 0]
         self.along = along / np.linalg.norm(along)
 
     def step(self, torque: np.ndarray, push: float = 0.0) -> None:
@@ -106,7 +106,7 @@ class Loop:
     control: rp.LeafImpedance
     arm: Arm
     leaf: np.ndarray
-    observer: Observer | None
+    observer: Any
 
     def tick(
         self, target: pin.SE3, twist: np.ndarray | None = None, push: float = 0.0

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import computed_once, told, without_pictures
+from commands import computed_once, main, told, without_pictures
 
 import repctl_pin as rp
-from repctl_pin.cli import main
-from repctl_pin.motion import read_motions
 
 yaml = pytest.importorskip("yaml")
 
@@ -50,11 +48,11 @@ def inside(capsys: pytest.CaptureFixture[str], control: str, arm: str) -> dict:
     )
     assert animated["drift"]["repeatable"][-1] < 1e-6
     design = rp.load(control)
-    (motion,) = read_motions("m.csv", design.task.robot.joint_names)
-    assert (
-        not (design.region.ratio(motion.q) > 1).any()
-        and motion.joints == design.task.joint_names
-    )
+    written = np.genfromtxt("m.csv", delimiter=",", names=True)
+    joints = [name for name in design.task.joint_names if name in written.dtype.names]
+    assert tuple(joints) == design.task.joint_names
+    q = np.column_stack([written[name] for name in joints])
+    assert not (design.region.ratio(q) > 1).any()
     points = np.array(
         [
             p["positions"]
@@ -64,7 +62,7 @@ def inside(capsys: pytest.CaptureFixture[str], control: str, arm: str) -> dict:
         ]
     )
     assert (
-        np.abs(points - motion.q).max() < 1e-9
+        np.abs(points - q).max() < 1e-9
         and np.abs(points[0] - design.cycle.start).max() < 1e-9
     )
     return followed

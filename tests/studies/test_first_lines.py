@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_urdf
+from commands import main
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.cli import main
-from repctl_pin.motion import read_motions
 from repctl_pin.problem import NO_BETTER, choose_period
 from repctl_pin.show import study_files
 from repctl_pin.show.plots.motions import png
@@ -270,10 +269,10 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
         "report.html",
     ):
         assert run.encode() in (folder / name).read_bytes(), name
-    assert (
-        len(read_motions(folder / "motion.csv", rp.Robot.load("planar4r").joint_names))
-        == 4
+    labels = np.genfromtxt(
+        folder / "motion.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
     )
+    assert len(set(labels[labels.dtype.names[0]])) == 4
     (folder / "joints.png").unlink()
     (folder / "joints.png").mkdir()  # where no file can be written
     before = {file: file.read_bytes() for file in folder.iterdir() if file.is_file()}

@@ -14,14 +14,11 @@ from arms import planar_urdf
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.motion import elbow, fitting_circle
-from repctl_pin.problem import kind_note
-from repctl_pin.problem.start_candidates import default_starts
-from repctl_pin.show.page import read_playbacks
-from repctl_pin.show.palette import colours
-from repctl_pin.show.report import report_page
-from repctl_pin.show.study_files import write_study
-from repctl_pin.show.text import number, study_table, study_verdict, summary
+from repctl_pin.problem import kind_note, start_candidates
+from repctl_pin.show import page as pages
+from repctl_pin.show import palette, study_files
+from repctl_pin.show import report as reports
+from repctl_pin.show import text as texts
 
 REDUNDANT = [
     ("panda", None, "pose"),
@@ -126,7 +123,7 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     (tmp_path / "finger.urdf").write_text(planar_urdf([0.04, 0.03, 0.02], range_=0.8))
     task = rp.Robot.load(tmp_path / "finger.urdf").task("tool", "xy")
     q0 = np.array([0.2, 0.6, 0.7])
-    points = np.array([fitting_circle(task, q0).point(s) for s in (0.0, 0.5)])
+    points = np.array([rp.Problem(task, start=q0).cycle.point(s) for s in (0.0, 0.5)])
     assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
@@ -159,12 +156,14 @@ def test_the_default_region_holds_the_motion() -> None:
     study = rp.study(
         rp.Problem("panda", path="square:0.3", plane="xy"), cycles=1, steps=100
     )
+    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
+    assert study.task.joint_names[study.elbow] in ("panda_joint3", "panda_joint4")
     tube, motion = study.region, study.row("repeatable").motion
     off = np.abs(motion.q[:, None] - tube.samples) / tube.radius  # (T + 1, S, n)
     assert off.max(axis=2).min(axis=1).max() <= 1
     assert (
         study.row("repeatable").outside == 0
-        and "OUTSIDE" not in study_table(study)
+        and "OUTSIDE" not in texts.study_table(study)
         and study.design.region is tube
     )
     small = rp.study(
@@ -177,16 +176,8 @@ def test_the_default_region_holds_the_motion() -> None:
         (np.abs(small.row("repeatable").motion.q - small.q0) > 0.2).any(axis=1)
     )
     assert small.row("repeatable").outside == pytest.approx(share)
-    assert study_table(small).startswith(
+    assert texts.study_table(small).startswith(
         f"warning: {100 * share:.1f} % of the motion lies outside Ω"
-    )
-
-
-def test_elbow_of_a_panda_is_its_elbow(panda_pose, q_panda) -> None:
-    # joints 3 and 4 meet at the elbow; the shoulder and the wrist stand still in a self-motion
-    assert panda_pose.joint_names[elbow(panda_pose, q_panda)] in (
-        "panda_joint3",
-        "panda_joint4",
     )
 
 
@@ -207,7 +198,12 @@ def small() -> rp.Study:
 def test_what_is_shown_was_computed_by_the_study(small: rp.Study) -> None:
     assert any("fastest cycles" in step for step in STEPS)
     begin = time.process_time()
-    shown = [small.summary(), study_table(small), study_verdict(small), *summary(small)]
+    shown = [
+        small.summary(),
+        texts.study_table(small),
+        texts.study_verdict(small),
+        *texts.summary(small),
+    ]
     assert (
         time.process_time() - begin < 0.1
     )  # timing four motions takes several times as long
@@ -241,24 +237,24 @@ def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None
 
 def test_table_and_dict_say_what_the_motions_did(small: rp.Study) -> None:
     data = json.loads(json.dumps(small.as_dict()))
-    text = study_table(small)
+    text = texts.study_table(small)
     for row in small.rows:
         assert all(word in text for word in row.label.split())
         assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
         assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
     plain = small.row("pseudoinverse").motion
     assert re.search(
-        rf"^drift after 2 cycles, rad +{number(plain.drift[-1])} ",
+        rf"^drift after 2 cycles, rad +{texts.number(plain.drift[-1])} ",
         text,
         flags=re.MULTILINE,
     )
-    assert " ".join(text.split()).startswith(study_verdict(small))
+    assert " ".join(text.split()).startswith(texts.study_verdict(small))
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 
 @pytest.mark.pictures
 def test_files_hold_the_motions(small: rp.Study, tmp_path) -> None:
-    files = write_study(small, tmp_path / "out")
+    files = study_files.write_study(small, tmp_path / "out")
     assert [f.name for f in files] == [
         "animation.html",
         "drift.png",
@@ -335,17 +331,20 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     np.testing.assert_allclose(by_hand.q, plain.q, atol=1e-9)
     weighted = rp.follow(own["M"], study.path, study.q0, cycles=2, steps=60)
     np.testing.assert_array_equal(study.row("M").motion.q, weighted.q)
-    assert "<hand>" in study_table(study) and len(set(colours(study).values())) == 6
-    page, _, _, table = write_study(study, tmp_path)
+    assert (
+        "<hand>" in texts.study_table(study)
+        and len(set(palette.colours(study).values())) == 6
+    )
+    page, _, _, table = study_files.write_study(study, tmp_path)
     assert [arm["label"] for arm in read(page.read_text(encoding="utf-8"))[0]["arms"]] == [
         "J⁺", "by <hand>", "M", "nearest repeatable",
     ]  # fmt: skip
-    assert {track.label for track in read_playbacks(table, robot)} == {
+    assert {track.label for track in pages.read_playbacks(table, robot)} == {
         row.label for row in study.rows
     }
-    report = report_page(study)
+    report = reports.report_page(study)
     assert (
-        f"Under your controller M, the joints drift by {number(weighted.drift[-1])} rad"
+        f"Under your controller M, the joints drift by {texts.number(weighted.drift[-1])} rad"
         in report
         and "by <hand>" not in report
     )
@@ -373,7 +372,7 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
     """A path out of the reference pose's reach: the next good start is tried, and said."""
     offered = [
         q
-        for q, _ in default_starts(
+        for q, _ in start_candidates.default_starts(
             rp.Robot.load("panda").task("panda_hand_tcp", "pose")
         )
     ]

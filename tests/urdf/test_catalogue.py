@@ -16,7 +16,6 @@ import pytest
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.errors import InputError
 from repctl_pin.robot.robot import lock_joints
 from repctl_pin.urdf import (
     data_folder,
@@ -26,8 +25,8 @@ from repctl_pin.urdf import (
     reference_posture,
     table,
     urdf_folder,
+    validate,
 )
-from repctl_pin.urdf.validate import read_urdf
 
 NAMES = list(table())
 PLANAR = {
@@ -69,7 +68,7 @@ JOINTS = {
 @pytest.mark.parametrize("name", NAMES)
 def test_every_robot_is_what_it_promises(name: str) -> None:
     entry = find(name)
-    d = read_urdf(entry.urdf)
+    d = validate.read_urdf(entry.urdf)
     model = pin.buildModelFromXML(d.xml)
     assert model.nq == model.nv > 0
     lock_joints(
@@ -135,7 +134,7 @@ def test_names_and_aliases() -> None:
     assert find("panda").posture == "default"
     assert find("baxter").frames == ("left_gripper", "right_gripper")
     with pytest.raises(
-        InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"
+        rp.InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"
     ):
         find("pandda")
 
@@ -143,7 +142,7 @@ def test_names_and_aliases() -> None:
 @pytest.mark.parametrize("name", ["panda", "talos", "so100", "planar3r"])
 def test_meshes_are_found(name: str) -> None:
     entry = find(name)
-    xml = read_urdf(entry.urdf).xml
+    xml = validate.read_urdf(entry.urdf).xml
     model = pin.buildModelFromXML(xml)
     paths = [*entry.package_dirs]
     geometry = pin.buildGeomFromUrdfString(
@@ -159,7 +158,7 @@ def test_meshes_are_found(name: str) -> None:
 def position(
     name: str,
 ) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
-    model = pin.buildModelFromXML(read_urdf(find(name).urdf).xml)
+    model = pin.buildModelFromXML(validate.read_urdf(find(name).urdf).xml)
     data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
 
     def tip(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -211,7 +210,7 @@ def test_prr_closed_form() -> None:
 
 @pytest.mark.parametrize("name", ["ppr", "prr", *PLANAR])
 def test_planar_arms_have_room_and_mass(name: str) -> None:
-    d = read_urdf(find(name).urdf)
+    d = validate.read_urdf(find(name).urdf)
     moving = [j for j in d.joints if j.kind != "fixed"]
     assert all(
         -j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi)
@@ -241,10 +240,10 @@ def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
         == {"j1": 0.5, "j2": -0.1}
     )
     with pytest.raises(
-        InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"
+        rp.InputError, match=r"no group_state in .*r\.srdf 'upp'; did you mean 'up'"
     ):
         reference_posture(path, "upp")
-    with pytest.raises(InputError, match="j1 = 'nan' is not a finite number"):
+    with pytest.raises(rp.InputError, match="j1 = 'nan' is not a finite number"):
         reference_posture(path, "bad")
     for content in (
         "<robot",
@@ -252,9 +251,9 @@ def test_poses_are_read_as_they_stand(tmp_path: Path) -> None:
         "<robot/>",
     ):
         path.write_text(content)
-        with pytest.raises(InputError):
+        with pytest.raises(rp.InputError):
             reference_posture(path)
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(rp.InputError, match="cannot be read"):
         reference_posture(tmp_path / "nowhere.srdf")
 
 
@@ -281,7 +280,7 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     for folder in ("nowhere", "file"):
         for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
             with pytest.raises(
-                InputError, match=f"^package_dirs: there is no folder '.*{folder}'"
+                rp.InputError, match=f"^package_dirs: there is no folder '.*{folder}'"
             ):
                 rp.Robot.load(name, package_dirs=[tmp_path, tmp_path / folder])
     assert rp.Robot.load("planar3r", package_dirs=str(tmp_path)).package_dirs == (
@@ -303,7 +302,7 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(rp.InputError) as error:
         find(typed)
     assert str(error.value).startswith(f"no robot {typed!r}; {near}")
     shown = re.findall(r"'(\w+)'", near)
@@ -324,11 +323,11 @@ def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
 def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(
     typed: str, near: str
 ) -> None:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(rp.InputError) as error:
         rp.Robot.load("panda").task(typed)
     assert str(error.value).startswith(f"no frame {typed!r}; {near}")
     with pytest.raises(
-        InputError,
+        rp.InputError,
         match="no frame 'nope'; choose from tool, link4, base, .*link1, link2, link3$",
     ):
         rp.Robot.load("planar4r").task("nope")
@@ -340,9 +339,9 @@ def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> 
     data_folder.cache_clear()
     try:
         assert find("planar3r").urdf.is_file()
-        with pytest.raises(InputError, match="pip install"):
+        with pytest.raises(rp.InputError, match="pip install"):
             find("panda")
-        with pytest.raises(InputError, match="pip install"):
+        with pytest.raises(rp.InputError, match="pip install"):
             entries()
     finally:
         monkeypatch.undo()

@@ -13,8 +13,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin import cli
-from repctl_pin.urdf import end_effectors, table
-from repctl_pin.urdf.validate import read_urdf
+from repctl_pin.urdf import end_effectors, table, validate
 
 Lines = list[str]
 
@@ -400,7 +399,7 @@ def test_inspect_lists_the_ends_with_their_places(
 
 def test_inspect_all_lists_whatever_moves(capsys: pytest.CaptureFixture[str]) -> None:
     every = json.loads(inspected(capsys, "panda", "--all", "--json"))
-    d = read_urdf(every["file"])
+    d = validate.read_urdf(every["file"])
     moving = {j.child for j in d.joints if j.kind != "fixed"}
     assert set(every["frames"]) >= moving and every["frames_left_out"] == 0
     assert every["frames"]["panda_link3"]["redundancy"].keys() <= {

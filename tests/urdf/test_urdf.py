@@ -18,8 +18,7 @@ import pytest
 from lxml import etree
 
 import repctl_pin as rp
-from repctl_pin.urdf import data_folder, find, urdf_folder
-from repctl_pin.urdf.validate import MAX_BYTES, NO_LIMIT, read_urdf
+from repctl_pin.urdf import data_folder, find, urdf_folder, validate
 
 INF = math.inf
 
@@ -432,7 +431,7 @@ def refusal(path: Path) -> str:
     """The message of the refusal: one line, soon, that begins with the file."""
     start = time.process_time()
     with pytest.raises(rp.UrdfError) as caught:
-        read_urdf(path)
+        validate.read_urdf(path)
     assert time.process_time() - start < 5.0
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
@@ -467,9 +466,9 @@ def test_paths_that_are_no_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.urdf")
     assert "not a regular file" in refusal(tmp_path / "pipe.urdf")
     with pytest.raises(rp.InputError, match="no such file"):
-        read_urdf("a\0b.urdf")
+        validate.read_urdf("a\0b.urdf")
     with pytest.raises(rp.InputError, match=r"^a b\.urdf: no such file"):
-        read_urdf("a\nb.urdf")
+        validate.read_urdf("a\nb.urdf")
 
 
 @pytest.mark.skipif(
@@ -498,7 +497,7 @@ def test_a_read_that_fails_is_one_line(
 def test_size_is_checked_before_parsing(tmp_path: Path) -> None:
     path = tmp_path / "big.urdf"
     with path.open("wb") as file:  # sparse: no disk is filled
-        file.truncate(50 * MAX_BYTES)
+        file.truncate(50 * validate.MAX_BYTES)
     assert "larger than" in refusal(path)
 
 
@@ -533,7 +532,7 @@ def test_plain_data(tmp_path: Path) -> None:
             joint("f", "fixed", "e", "f", body='<axis xyz="0 0 0"/>', limit=""),
         )
     )
-    d = read_urdf(path)
+    d = validate.read_urdf(path)
     turn, lift, free, none, fixed = d.joints
     assert (d.name, d.path, d.root, d.links) == (
         "r",
@@ -569,10 +568,11 @@ def test_plain_data(tmp_path: Path) -> None:
     assert tuple(model.names)[1:] == ("turn", "lift", "free", "none")
     assert model.nq == model.nv == 4
     np.testing.assert_array_equal(
-        model.lowerPositionLimit, [-NO_LIMIT, -0.25, -NO_LIMIT, -NO_LIMIT]
+        model.lowerPositionLimit,
+        [-validate.NO_LIMIT, -0.25, -validate.NO_LIMIT, -validate.NO_LIMIT],
     )
     np.testing.assert_array_equal(
-        model.upperPositionLimit, [NO_LIMIT, 0.5, 2.0, NO_LIMIT]
+        model.upperPositionLimit, [validate.NO_LIMIT, 0.5, 2.0, validate.NO_LIMIT]
     )
     files = [m.get("filename") for m in etree.fromstring(d.xml).iter("mesh")]
     assert files == ["package://nowhere/a.stl", str(tmp_path / "meshes" / "b.stl")]
@@ -589,7 +589,7 @@ def test_relative_meshes_resolve_from_the_text(
         robot(links("a"), with_shape('<mesh filename="meshes/t.obj"/>'), joint())
     )
     monkeypatch.chdir(tmp_path)
-    xml = read_urdf("r.urdf").xml
+    xml = validate.read_urdf("r.urdf").xml
     monkeypatch.chdir("/")
     geometry = pin.buildGeomFromUrdfString(
         pin.buildModelFromXML(xml), xml, pin.GeometryType.VISUAL
@@ -617,7 +617,7 @@ def test_a_joint_that_shares_its_name_with_a_link_can_be_locked(tmp_path: Path) 
 
 
 def test_a_leader_without_its_prefix_is_found_and_said() -> None:
-    d = read_urdf(find("alex_psyonic").urdf)
+    d = validate.read_urdf(find("alex_psyonic").urdf)
     assert (
         "joint 'Left_index_q2' mimics 'index_q1', which is not in this file; read as "
         "'Left_index_q1'" in d.notes
@@ -660,7 +660,7 @@ def test_limits_that_look_like_degrees_are_asked_about(
     (tmp_path / "r.urdf").write_text(
         robot(links(*(f"l{i}" for i in range(len(limits) + 1))), *lines)
     )
-    notes = read_urdf(tmp_path / "r.urdf").notes
+    notes = validate.read_urdf(tmp_path / "r.urdf").notes
     assert len(notes) == len(told) and all(
         note.startswith(words) for note, words in zip(notes, told, strict=True)
     )
@@ -670,7 +670,7 @@ def test_slides_may_be_long(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot(links("a", "b"), joint(kind="prismatic", limit="-20 20"))
     )
-    assert read_urdf(tmp_path / "r.urdf").notes == ()
+    assert validate.read_urdf(tmp_path / "r.urdf").notes == ()
 
 
 KIND = {
@@ -722,7 +722,7 @@ KIND = {
 def test_what_pinocchio_reads_is_read_and_told(tmp_path: Path, name: str) -> None:
     text, told = KIND[name]
     (tmp_path / "r.urdf").write_text(text)
-    d = read_urdf(tmp_path / "r.urdf")
+    d = validate.read_urdf(tmp_path / "r.urdf")
     assert (d.links, [j.name for j in d.joints], list(d.notes)) == (
         ("a", "b"),
         ["j"],
@@ -761,7 +761,7 @@ def test_a_color_without_numbers_is_none(
             links("a"), with_shape(shape).replace("<geometry></geometry>", ""), joint()
         )
     )
-    d = read_urdf(tmp_path / "r.urdf")
+    d = validate.read_urdf(tmp_path / "r.urdf")
     assert [shape.color for shape in d.shapes] == [None]
     pin.buildModelFromXML(d.xml)
     assert "Error" not in capfd.readouterr().err
@@ -772,7 +772,7 @@ def test_many_shapes_are_capped(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot('<link name="a">' + visual * 1001 + "</link>", links("b"), joint())
     )
-    d = read_urdf(tmp_path / "r.urdf")
+    d = validate.read_urdf(tmp_path / "r.urdf")
     assert len(d.shapes) == 1000 and d.notes == (
         "only the first 1000 of 1001 shapes are drawn",
     )
@@ -797,7 +797,7 @@ def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot(links("a", "b", "c"), joint("f", "fixed", limit=""), follower)
     )
-    d = read_urdf(tmp_path / "r.urdf")
+    d = validate.read_urdf(tmp_path / "r.urdf")
     assert d.joints[1].mimic is None
     assert d.notes == (
         "joint 'k' mimics 'f', which is fixed; read as an independent joint",
@@ -838,7 +838,7 @@ def test_xacro_is_expanded_where_it_is_installed(
 def test_other_encodings(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "r.urdf"
     path.write_bytes(ONE_JOINT.replace('name="j"', 'name="Gelenk_ä"').encode(encoding))
-    d = read_urdf(path)
+    d = validate.read_urdf(path)
     assert d.joints[0].name == "Gelenk_ä"
     assert pin.buildModelFromXML(d.xml).names[1] == "Gelenk_ä"
 
@@ -851,7 +851,7 @@ def test_namespaces_and_foreign_elements_are_left_behind(tmp_path: Path) -> None
         '<sensor name="a"/><!-- <link/> -->'
     )
     path.write_text(robot(links("a", "b"), extra, joint(), head=head))
-    d = read_urdf(path)
+    d = validate.read_urdf(path)
     assert d.links == ("a", "b")
     assert pin.buildModelFromXML(d.xml).nq == 1
 
@@ -863,7 +863,7 @@ def test_every_real_robot_passes_and_stays_what_it_was() -> None:
     assert len(files) >= 69
     for path in files:
         try:
-            d = read_urdf(path)
+            d = validate.read_urdf(path)
         except rp.UrdfError as error:
             refused.append(path.name)
             assert "no <link>" in str(error)
@@ -887,8 +887,8 @@ def test_every_real_robot_passes_and_stays_what_it_was() -> None:
             strict=False,
         ):
             assert (
-                max(limits[name][0], -NO_LIMIT),
-                min(limits[name][1], NO_LIMIT),
+                max(limits[name][0], -validate.NO_LIMIT),
+                min(limits[name][1], validate.NO_LIMIT),
             ) == (
                 lower,
                 upper,
@@ -947,7 +947,7 @@ def test_what_passes_pinocchio_reads(
         path = tmp_path / "damaged.urdf"
         path.write_bytes(etree.tostring(root))
         try:
-            d = read_urdf(path)
+            d = validate.read_urdf(path)
         except rp.UrdfError as error:
             outcomes["refused"] += 1
             assert str(error).isprintable() and re.search(

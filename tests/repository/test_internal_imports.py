@@ -1,0 +1,67 @@
+"""How far the tests reach behind the door: every name that they import from inside the package is
+one that a rename breaks. The numbers may fall; they do not rise."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import repctl_pin as rp
+
+TESTS = Path(__file__).parents[1]
+STATEMENTS, NAMES = 197, 363
+"""How many there are today: import statements, and names that they import."""
+
+
+def behind_the_door(source: str) -> list[list[str]]:
+    """The names that each import takes from below ``repctl_pin``, if they are not public ones."""
+    public = ("repctl_pin.integrations", "repctl_pin.redundancy")
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            modules = [alias.name for alias in node.names]
+            names = [name for name in modules if name.startswith("repctl_pin.")]
+        elif isinstance(node, ast.ImportFrom) and node.module == "repctl_pin":
+            names = [
+                a.name for a in node.names if a.name not in (*dir(rp), "integrations")
+            ]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            inside = node.module.startswith("repctl_pin.")
+            names = [alias.name for alias in node.names] if inside else []
+            if node.module == public[1] or node.module.startswith(public[0]):
+                names = []
+        else:
+            continue
+        names = [name for name in names if not name.startswith(public[0])]
+        found += [names] if names else []
+    return found
+
+
+@pytest.mark.parametrize(
+    "line, names",
+    [
+        ("import repctl_pin as rp", []),
+        ("from repctl_pin import Box, redundancy", []),
+        ("from repctl_pin.redundancy import nullspace", []),
+        ("import repctl_pin.integrations.pink", []),
+        ("from repctl_pin.integrations.ros2 import node", []),
+        ("from repctl_pin import Box, files", [["files"]]),
+        ("def f():\n    from repctl_pin.show.text import a, b as c", [["a", "b"]]),
+        ("import repctl_pin.cli, numpy", [["repctl_pin.cli"]]),
+    ],
+)
+def test_what_is_counted(line: str, names: list[list[str]]) -> None:
+    assert behind_the_door(line) == names
+
+
+def test_tests_do_not_reach_further_inside() -> None:
+    found = [
+        names
+        for file in TESTS.rglob("*.py")
+        for names in behind_the_door(file.read_text(encoding="utf-8"))
+    ]
+    assert len(found) <= STATEMENTS
+    assert sum(map(len, found)) <= NAMES
+    assert not [name for names in found for name in names if name.startswith("_")]
