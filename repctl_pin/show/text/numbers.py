@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 NOTHING = 1e-4
-"""Displacement, m, below which headlines, short tables and pages write 0; details give the number."""
+"""Displacement, m, below which headlines, short tables and pages write 0."""
 
 
 def number(value: float) -> str:
