@@ -26,7 +26,7 @@ _TITLES = {
     "repeatable": "repeatable",
 }
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
-"""Beginnings of the notes that are listed last, and left out first if there is no space."""
+"""Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
 
 _SPEED = 1 + 1e-9
 """Ratio of joint speed to limit above which a joint counts as too fast."""
@@ -221,13 +221,15 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     said = {
         f"{row.label}: {violation}" for row in rows for violation in _violations(row)
     }
-    notes = sorted(
-        (n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST)
-    )
-    for row in rows:
-        if row.motion is None and row.key not in ("pseudoinverse", "repeatable"):
-            notes.insert(0, f"{_title(row)}: {row.stopped}")
-    return [*notes, *_meanings(study)]
+    notes = [note for note in study.notes if note not in said]
+    stopped = [
+        f"{_title(row)}: {row.stopped}"
+        for row in rows
+        if row.motion is None and row.key not in ("pseudoinverse", "repeatable")
+    ]
+    first = [note for note in notes if not note.startswith(_LAST)]
+    last = [note for note in notes if note.startswith(_LAST)]
+    return [*stopped, *first, *_meanings(study), *last]
 
 
 def _meanings(study: Study) -> list[str]:
