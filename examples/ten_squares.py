@@ -28,7 +28,7 @@ configuration of every square.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -411,20 +411,19 @@ def figure_5() -> Figure:
     return figure
 
 
+def draw_fiber(axes: Sequence[Axes], spiral: np.ndarray) -> None:
+    """Draw the fibre of the start in three orthogonal views of joint space."""
+    for k, (ax, (i, j)) in enumerate(zip(axes, VIEWS, strict=True)):
+        label = "fibre of (x, y) = (1, 0)" if k == 1 else None
+        dashed = {"color": "#8a8a8a", "lw": 1.2, "ls": (0, (4, 2)), "zorder": 1}
+        ax.plot(spiral[:, i], spiral[:, j], label=label, **dashed)
+
+
 def figure_6_or_7(motions: list[rp.Motion], title: str, *, leaf: bool) -> Figure:
     """Draw ten motions in three orthogonal views of joint space, and the fibre of the start."""
     figure, axes = three_views(title)
-    spiral = fiber()
     theta = np.linspace(-1.42, 0.9, 200)
     for ax, (i, j) in zip(axes, VIEWS, strict=True):
-        ax.plot(
-            spiral[:, i],
-            spiral[:, j],
-            color="#8a8a8a",
-            lw=1.2,
-            ls=(0, (4, 2)),
-            zorder=1,
-        )
         if leaf and (i, j) == (1, 2):
             ax.plot(leaf_k0(theta), theta, color=VERMILLION, lw=5, alpha=0.28, zorder=1)
         for side, motion in reversed(list(zip(SIDES, motions, strict=True))):
@@ -452,14 +451,7 @@ def figure_6_or_7(motions: list[rp.Motion], title: str, *, leaf: bool) -> Figure
         )
     else:
         axes[1].plot([], [], "o", ms=5, color=shade(2.0), ls="", label="end")
-    axes[1].plot(
-        [],
-        [],
-        color="#8a8a8a",
-        lw=1.2,
-        ls=(0, (4, 2)),
-        label="fibre of (x, y) = (1, 0)",
-    )
+    draw_fiber(axes, fiber())
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     side_bar(figure, axes)
     return figure
@@ -579,16 +571,7 @@ def figure_9(result: Result) -> Figure:
     figure, axes = three_views(
         "Fig. 9: J⁺ and the repeatable inverses k = 0 and k = 1 on the largest square"
     )
-    spiral = fiber(-5.2)
     for ax, (i, j) in zip(axes, VIEWS, strict=True):
-        ax.plot(
-            spiral[:, i],
-            spiral[:, j],
-            color="#8a8a8a",
-            lw=1.2,
-            ls=(0, (4, 2)),
-            zorder=1,
-        )
         draw_runs(
             ax, result, lambda run, i=i: run.q[:, i], lambda run, j=j: run.q[:, j]
         )
@@ -597,14 +580,7 @@ def figure_9(result: Result) -> Figure:
             run = result.second if text == "H" else result.runs["J⁺"]
             q = run.at(result.points[text])
             letter(ax, "C, F" if text == "C" else text, q[i], q[j], offset)
-    axes[1].plot(
-        [],
-        [],
-        color="#8a8a8a",
-        lw=1.2,
-        ls=(0, (4, 2)),
-        label="fibre of (x, y) = (1, 0)",
-    )
+    draw_fiber(axes, fiber(-5.2))
     handles, labels = axes[1].get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside lower center", ncols=5, frameon=False, fontsize=9

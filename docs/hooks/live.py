@@ -10,6 +10,7 @@ import posixpath
 import re
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -57,12 +58,54 @@ def cell() -> str:
     return cell_page(found, None, followed)
 
 
+def loop(control: Any, leaf: Any, like: rp.Motion) -> rp.Motion:
+    """Run a loop that reads the joints, along the path of a motion; the elbow is pushed at the
+    beginning of the fourth cycle. Without a leaf, the inverse is used with feedback of the task
+    error alone."""
+    task, path, period, gain = like.task, like.path, like.t[-1] / like.cycles, 5.0
+    dt, q, done = period / like.steps, like.q[0], [(like.q[0], 0 * like.q[0])]
+    for k in range(like.cycles * like.steps):
+        s = k / like.steps % 1
+        if k == round(3.1 * like.steps):  # by hand, along the self-motion
+            away = q + 0.35 * rp.redundancy.nullspace(task.jacobian(q))[:, 0]
+            q = rp.solve_ik(task, away, task.placement(q))
+        target, twist = path.placement(s), path.twist(s) / period
+        if leaf is None:
+            qdot = control(q) @ (twist + gain * task.error(q, target))
+            following = q + dt * qdot
+        else:
+            following = control.step(q, target, dt, twist, leaf=leaf, gain=gain)
+        done.append((following, (following - q) / dt))
+        q = following
+    every, speeds = (np.array(values) for values in zip(*done, strict=True))
+    ends = np.linalg.norm(every[:: like.steps] - every[0], axis=1)[1:]
+    return replace(like, q=every, qdot=speeds, drift=ends)
+
+
+def pushed() -> str:
+    """Make the page of an arm whose elbow is pushed, under J⁺ and under a repeatable inverse."""
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    q0, usual = np.array(task.reference), rp.Pseudoinverse(task)
+    design = rp.nearest_repeatable(
+        usual, None, rp.Box(q0, 0.4), degree=2, options=rp.FitOptions(samples=1024)
+    )
+    circle = rp.circle(task, q0, 0.05)
+    like = rp.follow(usual, circle, q0, cycles=6, steps=1000, period=4.0)
+    control = design.inverse
+    motions = {
+        "J⁺": loop(usual, None, like),
+        "nearest repeatable": loop(control, control.leaf(q0), like),
+    }
+    return rp.animation(motions).page
+
+
 PAGES: dict[str, Callable[[], str]] = {
     "panda": partial(studied, "panda"),
     "my_arm": partial(studied, ARM),
     "collision": lambda: studied(rp.Problem("panda", path="circle:0.1:0", plane="xy")),
     "seam": lambda: studied(rp.Problem(ARM, path=LOOP), cycles=5),
     "damped": damped,
+    "pushed": pushed,
     "cell": cell,
     "planar3r": partial(studied, "planar3r"),
 }

@@ -42,8 +42,8 @@ def add_options(parser: Parser) -> None:
     add(
         "--leaf",
         metavar="C",
-        help="elbow of the new joints: c of the function, rad, separated by commas (default: the "
-        "median of the recorded joints)",
+        help="elbow of the new joints: c of the function, rad, separated by commas (default: near "
+        "the median of the recorded joints, so that no more frames are lost than at 0)",
     )
     held = "number of held-out poses of the function's design (default 1024)"
     add("--held-out", type=integer, default=1024, help=held)

@@ -252,7 +252,7 @@ class Violation:
 
     def __str__(self) -> str:
         names, share = " and ".join(self.names), self.moment - self.cycle + 1
-        where = f"in cycle {self.cycle}, at {100 * share:.0f} % of the cycle"
+        where = f"{100 * share:.0f} % into cycle {self.cycle}"
         if len(self.names) == 1:
             return f"{names} exceeds its limits {where}"
         return f"{names} collide {where if self.moment else 'at the start'}"

@@ -10,6 +10,7 @@ from ..arguments import Array
 from ..errors import InputError
 from ..redundancy.inverses import inverse_condition_number
 from ..robot.length import arm_length
+from ..robot.random_configurations import random_configurations
 from ..robot.robot import Robot
 from ..robot.task import KINDS, Kind, Task
 
@@ -111,9 +112,7 @@ def _redundant_frame(robot: Robot) -> str | None:
 
 def _reaches_full_rank(task: Task) -> bool:
     """Test whether J has full row rank at one of 32 random configurations within the limits."""
-    low, high = inner_limits(task)
-    Q = np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))
-    J = task.jacobians(Q)
+    J = task.jacobians(random_configurations(task, _SAMPLES, np.random.default_rng(0)))
     if task.m > 2:
         J[:, :3] /= max(arm_length(task, task.reference), 1e-9)
     return bool((inverse_condition_number(J) > _RANK).any()) and task.r >= 0

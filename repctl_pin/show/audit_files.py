@@ -13,7 +13,7 @@ from ..files import prepare_folder, write_whole
 from ..motion.joint_motion import JointMotion
 from ..recordings.audit import Audit
 from .page.playback import Playback, TracedChain, playback_page
-from .palette import BLUE, GREEN, INK, PURPLE, VERMILLION
+from .palette import GREY, INK, PURPLE, SKY, VERMILLION
 from .plots.motions import plain, png, quiet, titled
 from .text.audit_answer import audit_headline, part_of
 
@@ -23,8 +23,11 @@ _STEPS = 48
 _CYCLES = 240
 """Maximum number of cycles on the page."""
 
-_COLOURS = (BLUE, GREEN, PURPLE, INK)
-"""Colours of the joints in the figure, which are those that creep most."""
+_STYLES = ((INK, "o"), (PURPLE, "s"), (GREY, "^"), (SKY, "D"))
+"""Colours and markers of the joints in the figure, which are those that creep most."""
+
+_LEAST = 2e-3
+"""Minimum height of an axis, m or rad, so that rounding errors are not magnified."""
 
 
 def write_audit(audit: Audit, folder: Path) -> list[Path]:
@@ -100,20 +103,24 @@ def audit_figure(audit: Audit) -> Figure:
     task, visits, joints = audit.task, audit.visits, audit.joints
     assert joints is not None
     seconds, unit = audit.clock
-    order = np.argsort(-np.abs(joints.rate))[: len(_COLOURS)]
+    order = np.argsort(-np.abs(joints.rate))[: len(_STYLES)]
     title = f"{task.robot.name}, {Path(audit.log.name).name}: {audit.returns} returns to one pose"
     figure = titled(7.6, 5.6, title)
     first, second = figure.subplots(2, 1, sharex=True)
     time = (visits.t - audit.log.t[0]) / seconds
-    _line(first, time, 100 * audit.along, 100 * audit.rate * seconds, VERMILLION)
+    _line(first, time, 100 * audit.along, 100 * audit.rate * seconds, VERMILLION, "o")
     first.set_ylabel(f"{plain(part_of(audit))} (cm)")
-    for i, colour in zip(order, _COLOURS, strict=False):
+    for i, (colour, marker) in zip(order, _STYLES, strict=False):
         values, rate = visits.q[:, i] - visits.q[0, i], float(joints.rate[i])
-        _line(second, time, values, rate * seconds, colour, plain(task.joint_names[i]))
+        name = plain(task.joint_names[i])
+        _line(second, time, values, rate * seconds, colour, marker, name)
     second.set_ylabel(f"joints, since the first visit ({task.unit})")
     second.set_xlabel(f"time ({unit}s)")
     second.legend(frameon=False, fontsize=8, ncols=2)
-    for ax in (first, second):
+    for ax, least in ((first, 100 * _LEAST), (second, _LEAST)):
+        low, high = ax.get_ylim()
+        more = max(0.0, least - (high - low)) / 2
+        ax.set_ylim(low - more, high + more)
         quiet(ax)
     return figure
 
@@ -124,10 +131,11 @@ def _line(
     values: Array,
     slope: float,
     colour: str,
+    marker: str,
     label: str | None = None,
 ) -> None:
     """Draw the values at the visits as dots, and their trend as a line."""
     level = float(np.median(values - slope * time))
     ends = time[[0, -1]]
-    ax.plot(time, values, "o", ms=3.5, color=colour, label=label)
+    ax.plot(time, values, marker, ms=3.5, color=colour, label=label)
     ax.plot(ends, level + slope * ends, color=colour, lw=1)

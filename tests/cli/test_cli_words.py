@@ -171,7 +171,7 @@ def test_drift_is_said_once_and_with_its_unit(capsys) -> None:
 
 def test_leaving_the_limits_is_a_warning(capsys) -> None:
     out, error = printed(capsys, *OUT)
-    where = r"theta1 exceeds its limits in cycle 1, at \d+ % of the cycle"
+    where = r"theta1 exceeds its limits \d+ % into cycle 1"
     assert re.fullmatch(
         rf"repctl: warning: {where}; try another --start or a smaller --path\n", error
     )

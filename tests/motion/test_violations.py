@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,17 +42,12 @@ def test_the_first_limit_and_the_first_touch_in_order(
     )  # in cycle 2: 30 % and 70 % round
     touch, limit = violations_of(replace(motion, q=q))
     assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
-    assert (
-        str(limit) == "panda_joint4 exceeds its limits in cycle 2, at 70 % of the cycle"
-    )
+    assert str(limit) == "panda_joint4 exceeds its limits 70 % into cycle 2"
     assert (
         set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links)
         and touch.moment == 1.3
     )
-    assert (
-        str(touch)
-        == f"{' and '.join(touch.names)} collide in cycle 2, at 30 % of the cycle"
-    )
+    assert str(touch) == f"{' and '.join(touch.names)} collide 30 % into cycle 2"
     with pytest.raises(
         rp.InputError, match=f"^{touch}; {limit}: no trajectory was written; go home$"
     ):
@@ -86,7 +82,7 @@ def test_no_file_for_a_robot_beyond_the_limits(tmp_path, monkeypatch, capsys) ->
     ):
         error = refused(capsys, *OUT, *more)
         assert (
-            "theta1 exceeds its limits in cycle 1, " in error
+            re.search(r"theta1 exceeds its limits \d+ % into cycle 1: ", error)
             and "or write it anyway with --allow-violations" in error
         )
         assert not list(tmp_path.iterdir())
@@ -142,7 +138,7 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     )  # not at the start, but on the way
     error = refused(capsys, *near, "--yaml", str(tmp_path / "m.yaml"))
     assert (
-        "tip and post collide in cycle 1, " in error
+        re.search(r"tip and post collide \d+ % into cycle 1: ", error)
         and not (tmp_path / "m.yaml").exists()
     )
     assert main(near) == 0
@@ -153,7 +149,7 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     )
     assert "note: collisions of a are not detected: mesh 'lost.stl' is missing" in out
     assert (
-        warning.startswith("repctl: warning: tip and post collide in cycle 1, ")
+        re.match(r"repctl: warning: tip and post collide \d+ % into cycle 1; ", warning)
         and warning.count("\n") == 1
     )
     assert main([*near, "--json"]) == 0

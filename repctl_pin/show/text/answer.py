@@ -10,9 +10,9 @@ from ...studies import Row, Study
 from ..page.outcomes import row_outcome, study_headline
 from .headline import Outcome, off_of
 from .lines import Span, fitted, wrapped
-from .numbers import metres, number, percent
+from .numbers import displacement, metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import STILL, MotionSummary
+from .verdict import MotionSummary
 
 ROWS, COLUMNS = 24, 80
 """Size of the terminal into which the answer fits."""
@@ -26,7 +26,7 @@ _TITLES = {
     "repeatable": "repeatable",
 }
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
-"""Beginnings of the notes that are listed last, and left out first if there is no space."""
+"""Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
 
 _SPEED = 1 + 1e-9
 """Ratio of joint speed to limit above which a joint counts as too fast."""
@@ -59,16 +59,16 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
         Span(f"\n\n{fitted(_about(study))}\n\n"),
     ]
     out += _short_table(study, rows)
-    after = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
-    after += _proved(study)
+    notes = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
+    notes += _proved(study)
+    notes += [f"note: {note}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
-    used = _height(out) + _height_of(after) + _height_of(below)
-    left = ROWS - 2 - used  # without the command and the next prompt
-    notes = _notes(study, rows)
-    if _height_of([f"note: {note}" for note in notes]) == left + 1:
+    left = (
+        ROWS - 2 - _height(out) - _height_of(below)
+    )  # without command and next prompt
+    if _height_of(notes) == left + 1:
         below, left = below[1:], left + 1  # rather than the empty line
-    notes = _as_many(notes, left)
-    return [*out, Span(fitted("\n".join([*after, *notes, *below])))]
+    return [*out, Span(fitted("\n".join([*_as_many(notes, left), *below])))]
 
 
 def _cycles(study: Study) -> int:
@@ -159,8 +159,7 @@ def _part(outcomes: Sequence[Outcome | None]) -> str:
 def _hand(row: Row, summary: MotionSummary) -> Span:
     assert row.motion is not None
     off = float(row.motion.tracking_error.max())
-    text = "0" if off < STILL * summary.size else metres(off)
-    return Span(text, "bad" if summary.path_loss else "")
+    return Span(displacement(off), "bad" if summary.path_loss else "")
 
 
 def _joints(row: Row, _: MotionSummary) -> Span:
@@ -222,13 +221,15 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     said = {
         f"{row.label}: {violation}" for row in rows for violation in _violations(row)
     }
-    notes = sorted(
-        (n for n in study.notes if n not in said), key=lambda n: n.startswith(_LAST)
-    )
-    for row in rows:
-        if row.motion is None and row.key not in ("pseudoinverse", "repeatable"):
-            notes.insert(0, f"{_title(row)}: {row.stopped}")
-    return [*notes, *_meanings(study)]
+    notes = [note for note in study.notes if note not in said]
+    stopped = [
+        f"{_title(row)}: {row.stopped}"
+        for row in rows
+        if row.motion is None and row.key not in ("pseudoinverse", "repeatable")
+    ]
+    first = [note for note in notes if not note.startswith(_LAST)]
+    last = [note for note in notes if note.startswith(_LAST)]
+    return [*stopped, *first, *_meanings(study), *last]
 
 
 def _meanings(study: Study) -> list[str]:
@@ -243,7 +244,7 @@ def _meanings(study: Study) -> list[str]:
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:
     """Take as many notes as fit into a number of rows, and add how many are left out."""
-    taken = [f"note: {note}" for note in notes]
+    taken = list(notes)
     if _height_of(taken) <= rows:
         return taken
     while taken and _height_of(taken) + 1 > rows:

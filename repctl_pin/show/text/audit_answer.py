@@ -145,6 +145,11 @@ def _unit(audit: Audit, joint: int) -> str:
     return "rad" if audit.task.revolute[joint] else "m"
 
 
+def _number(value: float) -> str:
+    """Format a change of a joint; 0 below 1e-9 rad or m, as lengths are."""
+    return "0" if abs(value) < 1e-9 else number(value)
+
+
 def _table(audit: Audit) -> str:
     """Format the table of creep: the fastest origin, then the joints, the fastest first."""
     joints, visits = audit.joints, audit.visits
@@ -161,7 +166,7 @@ def _table(audit: Audit) -> str:
         rate, error = float(joints.rate[i]), float(joints.error[i])
         values = (moved, rate * each, rate * seconds, error * seconds)
         name = f"{audit.task.joint_names[i]}, {_unit(audit, int(i))}"
-        rows.append([name, *(number(value) for value in values)])
+        rows.append([name, *map(_number, values)])
     header = ["", "first to last", "per return", f"per {unit}", "± 95 %"]
     return table(header, rows)
 
@@ -174,7 +179,7 @@ def _leads(audit: Audit) -> list[str]:
         said.append(
             f"! at this rate {joint} leaves its range in another {time_span(when)}"
         )
-    noise = number(float(audit.visits.noise.max()))
+    noise = _number(float(audit.visits.noise.max()))
     said.append(
         f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"
     )

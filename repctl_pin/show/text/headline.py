@@ -10,14 +10,17 @@ from dataclasses import dataclass
 
 from ...motion.motion import ON_PATH
 from .lines import Span
-from .numbers import metres, percent, radians
-from .verdict import STILL, MotionSummary
+from .numbers import NOTHING, displacement, metres, percent, radians
+from .verdict import MotionSummary
 
 SMALL = 0.01
 """Displacement of a part, m, below which it hardly drifts."""
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
+
+_UNTURNED = 1e-5
+"""Displacement of a joint, rad, below which a sentence writes 0."""
 
 _TURNED = 0.1
 """Displacement of a joint, rad, above which it is named if no part is displaced."""
@@ -73,8 +76,8 @@ class Outcome:
 
     @property
     def back(self) -> bool:
-        """True if every part of the arm is back where it began."""
-        return self.off < STILL * self.summary.size
+        """True if every part of the arm is back where it began, within a tenth of a millimetre."""
+        return self.off < NOTHING
 
     @property
     def turned(self) -> bool:
@@ -185,7 +188,7 @@ def off_of(one: Outcome) -> Span:
     The tone is ``good`` for 0, and ``bad`` from 1 cm up.
     """
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
-    return Span("0" if one.back else metres(one.off), tone, _exact(one))
+    return Span(displacement(one.off), tone, _exact(one))
 
 
 def _exact(one: Outcome) -> str:
@@ -218,7 +221,7 @@ def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
     for one in outcomes:
         angle = one.summary.joint_displacement[0]
         said += [Span(", ")] if len(said) > 1 else []
-        value = "0" if angle < STILL else radians(angle)
+        value = "0" if angle < _UNTURNED else radians(angle)
         said.append(
             Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good")
         )

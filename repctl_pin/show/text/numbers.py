@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+NOTHING = 1e-4
+"""Displacement, m, below which headlines, short tables and pages write 0."""
+
 
 def number(value: float) -> str:
     """Format a number with three digits, or one below 1e-3: 1.75, 0.0238, 2e-11."""
@@ -31,6 +34,11 @@ def metres(value: float) -> str:
     )
     scale, unit = next((scale, unit) for least, scale, unit in units if value >= least)
     return f"{float(f'{scale * value:.2g}'):g} {unit}"
+
+
+def displacement(value: float) -> str:
+    """Format how far a part is off: like :func:`metres`, but 0 below a tenth of a millimetre."""
+    return "0" if value < NOTHING else metres(value)
 
 
 def radians(value: float) -> str:
