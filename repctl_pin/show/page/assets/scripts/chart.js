@@ -76,7 +76,7 @@ export class Chart {
       arms.forEach((arm, k) => {
         const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(off > NOTHING ? 2 : 0.5, foot - level(off));
         draw.fillStyle = arm.data.color;
-        draw.globalAlpha = finished ? 1 : 0.25;
+        draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
         const { broken } = arm.data;
         if (broken && scene.cycles[c] >= broken.cycle) hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
