@@ -53,7 +53,9 @@ def test_it_says_what_the_motions_did(study: rp.Study) -> None:
         assert link == "link4" and moved.max() < way < 2 * moved.max()
         off.append(metres(way))
     plain_words = " ".join(text.split())
-    assert plain_words.startswith("Both hands are back. Link 4 of one arm is not: ")
+    assert plain_words.startswith(
+        "After 3 cycles both hands are back. Link 4 of one arm is not: "
+    )
     assert (
         f"{off[0]} off under the usual control, 0 under the repeatable one."
         in plain_words
@@ -116,7 +118,7 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
     stopped = {"motion": None, "stopped": "the Jacobian loses rank"}
     text = text_of(changed(study, pseudoinverse=stopped))
     assert text.startswith(
-        "Usual control stopped: the Jacobian loses rank. The hand is back."
+        "Usual control stopped: the Jacobian loses rank. After 3 cycles the hand is back."
     )
     assert answered(text, "link 4 off")[0] == "stopped"
     assert answered(text, "extra joint speed")[1:] == ["–", "–"]

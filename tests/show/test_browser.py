@@ -245,7 +245,7 @@ def the_colour_is_how_far_a_body_is_off_its_start(driver: Any, study: rp.Study) 
     assert note.get_attribute("hidden")
     in_the_menu(driver, "show-drift").click()
     assert not note.get_attribute("hidden")
-    assert note.get_attribute("textContent").endswith("10 cm and more")
+    assert note.get_attribute("textContent").endswith("10 cm off or more")
 
 
 def points_of(shape: Any) -> NDArray[np.float64] | None:
@@ -393,7 +393,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert [
         text(e) for e in driver.find_elements("css selector", ".arm-label .name")
     ] == [
-        "Usual control (pseudoinverse)",
+        "Usual control",
         "repeatable",
     ]
     assert not driver.execute_script("return repctl.playing")
@@ -414,14 +414,15 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert first.startswith("Usual control: ") and second.startswith(
         "repeatable: 0 off"
     )
-    assert first.endswith(
-        f"after 2 cycles; all joints {arms[0].cycle_drift[-1]:.3g} rad"
-    )
+    assert text(element("done")) == "After 2 cycles"
+    joints = driver.find_element("css selector", ".reading b")
+    size = f"joints {arms[0].cycle_drift[-1]:.3g} rad, root of the sum of squares"
+    assert joints.get_attribute("title").endswith(size)
     # at any time, what stands beside the bars is the end of the last finished cycle
     driver.execute_script("repctl.seek(1.5)")
-    assert f"after 1 cycle; all joints {arms[0].cycle_drift[0]:.3g} rad" in (
-        text(driver.find_element("class name", "reading"))
-    )
+    assert text(element("done")) == "After 1 cycle"
+    size = f"joints {arms[0].cycle_drift[0]:.3g} rad"
+    assert size in joints.get_attribute("title")
     # the slider
     from selenium.webdriver.common.keys import Keys
 
@@ -446,14 +447,17 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert driver.execute_script("return repctl.playing")
     body.send_keys(" ")
     assert not driver.execute_script("return repctl.playing")
-    # once per cycle: whole cycles only
-    element("stepping").click()
+    # the ends of cycles alone
+    in_the_menu(driver, "stepping").click()
+    assert driver.execute_script("return [repctl.playing, repctl.time % 1]") == [1, 0]
     driver.execute_script("repctl.pause()")
     driver.execute_script("repctl.seek(0)")
     driver.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
     assert driver.execute_script("return repctl.time") == 1
-    element("running").click()
-    driver.execute_script("repctl.pause()")
+    in_the_menu(driver, "stepping").click()
+    driver.execute_script(
+        "document.getElementById('looks').open = false; repctl.pause()"
+    )
     # a click on a bar goes to that cycle's end; so do arrows, where the chart has the focus
     chart = element("chart")
     driver.execute_script(
@@ -674,7 +678,7 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     robot = rp.Robot.load("planar3r")
     words = Headline(
         (
-            Span("Both hands are back. One elbow is not: "),
+            Span("After 10 cycles both hands are back. One elbow is not: "),
             Span("45 cm off", "bad", "0.45 m"),
         ),
         (

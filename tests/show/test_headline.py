@@ -12,7 +12,7 @@ from repctl_pin.robot.visuals import Visuals
 from repctl_pin.show.page import read_surface
 from repctl_pin.show.text import Headline, MotionSummary, Outcome, headline_of, metres
 from repctl_pin.show.text.headline import stopped_words
-from repctl_pin.show.text.parts import part_name
+from repctl_pin.show.text.parts import controlled, part_name
 
 USUAL = Outcome(
     MotionSummary("J⁺", 0.3, 1.0, body_distance=0.13), "elbow", "link4", 0.321
@@ -25,6 +25,9 @@ CLOSED = Outcome(
 )
 
 
+BACK = "After 10 cycles both hands are back. "
+
+
 def words(told: Headline) -> tuple[str, str]:
     sentence = "".join(span.text for span in told.sentence)
     return sentence.replace("\u00a0", " "), " ".join(
@@ -35,7 +38,7 @@ def words(told: Headline) -> tuple[str, str]:
 def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     sentence, notes = words(headline_of([USUAL, CLOSED], 10))
     assert sentence == (
-        "Both hands are back. One elbow is not: 32 cm off under the usual control, "
+        BACK + "One elbow is not: 32 cm off under the usual control, "
         "0 under the repeatable one."
     )
     assert (
@@ -53,31 +56,31 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     [
         (
             [replace(USUAL, off=0.0017), CLOSED],
-            "Both hands are back. The elbow hardly drifts in 10 cycles: 1.7 mm under the usual "
-            "control, 0 under the repeatable one.",
+            BACK + "The elbow has hardly drifted: 1.7 mm under the usual control, "
+            "0 under the repeatable one.",
         ),
         (
             [
                 replace(USUAL, off=1.1e-4),
                 replace(CLOSED, off=4.3e-5),
             ],  # as the callouts say it
-            "Both hands are back. The elbow hardly drifts in 10 cycles: 0.11 mm under the usual "
-            "control, 0 under the repeatable one.",
+            BACK + "The elbow has hardly drifted: 0.11 mm under the usual control, "
+            "0 under the repeatable one.",
         ),
-        ([USUAL], "The hand is back. The elbow is not: 32 cm off after 10 cycles."),
+        ([USUAL], "After 10 cycles the hand is back. The elbow is not: 32 cm off."),
         (
             [replace(USUAL, part="head"), CLOSED],
-            "Both hands are back. The head of one robot is not: 32 cm off under the usual "
-            "control, 0 under the repeatable one.",
+            BACK + "The head of one robot is not: 32 cm off under the usual control, "
+            "0 under the repeatable one.",
         ),
         (
             [replace(USUAL, part="link 3"), CLOSED],
-            "Both hands are back. Link 3 of one arm is not: 32 cm off under the usual control, "
+            BACK + "Link 3 of one arm is not: 32 cm off under the usual control, "
             "0 under the repeatable one.",
         ),
         (
             [CLOSED, CLOSED],
-            "Both hands are back. So is every part of the arms: 0 off after 10 cycles.",
+            BACK + "So is every part of the arms: 0 off.",
         ),
         (
             [
@@ -90,8 +93,8 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
                 ),
                 CLOSED,
             ],
-            "Both hands are back. joint_1 is not: 6.3 rad under the usual control, 0 under the "
-            "repeatable one after 10 cycles.",
+            BACK + "The joint joint_1 is not: 6.3 rad under the usual control, "
+            "0 under the repeatable one.",
         ),
     ],
 )
@@ -105,7 +108,16 @@ def test_a_lost_path_is_not_called_back() -> None:
     assert sentence.startswith(
         "Under the usual control the hand leaves its path in cycle 3: 2 cm"
     )
-    assert "back" not in sentence and "joint speed" not in notes
+    assert sentence.endswith(
+        "After 10 cycles one elbow is not back: 32 cm off under the usual control, "
+        "0 under the repeatable one."
+    )
+    assert "hands" not in sentence and "joint speed" not in notes
+    closed = replace(CLOSED, summary=replace(CLOSED.summary, path_loss=(3, 0.02, 0.0)))
+    told = words(headline_of([closed], 10))[0]
+    assert told.endswith("After 10 cycles every part of the arm is back: 0 off.")
+    little = words(headline_of([replace(lost, off=0.0017)], 10))[0]
+    assert little.endswith("After 10 cycles the elbow has hardly drifted: 1.7 mm.")
     turned = replace(USUAL, summary=replace(USUAL.summary, path_loss=(3, 1e-12, 0.31)))
     assert "in cycle 3: 0.31 rad off" in words(headline_of([turned, CLOSED], 10))[0]
 
@@ -114,7 +126,8 @@ def test_a_stopped_motion_is_said_first() -> None:
     why = stopped_words("J⁺", "the Jacobian loses rank")
     told = words(headline_of([CLOSED], 10, [why]))[0]
     assert told.startswith(
-        "Usual control stopped: the Jacobian loses rank. The hand is back."
+        "Usual control stopped: the Jacobian loses rank. After 10 cycles the hand is "
+        "back."
     )
     assert words(headline_of([], 0, [why]))[0] == f"{why} "
 
@@ -190,3 +203,15 @@ def test_links_are_named_in_words() -> None:
     ):
         task = rp.Robot.load(name).task()
         assert part_name(task, task.reference, link) == expected
+
+
+def test_what_a_task_controls_is_spelt_out() -> None:
+    robot = rp.Robot.load("panda")
+    kinds = ("pose", "axis", "position", "xy", "xz", "yz")
+    said = [controlled(robot.task(kind=kind).kind) for kind in kinds]
+    assert said[0] == "position and orientation" and said[3:] == [
+        "x and y",
+        "x and z",
+        "y and z",
+    ]
+    assert said[1:3] == ["position and tool axis", "position"]

@@ -24,7 +24,9 @@ TOLD = """
 const [times] = arguments, chart = document.getElementById("chart");
 const text = (query) => [...document.querySelectorAll(query)].map((n) => n.textContent.trim());
 return times.map((t) => { repctl.seek(t);
-  return [".callout:not(.hand) b", ".callout.hand b", ".reading b", ".reading small"].map(text)
+  const exact = [...document.querySelectorAll(".reading b")].map((n) => n.title);
+  return [".callout:not(.hand) b", ".callout.hand b", ".reading b"].map(text)
+    .concat([exact, document.getElementById("done").textContent])
     .concat([chart.getAttribute("aria-valuetext"), chart.getAttribute("aria-valuenow")]); });
 """
 
@@ -76,7 +78,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
         np.testing.assert_allclose(  # the bars
             scene["arms"][k]["off"], np.c_[ends[:-1], ends[1:]], rtol=1e-5, atol=1e-7
         )
-        for time, (part, hand, reading, detail, bar, now) in zip(
+        for time, (part, hand, reading, exact, when, bar, now) in zip(
             times, told, strict=True
         ):
             done = int(time)
@@ -85,22 +87,24 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             ]
             value = off(study, np.array(at[0]), np.array(at[1]), link)
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
-            said = {f"{name} {words}" for words in written(value)}
+            said = {f"{name} {words} now" for words in written(value)}
             assert part[k] in said, (time, value)
-            assert hand[k] == "hand back: 0 off"
+            assert hand[k] == "hand 0 off"
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3
             assert reading[k] in written(ends[done]) and reading[k] in bar
             assert int(now) == done
+            ends_of = "1 cycle" if done == 1 else f"{done} cycles"
+            assert when == (f"After {ends_of}" if done else "At the start")
             size = 0 if joints[done] < 1e-6 else number(joints[done])
-            assert f"joints {size} {study.task.unit}" in detail[k]
+            assert f"joints {size} {study.task.unit}, root of" in exact[k]
     assert errors(driver) == []
 
 
 def test_numbers_are_the_motions(driver: Any, tmp_path: Path) -> None:
     study = rp.study("planar3r", degree=1)
     compare(driver, study, tmp_path / "page.html", [0.0, 0.37, 4.5, 7.01, 9.993])
-    assert "after 4 cycles; all joints 0.279 rad" in driver.execute_script(
-        "repctl.seek(4.5); return document.querySelector('.reading').textContent"
+    assert "joints 0.279 rad" in driver.execute_script(
+        "repctl.seek(4.5); return document.querySelector('.reading b').title"
     )
 
 

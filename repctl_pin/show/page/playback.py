@@ -21,7 +21,7 @@ from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, Outcome, headline_of
-from ..text.parts import part_name
+from ..text.parts import controlled, part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
 from .outcomes import outcome_of
@@ -203,7 +203,7 @@ def playback_page(
         lines,
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
-        caption="\n".join(_limb_words(chain.task) for chain in chains),
+        caption="\n".join(_chain_words(chain.task) for chain in chains),
         planar=_is_planar(chains, [track.Q[0] for track in tracks], lines),
         frames=frames,
         headline=headline,
@@ -375,8 +375,8 @@ def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
     )
 
 
-def _limb_words(task: Task) -> str:
-    return f"{task.frame}, {task.kind} task, {task.n} joints, {task.r} redundant"
+def _chain_words(task: Task) -> str:
+    return f"{task.frame}: {controlled(task.kind)}, {task.n} joints, {task.r} redundant"
 
 
 def _is_planar(

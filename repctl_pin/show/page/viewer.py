@@ -39,7 +39,7 @@ from ...robot.length import arm_length
 from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
-from ..text.parts import part_name
+from ..text.parts import controlled, part_name
 from .scene import Arm, Frames, animation_page, moving_of, poses_of
 
 HOST = "127.0.0.1"
@@ -256,7 +256,7 @@ class Viewer:
             for name, colour in zip(self.names, colours, strict=False)
         ]
         keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
-        caption = f"{task.frame}, {task.kind} task. {keys}"
+        caption = f"{task.frame}: {controlled(task.kind)}. {keys}"
         lines = [] if path is None else [path.points()]
         flat = bool(
             np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2])

@@ -14,7 +14,7 @@ from .numbers import NOTHING, displacement, metres, percent, radians
 from .verdict import MotionSummary
 
 SMALL = 0.01
-"""Displacement of a part, m, below which it hardly drifts."""
+"""Displacement of a part, m, below which it has hardly drifted."""
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
@@ -25,7 +25,7 @@ _UNTURNED = 1e-5
 _TURNED = 0.1
 """Displacement of a joint, rad, above which it is named if no part is displaced."""
 
-_TITLES = {"J⁺": "Usual control (pseudoinverse)", "nearest repeatable": "Repeatable"}
+_TITLES = {"J⁺": "Usual control", "nearest repeatable": "Repeatable"}
 _ABOUT = {
     "J⁺": "the pseudoinverse J⁺ of the Jacobian: at every moment the smallest joint speeds that "
     "move the hand as asked",
@@ -33,7 +33,7 @@ _ABOUT = {
     "path ends in the joint positions with which it began",
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
-_HANDS = {1: "The hand is", 2: "Both hands are"}
+_HANDS = {1: "the hand is", 2: "both hands are"}
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def under(label: str) -> str:
 
 def stopped_words(label: str, why: str) -> str:
     """Write a sentence that a motion stopped, and why."""
-    return f"{title_of(label).partition(' (')[0]} stopped: {why}."
+    return f"{title_of(label)} stopped: {why}."
 
 
 def headline_of(
@@ -124,49 +124,47 @@ def headline_of(
     if not outcomes:
         return Headline(said, ())
     worst = max(outcomes, key=lambda one: one.off)
-    words = _hands(outcomes)
+    lost = _lost(outcomes)
+    hands = _HANDS.get(len(outcomes), "all hands are")
+    words = lost or [Span(f"After {times} {hands} back. ")]
     if all(one.back and not one.turned for one in outcomes):
-        words.append(Span(f"So is every part of the {_arms(outcomes)}: "))
-        words += [Span("0", "good", _exact(worst)), Span(f" off after {times}.")]
-    elif worst.off < SMALL and any(one.turned for one in outcomes):
-        words += _turned(outcomes, times)
-    elif worst.off < SMALL:
-        words.append(Span(f"{_subject(worst.part, 'The')} hardly drifts in {times}: "))
-        words += [*_offs(outcomes, ""), Span(".")]
+        every = f"every part of the {'arm' if len(outcomes) == 1 else 'arms'}"
+        also = f"After {times} {every} is back: " if lost else f"So is {every}: "
+        words += [Span(also), Span("0", "good", _exact(worst)), Span(" off.")]
+        return Headline((*said, *words), tuple(_notes(outcomes)))
+    if worst.off >= SMALL:
+        one = "one" if len(outcomes) == 2 and any(o.back for o in outcomes) else "the"
+        subject, offs = _subject(worst.part, one), _offs(outcomes, " off")
+        verb = "is not back" if lost else "is not"
+    elif any(one.turned for one in outcomes):
+        subject, offs = _turned(outcomes)
+        verb = "is not back" if lost else "is not"
     else:
-        one = "One" if len(outcomes) == 2 and any(o.back for o in outcomes) else "The"
-        words.append(Span(f"{_subject(worst.part, one)} is not: "))
-        words += [
-            *_offs(outcomes, " off"),
-            Span("." if len(outcomes) > 1 else f" after {times}."),
-        ]
+        subject, offs = _subject(worst.part, "the"), _offs(outcomes, "")
+        verb = "has hardly drifted"
+    start = f"After {times} {subject}" if lost else _capital(subject)
+    words += [Span(f"{start} {verb}: "), *offs, Span(".")]
     return Headline((*said, *words), tuple(_notes(outcomes)))
 
 
 def _subject(part: str, article: str) -> str:
-    """Write the subject of a sentence about a part: "One elbow", or "Link 3 of one arm".
+    """Write the subject of a sentence about a part: "one elbow", or "link 3 of one arm".
 
-    A robot has only one head and one torso: "The head of one robot".
+    A robot has only one head and one torso: "the head of one robot".
     """
     if part in ("head", "torso"):
-        return f"The {part} of one robot" if article == "One" else f"The {part}"
+        return f"the {part} of one robot" if article == "one" else f"the {part}"
     if any(letter.isdigit() for letter in part):
-        return f"{part[:1].upper()}{part[1:]} of {article.lower()} arm"
+        return f"{part} of {article} arm"
     return f"{article} {part}"
 
 
-def _arms(outcomes: Sequence[Outcome]) -> str:
-    return "arm" if len(outcomes) == 1 else "arms"
-
-
-def _hands(outcomes: Sequence[Outcome]) -> list[Span]:
-    """Write whether the hands are back, or under which controller a hand has left its path."""
-    lost = [one for one in outcomes if one.summary.path_loss]
-    if not lost:
-        return [Span(f"{_HANDS.get(len(outcomes), 'All hands are')} back. ")]
+def _lost(outcomes: Sequence[Outcome]) -> list[Span]:
+    """Write under which controllers the hand leaves its path; empty if it never does."""
     said = []
-    for one in lost:
-        assert one.summary.path_loss is not None
+    for one in outcomes:
+        if one.summary.path_loss is None:
+            continue
         cycle, way, angle = one.summary.path_loss
         by = metres(way) if way > ON_PATH * one.summary.size else radians(angle)
         said.append(
@@ -212,15 +210,15 @@ def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
     return said
 
 
-def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
+def _turned(outcomes: Sequence[Outcome]) -> tuple[str, list[Span]]:
     """Write which joint is displaced although parts are not, or hardly, and by how much."""
     name = max(
         outcomes, key=lambda one: one.summary.joint_displacement[0]
     ).summary.joint_displacement[1]
-    said = [Span(f"{name} is not: ")]
+    said: list[Span] = []
     for one in outcomes:
         angle = one.summary.joint_displacement[0]
-        said += [Span(", ")] if len(said) > 1 else []
+        said += [Span(", ")] if said else []
         value = "0" if angle < _UNTURNED else radians(angle)
         said.append(
             Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good")
@@ -228,7 +226,7 @@ def _turned(outcomes: Sequence[Outcome], times: str) -> list[Span]:
         said += (
             [Span(f" under {under(one.summary.label)}")] if len(outcomes) > 1 else []
         )
-    return [*said, Span(f" after {times}.")]
+    return f"the joint {name}", said
 
 
 def _notes(outcomes: Sequence[Outcome]) -> list[Span]:

@@ -16,6 +16,18 @@ _MIDDLE = (0.35, 0.65)
 """Range along the arm, as fractions of its length, in which a joint counts as the elbow."""
 
 
+_CONTROLLED = {
+    "pose": "position and orientation",
+    "axis": "position and tool axis",
+    "position": "position",
+}
+
+
+def controlled(kind: str) -> str:
+    """Write which coordinates of the frame a kind of task controls."""
+    return _CONTROLLED.get(kind, f"{kind[0]} and {kind[1]}")
+
+
 def part_name(task: Task, q: Array, link: str) -> str:
     """Find a readable name for a link.
 

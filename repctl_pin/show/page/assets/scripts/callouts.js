@@ -3,23 +3,27 @@
 import { tint } from "./chart.js";
 import { byId, element } from "./dom.js";
 import { inMetres } from "./numbers.js";
-import { LOW } from "./panes.js";
 
 export class Callouts {
   constructor(panes, scene) {
     Object.assign(this, { panes, scene });
     this.sets = panes.arms.map((arm, k) => ({ arm, part: callout(panes.frames[k], ""), hand: callout(panes.frames[k], " hand") }));
-    for (const { arm, part } of this.sets) part.note.textContent = growth(arm.data, scene);
+    for (const { part } of this.sets) {
+      part.note.textContent = "from its place in cycle 1";
+      part.value.widest = this.words(0.88e-3);
+    }
   }
+
+  words(off) { return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off now`; }
 
   // Say how far they are off now.
   say() {
     for (const { arm, part, hand } of this.sets) {
       const off = arm.partOff(), way = arm.handOff();
-      part.value.textContent = `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`;
+      part.value.textContent = this.words(off);
       part.value.className = tint(off);
       part.box.title = `${off.toPrecision(3)} m`;
-      hand.value.textContent = way < 1e-3 ? "hand back: 0 off" : `hand ${inMetres(way)} off`;
+      hand.value.textContent = `hand ${inMetres(way)} off`;
       hand.box.title = `${way.toPrecision(3)} m`;
     }
     this.place();
@@ -31,10 +35,10 @@ export class Callouts {
     if (byId("panes").classList.contains("quiet")) return;
     camera.updateMatrixWorld();
     this.sets.forEach(({ arm, part, hand }, k) => {
-      const { width, height } = panes.place(k), label = panes.frames[k].firstChild, low = height < LOW;
+      const { width, height } = panes.place(k), label = panes.frames[k].firstChild, { beside } = panes;
       const on = (p) => { const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height }; };
       const at = on(arm.partCentre()), tip = on(arm.point("tip", 0, arm.now.frame, arm.now.f));
-      const end = label.offsetLeft + label.offsetWidth + 8, beside = low && end + part.box.offsetWidth + 8 <= width; // in one row with the label
+      const end = label.offsetLeft + label.offsetWidth + 8;
       put(part, at, beside ? 8 : label.offsetTop + label.offsetHeight + 6, width, height, beside ? end : 8);
       put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8, at);
     });
@@ -63,14 +67,4 @@ function put(callout, at, y, width, height, left, free) {
   leader.hidden = !(Math.hypot(dx, dy) > 4) || at.x < 0 || at.x > width || at.y < 0 || at.y > height;
   leader.style.width = leader.hidden ? "0" : `${Math.hypot(dx, dy)}px`;
   if (!leader.hidden) leader.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${Math.atan2(dy, dx)}rad)`;
-}
-
-// How it goes on from cycle to cycle.
-function growth({ off }, scene) {
-  const end = off.at(-1)[1], count = scene.cycles.at(-1);
-  if (Math.max(...off.flat()) < 1e-4) return "closes every cycle, from the first";
-  if (end < 0.01) return `hardly drifts: ${inMetres(end)} in ${count === 1 ? "1 cycle" : `${count} cycles`}`;
-  if (count === 1) return "after 1 cycle";
-  const steady = off.every(([, way], c) => Math.abs(way - (end * scene.cycles[c]) / count) < 0.15 * end), most = Math.max(...off.map(([, way]) => way));
-  return steady ? `about ${inMetres(end / count)} more at each cycle’s end` : `${inMetres(off[0][1])} after cycle 1, later up to ${inMetres(most)}`;
 }

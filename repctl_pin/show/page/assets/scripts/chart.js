@@ -14,10 +14,10 @@ export class Chart {
     Object.assign(this, { arms, scene, canvas, gain: 1 });
     canvas.setAttribute("aria-valuemax", scene.cycles[last - 1]);
     canvas.addEventListener("click", ({ offsetX }) => seek(Math.min(last, Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)))));
-    this.readings = arms.map(({ data }) => {
-      const value = element("b"), detail = element("small");
-      byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title.split(" (")[0]}: `, value, " ", detail));
-      return { value, detail };
+    this.values = arms.map(({ data }) => {
+      const value = element("b");
+      byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title}: `, value));
+      return value;
     });
   }
 
@@ -25,7 +25,7 @@ export class Chart {
   reserve() {
     const box = byId("readings"), { cycles } = this.scene;
     box.style.minWidth = "";
-    const values = this.readings.map(({ value }) => value), most = values.map(() => 0);
+    const { values } = this, most = values.map(() => 0);
     for (const value of values) value.style.minWidth = "";
     const widths = [0, ...cycles.keys()].map((c, k) => {
       this.say(k ? cycles[c] : 0, c, k ? 1 : 0);
@@ -50,13 +50,12 @@ export class Chart {
   // Write the readings; gives the words for when they hold.
   say(done, cycle, part) {
     const times = done ? `after ${done === 1 ? "1 cycle" : `${done} cycles`}` : "at the start";
-    this.readings.forEach(({ value, detail }, k) => {
+    byId("done").textContent = `${times[0].toUpperCase()}${times.slice(1)}`;
+    this.values.forEach((value, k) => {
       const arm = this.arms[k], { data } = arm, off = this.after(arm, cycle, part), joints = done ? data.drift[done - 1] : 0;
       value.textContent = `${inMetres(off)} off`;
       value.className = tint(off);
-      value.title = `${off.toPrecision(3)} m`;
-      detail.textContent = `${times}; all joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}`;
-      detail.title = `${joints.toPrecision(3)} ${data.unit}: root of the sum of squares over all joints`;
+      value.title = `${off.toPrecision(3)} m; joints ${joints < 1e-6 ? 0 : inWords(joints)} ${data.unit}, root of the sum of squares`;
     });
     return times;
   }
@@ -76,14 +75,18 @@ export class Chart {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
         const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(off > NOTHING ? 2 : 0.5, foot - level(off));
-        draw.fillStyle = finished ? arm.data.color : tone("--empty");
+        draw.fillStyle = arm.data.color;
+        draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
         const { broken } = arm.data;
         if (broken && scene.cycles[c] >= broken.cycle) hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
+        draw.globalAlpha = 1;
       });
       draw.fillStyle = tone("--soft"); draw.textAlign = "center";
       if ((count - 1 - c) % every === 0) draw.fillText(scene.cycles[c], at(c + 1) - group / 2, height - 0.25 * em);
     }
+    draw.textAlign = "left";
+    if (draw.measureText("cycle").width + 1.2 * em < pitch - group / 2) draw.fillText("cycle", INSET + 2, height - 0.25 * em);
     if (room > 2.5 * em) haloed(draw, inMetres(scale), INSET + 2, level(scale) + (top > 1.4 * scale ? -0.3 : 0.95) * em, 0.3 * em);
     draw.strokeStyle = tone("--ink"); draw.lineWidth = 1.5;
     line(draw, at(cycle + part), 0, at(cycle + part), foot, []);

@@ -1,4 +1,4 @@
-// Time, in shown cycles: running, or once per cycle, when the hand stands still and the elbow walks.
+// Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still and the elbow walks.
 // It opens on the end for two seconds, goes through the cycles' ends once, and then runs.
 
 const END = 2, HOLD = 1.4; // s

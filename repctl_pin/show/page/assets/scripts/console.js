@@ -1,10 +1,9 @@
 // For tests, and for anyone at the browser's console: window.repctl.
 
 import { byId } from "./dom.js";
-import { still } from "./paper.js";
 import { record, seen } from "./save.js";
 
-export function openConsole(api, { viewer, clock, view, arms, panes }) {
+export function openConsole(api, { viewer, clock, view, arms, panes, still }) {
   Object.defineProperties(api, { time: { get: () => clock.time }, playing: { get: () => clock.playing } });
   const place = (k, name) => arms[k].moving.find((node) => node.name === name) || arms[k].still.find((node) => node.name === name);
   Object.assign(api, {
@@ -16,7 +15,7 @@ export function openConsole(api, { viewer, clock, view, arms, panes }) {
     meshes: (k) => arms[k].meshes.length,
     placement: (k, name) => { place(k, name).updateMatrix(); return place(k, name).matrix.toArray(); },
     picture: () => { viewer.render(); return viewer.renderer.domElement.toDataURL(); },
-    still: () => still(viewer, clock, arms, panes),
+    still,
     seen: () => seen(viewer).toDataURL(),
     record: (seconds) => record(viewer, clock, seconds),
     // where a pane is in the picture: left, top, width, height, in parts of the whole

@@ -10,8 +10,7 @@ export function connect(clock, view, last) {
   byId("play").addEventListener("click", () => clock.play(!clock.playing));
   byId("scrub").addEventListener("input", (event) => seek(event.target.value));
   byId("speed").addEventListener("change", (event) => { clock.speed = Number(event.target.value); event.target.blur(); });
-  byId("running").addEventListener("click", () => { clock.step(false); clock.play(true); });
-  byId("stepping").addEventListener("click", () => { clock.step(true); clock.play(true); });
+  byId("stepping").addEventListener("change", ({ target }) => { clock.step(target.checked); clock.play(true); });
   const keys = () => { byId("keys").showModal(); byId("keys").scrollTop = 0; };
   byId("help").addEventListener("click", keys);
   document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
@@ -36,8 +35,7 @@ export function connect(clock, view, last) {
     const inside = part > 0 && part < 1, words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
     document.body.classList.toggle("playing", clock.playing);
     byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
-    byId("running").setAttribute("aria-pressed", String(!clock.stepping));
-    byId("stepping").setAttribute("aria-pressed", String(clock.stepping));
+    byId("stepping").checked = clock.stepping;
     byId("clock").textContent = words;
     byId("scrub").value = clock.time;
     byId("scrub").setAttribute("aria-valuetext", inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words);

@@ -99,8 +99,7 @@ async function main() {
     enlarge(on) {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
-      byId("drift-from").textContent = on ? `drift drawn × ${GAIN}: 0` : "off its place in cycle 1: 0";
-      byId("drift-to").textContent = `${inMetres(SCALE / (on ? GAIN : 1))} and more`;
+      byId("drift-to").textContent = `${inMetres(SCALE / (on ? GAIN : 1))} off or more`;
       document.body.classList.toggle("enlarged", on);
       ways = leave();
       show();
@@ -118,14 +117,15 @@ async function main() {
   if (callouts) panes.drawn = () => callouts.place();
   viewer.controls.addEventListener("end", () => keep(clock, eye));
   savable(viewer, clock, scene.live);
-  printable(() => still(viewer, clock, arms, panes));
+  const paper = () => still(viewer, clock, arms, panes, resize);
+  printable(paper);
   if (wish.time !== null) clock.time = Math.min(Math.max(wish.time, 0), cycles);
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
   if (wish.view) eye.stand(wish.view);
 
   run(clock, viewer, scene.live, resize);
-  openConsole(api, { viewer, clock, view, arms, panes });
+  openConsole(api, { viewer, clock, view, arms, panes, still: paper });
   api.took = performance.now() - start;
   const problems = [...scene.problems, ...api.errors];
   say(problems.length ? `Not everything could be drawn; the motion is complete. ${problems.join(". ")}` : "", problems.length > 0);

@@ -2,7 +2,7 @@
 
 import { byId, element, tone } from "./dom.js";
 
-export const LOW = 360; // px
+const LOW = 360; // px
 
 export class Panes {
   // `ratio`: width to height of what a pane shows
@@ -11,7 +11,7 @@ export class Panes {
     this.frames = arms.map((arm) => {
       arm.notice = element("span", { class: "past" });
       return element("div", { class: "pane", style: `--arm: ${arm.data.color}` },
-        element("p", { class: "arm-label", title: arm.data.about }, element("span", { class: "name" }, element("span", { class: "chip" }), ...named(arm.data.title)), arm.notice));
+        element("p", { class: "arm-label", title: arm.data.about }, element("span", { class: "name" }, element("span", { class: "chip" }), arm.data.title), arm.notice));
     });
     byId("panes").append(...this.frames);
     viewer.render = () => this.render();
@@ -27,17 +27,29 @@ export class Panes {
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     this.viewer.renderer.setSize(width, height);
     const { clientWidth, clientHeight } = this.frames[0];
+    this.beside = clientHeight < LOW && this.frames.every((frame, k) => this.inOneRow(frame, this.arms[k]));
     this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), ...this.room() };
     this.eye.aspect(this.size.width / this.size.height);
     this.colour();
   }
 
-  // What a pane keeps free above the arm, for its label and what is said of the part, and below it, px. In a low pane
-  // both stand in one row.
+  // Whether a pane's label and what is said of the part fit into one row at all times.
+  inOneRow(frame, { data, notice }) {
+    const label = frame.firstChild, box = frame.querySelector(".callout:not(.hand)"), value = box && box.firstChild;
+    if (!box) return true;
+    const words = [notice.textContent, value.textContent];
+    notice.textContent = data.broken ? data.broken.words : "";
+    value.textContent = value.widest;
+    const fits = label.offsetLeft + label.offsetWidth + box.offsetWidth + 16 <= frame.clientWidth;
+    [notice.textContent, value.textContent] = words;
+    return fits;
+  }
+
+  // What a pane keeps free above the arm, for its label and what is said of the part, and below it, px.
   room() {
     const label = this.frames[0].firstChild.clientHeight * 1.5, low = this.frames[0].clientHeight < LOW;
     const box = this.frames[0].querySelector(".callout:not(.hand)"), above = box ? box.offsetHeight : 0;
-    return { above: low ? Math.max(label, above + 12) : label + above, below: low ? 14 : label };
+    return { above: this.beside ? Math.max(label, above + 12) : label + above, below: low ? 14 : label };
   }
 
   colour() {
@@ -65,10 +77,4 @@ export class Panes {
     if (this.drawn) this.drawn();
     this.viewer.needs_render = false;
   }
-}
-
-// "Usual control (pseudoinverse)": what stands in brackets is said more softly.
-function named(title) {
-  const [, name, more] = title.match(/^(.*?)( \(.*\))?$/s);
-  return more ? [name, element("span", { class: "more" }, more)] : [name];
 }

@@ -4,8 +4,11 @@ import { byId, element, forgetTones } from "./dom.js";
 import { inMetres } from "./numbers.js";
 
 const WIDE = 1800; // px
+const SHEET = "position: fixed; left: 0; top: 0; width: 1400px; height: 640px"; // the stage, whatever the window
 
-export function still(viewer, clock, arms, panes) {
+export function still(viewer, clock, arms, panes, resize) {
+  byId("stage").style.cssText = SHEET;
+  resize();
   const { renderer } = viewer, { domElement } = renderer, { time } = clock, { width, height } = panes.place(0), before = renderer.getPixelRatio();
   const columns = width > 1.2 * height ? Math.min(2, arms.length) : Math.min(3, arms.length), rows = Math.ceil(arms.length / columns);
   const scale = Math.max(before, WIDE / (columns * width)), text = (columns * width * scale) / 80, head = 2.2 * text;
@@ -27,7 +30,8 @@ export function still(viewer, clock, arms, panes) {
   });
   light(false);
   renderer.setPixelRatio(before);
-  panes.colour();
+  byId("stage").style.cssText = "";
+  resize();
   clock.seek(time);
   return paper;
 }
