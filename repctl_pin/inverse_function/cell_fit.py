@@ -301,7 +301,7 @@ class CellFit:
         ]
         penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
         kept = penalties.kept(
-            best[-1],
+            best,
             terms,
             self.report,
             enough=1e-2 if quick else 1e-3,

@@ -132,31 +132,48 @@ class PenaltyMethod:
 
     def kept(
         self,
-        descent: Descent,
+        descents: Sequence[Descent],
         terms: Monomials,
         report: Callable[[str, float], None],
         *,
         enough: float = 1e-3,
         guess: Array | None = None,
     ) -> Descent:
-        """Minimise the cost with penalties, from the result of a minimisation without them.
+        """Minimise the cost with penalties, from the results of minimisations without them.
 
-        If no margin is too small there, that result is returned. Otherwise the cost is minimised
-        with the monomials ``terms``; if their degree is above 2, after a first fit of degree 2,
-        which begins at ``guess`` (N, r), coefficients of degree 2, if given. ``enough`` is the
-        relative change of the cost at which an iteration ends.
+        If no margin is too small in the last result, it is returned. Otherwise the cost is
+        minimised with the monomials ``terms``; if their degree is above 2, after a first fit of
+        degree 2. The penalised poses are those where the functions without penalties come short:
+        each penalty is a mean over its poses, so a set without these would weigh the others more.
+
+        Parameters
+        ----------
+        descents
+            Results of degrees up to that of ``terms``, which is the last; others may be missing.
+        terms
+            The monomials.
+        report
+            Progress callback.
+        enough
+            Relative change of the cost at which an iteration ends.
+        guess : (N, r) array, optional
+            Coefficients at which the first fit of degree 2 begins.
         """
+        descent = descents[-1]
         if not self.rounds or not self._short(terms, descent.a):
             return descent
-        r, steps, a = descent.a.shape[1], descent.steps, descent.a
+        steps, a = descent.steps, descent.a
         if terms.degree > _LOW:
             low = Monomials(terms.k, _LOW)
-            if guess is None:
+            free = next((d for d in descents if len(d.a) == low.size), None)
+            if free is None:
                 cost = Cost(self.desired, self.chart, low, self.nodes)
-                free = descend(cost, np.zeros((low.size, r)))
-            else:
-                free, self.weight = replace(descent, a=guess), _WEIGHTS[1] / 100
+                free = descend(cost, np.zeros((low.size, descent.a.shape[1])))
+            self._short(low, free.a)
+            if guess is not None:
+                free, self.weight = replace(free, a=guess), _WEIGHTS[1] / 100
             a = padded(self._rounds(free, low, report, enough).a, terms)
+            self._short(terms, a)
         found = self._rounds(replace(descent, a=a), terms, report, enough)
         return replace(found, steps=steps + found.steps)
 
@@ -173,7 +190,7 @@ class PenaltyMethod:
                 w.margin.name for w in self.constraints if len(w.edge)
             )
             report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
-            if not self._short(terms, descent.a) and i:
+            if i and not self._short(terms, descent.a):
                 break
             candidate = CandidateFunction(self.chart, terms, descent.a)
             kept = [w.penalty(candidate) for w in self.constraints]

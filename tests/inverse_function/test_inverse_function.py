@@ -31,7 +31,9 @@ from repctl_pin.inverse_function.cell_potentials import CellPotentials
 from repctl_pin.inverse_function.chart import Chart
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
 from repctl_pin.inverse_function.failures import round_the_base, touching
+from repctl_pin.inverse_function.margins import CandidateFunction, Margin
 from repctl_pin.inverse_function.monomials import Monomials
+from repctl_pin.inverse_function.penalty import ActiveConstraint, PenaltyMethod
 from repctl_pin.inverse_function.posture_search import (
     Candidate,
     judged,
@@ -744,6 +746,40 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
     assert kept.evaluation.attainable_margin_worst >= kept.limit_margin_worst > 0.0
     assert kept.cost > free.cost
+
+
+def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
+    """The penalty is a mean over its poses, so fewer of them would weigh the others more."""
+    cell, low, terms = cell_of(half_width=0.15), Monomials(3, 2), Monomials(3, 3)
+    chart = chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement), count=64)
+    desired, U = rp.Pseudoinverse(cell.task), cell.sample(64, 1)
+    free = [
+        descend(Cost(desired, chart, t, U), np.zeros((t.size, 1))) for t in (low, terms)
+    ]
+    functions = [
+        CandidateFunction(chart, t, descent.a)
+        for t, descent in zip((low, terms), free, strict=True)
+    ]
+    bound = np.quantile(functions[1].at(U).Q[:, 2], 0.7)
+    margin = Margin("joint 3", lambda Q: bound + 0.1 - Q[:, 2:3], 0.1, 0.4, 128, 16, 24)
+
+    def constraint() -> ActiveConstraint:
+        return ActiveConstraint(
+            margin, np.concatenate([cell.sample(128, 3), cell.corners()])
+        )
+
+    due = constraint()
+    assert [due.short(one) for one in reversed(functions)] == [True, True]
+    guess = None
+    for _ in range(2):  # without a guess, and from a function that violates nothing
+        kept = constraint()
+        fit = PenaltyMethod(desired, chart, U, [kept], 5)
+        found = fit.kept(free, terms, lambda *_: None, guess=guess)
+        assert {*map(tuple, due.edge)} <= {*map(tuple, kept.edge)}
+        assert (
+            margin.least(CandidateFunction(chart, terms, found.a).at(U)) > 0.08
+        ).all()
+        guess = low.fit(U, terms.values(U) @ found.a)
 
 
 def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
