@@ -144,6 +144,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
     parts = trimesh.exchange.load.mesh_loaders["dae"](file, resolver=resolver)
     for mesh in parts["geometry"].values():
         mesh["process"] = not np.isfinite(mesh["vertices"]).all()
+        mesh.pop("vertex_normals", None)  # not used, and costly to keep
     return trimesh.load_scene(parts)
 
 

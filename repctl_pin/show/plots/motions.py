@@ -354,8 +354,11 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
         figure.set_layout_engine(
             None
         )  # savefig would draw everything twice, first for the layout
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=dpi, **options)
+    file, fast = (
+        io.BytesIO(),
+        {"compress_level": 4},
+    )  # 1 % larger, in two thirds of the time
+    figure.savefig(file, format="png", dpi=dpi, pil_kwargs=fast, **options)
     return file.getvalue()
 
 
