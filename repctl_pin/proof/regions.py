@@ -69,8 +69,9 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     for i in range(1, len(boxes)):
         for piece in _outside(boxes[i], boxes[i - 1]):
             left = [piece]
-            for other in boxes[: i - 1]:
-                if left and len(rest := _outside(left[0], other)) <= 1:
+            meets = (piece[0] < high[: i - 1]) & (piece[1] > low[: i - 1])
+            for k in np.flatnonzero(meets.all(axis=1)):
+                if left and len(rest := _outside(left[0], boxes[k])) <= 1:
                     left = rest
             pieces += left
     return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])

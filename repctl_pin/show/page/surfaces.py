@@ -144,6 +144,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
     parts = trimesh.exchange.load.mesh_loaders["dae"](file, resolver=resolver)
     for mesh in parts["geometry"].values():
         mesh["process"] = not np.isfinite(mesh["vertices"]).all()
+        mesh.pop("vertex_normals", None)  # not used, and costly to keep
     return trimesh.load_scene(parts)
 
 
@@ -207,17 +208,18 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
         raise InputError("a corner of it is not finite, or is over 1e9 away")
     points = vertices @ transform[:3, :3].T + transform[:3, 3]
     faces = np.asarray(mesh.faces)
-    triangles = points[faces]
+    triangles = points.take(faces, 0)
     flat = np.cross(
         triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     )  # (F, 3), twice the area
     real = (flat[:, 0] != 0) | (flat[:, 1] != 0) | (flat[:, 2] != 0)
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
+    places = points.take(corners, 0)
     colors, uv, image = _look(mesh, corners)
-    normals = smooth(points[corners], flat)
+    normals = smooth(places, flat)
     return {
-        "points": points[corners],
+        "points": places,
         "normals": normals,
         "colors": colors,
         "uv": uv,
@@ -281,15 +283,16 @@ def smooth(
     place = np.repeat(np.arange(len(starts)), counts)  # of each corner in ``order``
     face = order // 3
     unit_normal = _unit(flat, np.zeros_like(flat))
-    total = _sums(place, flat[face], len(starts))  # of all faces at a point
+    total = _sums(place, flat.take(face, 0), len(starts))  # of all faces at a point
     direction = _unit(total, total)
-    steep = _dot(unit_normal[face], direction[place]) < _HALF
+    steep = _dot(unit_normal.take(face, 0), direction.take(place, 0)) < _HALF
     mixed = (
         np.bincount(place, steep, len(starts)) > 0
     )  # some may meet at more than the angle
     few = counts <= _MANY
-    normals = np.empty_like(corners)
-    normals[order] = np.where(few[:, None], direction, 0.0)[place]
+    point = np.empty_like(place)  # of each corner
+    point[order] = place
+    normals = np.where(few[:, None], direction, 0.0).take(point, 0)
     many = ~few[place]
     normals[order[many]] = unit_normal[face[many]]
     _by_pairs(normals, unit_normal, flat, (order, starts, counts), mixed & few)
@@ -317,9 +320,9 @@ def _by_pairs(
     mine = np.repeat(np.arange(len(each)), each)
     first = np.repeat(np.repeat(start, count) - (np.cumsum(each) - each), each)
     partner = order[first + np.arange(len(mine))] // 3
-    own = unit_normal[corner // 3]
-    near = np.einsum("ij,ij->i", own[mine], unit_normal[partner]) > CREASE
-    total = _sums(mine[near], flat[partner[near]], len(each))
+    own = unit_normal.take(corner // 3, 0)
+    near = _dot(own.take(mine, 0), unit_normal.take(partner, 0)) > CREASE
+    total = _sums(mine[near], flat.take(partner[near], 0), len(each))
     normals[corner] = _unit(total, own)
 
 
@@ -370,7 +373,7 @@ def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp
     )
     hashed = (rows @ (2 * factors + 1)) >> bits  # modulo 2^64
     order = np.sort(hashed << bits | np.arange(len(rows))) & (2**bits - 1)
-    differs = _differs(rows[order])
+    differs = _differs(rows.take(order, 0))
     if (differs != _differs(hashed[order, None])).any():
         order = np.lexsort(rows.T)
         differs = _differs(rows[order])
@@ -399,25 +402,36 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
         np.concatenate([p[k] for p in pieces]) for k in ("points", "normals", "colors")
     )
     textured = any(image is not None for image in images)
-    uv = np.concatenate(
-        [
-            np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"]
-            for p in pieces
-        ]
-    )
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0
-    rows = [np.round(points / lattice), np.round(normals * 127), np.round(colors * 255)]
-    rows += [np.round(uv * 2**14)] if textured else []
+    rows = np.empty((len(points), 11 if textured else 9), np.int64)
+    rows[:, :3] = np.round(points / lattice)
+    rows[:, 3:6] = np.round(normals * 127)
+    rows[:, 6:9] = np.round(colors * 255)
+    if textured:
+        uv = np.concatenate(
+            [
+                np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"]
+                for p in pieces
+            ]
+        )
+        rows[:, 9:] = np.round(uv * 2**14)
     # each distinct row once, in the order in which the faces first name them: such indices compress
     # well
-    order, starts = grouped(np.concatenate(rows, 1).astype(np.int64))
+    order, starts = grouped(rows)
     firsts = order[starts]
-    first = np.sort(firsts)
+    kept = np.zeros(len(rows), bool)
+    kept[firsts] = True
+    first, number = np.flatnonzero(kept), np.cumsum(kept) - 1
     same = np.empty_like(order)
-    same[order] = np.repeat(
-        np.searchsorted(first, firsts), np.diff(starts, append=len(order))
+    same[order] = np.repeat(number[firsts], np.diff(starts, append=len(order)))
+    at = np.round(points.take(first, 0) / lattice) * lattice * scale
+    faces, shown_uv = same.reshape(-1, 3), uv[first] if textured else None
+    return Surface(
+        at,
+        normals.take(first, 0),
+        colors.take(first, 0),
+        faces,
+        shown_uv,
+        tuple(groups),
     )
-    at = np.round(points[first] / lattice) * lattice * scale
-    faces, kept_uv = same.reshape(-1, 3), uv[first] if textured else None
-    return Surface(at, normals[first], colors[first], faces, kept_uv, tuple(groups))

@@ -355,7 +355,8 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
             None
         )  # savefig would draw everything twice, first for the layout
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=dpi, **options)
+    fast = {"compress_level": 4}  # 1 % larger, in two thirds of the time
+    figure.savefig(file, format="png", dpi=dpi, pil_kwargs=fast, **options)
     return file.getvalue()
 
 
@@ -407,7 +408,8 @@ def arrange(
     renderer = FigureCanvasAgg(figure).get_renderer()
 
     def left_of(ax: Axes) -> float:
-        return float(ax.bbox.x0 - ax.yaxis.get_tightbbox(renderer).x0) / figure.dpi
+        box = ax.yaxis.get_tightbbox(renderer)
+        return 0.0 if box is None else float(ax.bbox.x0 - box.x0) / figure.dpi
 
     lefts = [_PAD + max(map(left_of, column)) for column in axes.T]
     beyond = [
