@@ -677,6 +677,12 @@ def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
     # and of a box that just reaches the line, hardly less is taken
     few = rp.FitOptions(samples=512, held_out=64)
     wide = rp.Box([0.3, 0.5, 0.5], [0.1, 0.52, 0.52])
+    with pytest.raises(
+        rp.SingularRegionError, match="loses rank"
+    ):  # not shrunk unasked
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task), None, wide, degree="auto", options=few
+        )
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), None, wide, degree=1, shrink=True, options=few
     )

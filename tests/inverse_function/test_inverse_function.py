@@ -8,7 +8,7 @@ import re
 import warnings
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -975,7 +975,8 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
     )
     narrow = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
     q = [-0.5, 0.9, 0.6]
-    says = refused(rp.Cell(narrow, narrow.placement(q), 0.35), q)
+    cell = rp.Cell(narrow, narrow.placement(q), 0.35)
+    says = refused(cell, q)
     assert re.search(
         r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; "
         r"use incomplete=.shrink. to get a cell of",
@@ -995,6 +996,27 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
     ), says
 
 
+def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
+    """Fewer than half of the poses are reached at all, and most of those beyond the limits."""
+    (tmp_path / "narrow.urdf").write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0))
+    task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    q, G_d = np.array([-0.5, 0.9, 0.6]), rp.Pseudoinverse(task)
+    cell = rp.Cell(task, task.placement(q), 3.0)
+    with pytest.raises(rp.NoFunctionError) as error:
+        rp.nearest_inverse_function(
+            G_d,
+            cell,
+            posture=q,
+            degree=1,
+            options=rp.FitOptions(samples=32, held_out=64),
+        )
+    ends = rays(G_d, cell, q, np.concatenate([cell.sample(32, 1), cell.corners()]))
+    reached = ends.reached == 1
+    shares = {"reach": (~reached).sum() / 32}
+    shares["limit"] = (np.abs(ends.Q[reached]) > 1).any(axis=1).sum() / 32
+    assert {one.cause: one.share for one in error.value.failures} == shares
+
+
 def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
@@ -1003,7 +1025,11 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
         "link_eef", "pose"
     )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
-    q = searched(rp.Pseudoinverse(xarm), cell)[0].q
+    offered = searched(rp.Pseudoinverse(xarm), cell)
+    q = offered[0].q
+    assert len(offered) > 1  # and no two of them are the same within the tolerance
+    for one, other in combinations(offered, 2):
+        assert np.linalg.norm(one.q - other.q) > 0.3
     assert (
         np.abs(q - xarm.reference) <= np.pi
     ).all()  # not wound up: the joints turn by two pi
