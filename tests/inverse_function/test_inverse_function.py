@@ -901,9 +901,17 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert 0.5 < caught.value.fits < 1
+    told: list[tuple[str, float]] = []
     kept = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, incomplete="keep", **small
+        rp.Pseudoinverse(task),
+        cell,
+        incomplete="keep",
+        progress=lambda what, share: told.append((what, share)),
+        **small,
     )
+    words, shares = zip(*told, strict=True)
+    assert "degree 1" in words and list(shares) == sorted(shares)
+    assert all(0 <= share <= 1 for share in shares)
     assert kept.coverage == 1.0 and not kept.evaluation.everywhere
     assert (
         kept.figures()["coverage"]
