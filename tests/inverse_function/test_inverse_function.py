@@ -1035,7 +1035,11 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
     offered = searched(rp.Pseudoinverse(xarm), cell)
     q = offered[0].q
-    assert len(offered) > 1  # and no two of them are the same within the tolerance
+    assert 1 < len(offered) <= 4  # and no two of them are the same within the tolerance
+    order = [
+        (-c.share, c.body_distance < 0, -min(c.margin, 0.1), c.speed) for c in offered
+    ]
+    assert order[1:] == sorted(order[1:]) and order[0][:2] == min(order)[:2]
     for one, other in combinations(offered, 2):
         assert np.linalg.norm(one.q - other.q) > 0.3
     assert (
