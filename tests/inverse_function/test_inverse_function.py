@@ -1106,6 +1106,9 @@ def test_targets_outside_and_other_wrong_things() -> None:
     turned.rotation = pin.exp3(np.array([0.2, 0, 0])) @ turned.rotation
     with pytest.raises(rp.InputError, match="along a coordinate of width 0"):
         F(turned)
+    turned.translation = design.cell.at(np.array([0.0, 1.5, 0.0])).translation
+    with pytest.raises(rp.InputError, match=r"y is \+0.15 m from the middle"):
+        F(turned)  # both wrong: what the cell can be widened for is not all
     with pytest.raises(rp.InputError, match="target"):
         F(np.zeros(3))
     with pytest.raises(rp.InputError, match="leaf"):

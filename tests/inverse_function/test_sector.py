@@ -132,6 +132,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
             {"spin": "all"},
             "spin: an? axis task leaves the rotation about the tool free",
         ),
+        ("axis", {"half_angle": (0.1, 0.1, 0.1)}, "half_angle must be .*: x, y"),
         (
             "position",
             {"half_angle": 0.2},
@@ -296,6 +297,25 @@ def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
     assert "the range asked for costs 0.40 % joint speed; 'all' gives 229.2°" in text
     rp.save(design, tmp_path / "cell.json")
     assert rp.load(tmp_path / "cell.json", task).evaluation.turns == (turn,)
+
+
+@pytest.mark.parametrize("name", ["pose", "position", "one orientation"])
+def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(
+    name: str,
+) -> None:
+    cell = found(name).function.chart.cell
+    task, shares = cell.task, np.linspace(-1, 1, 21)
+    Q = np.random.default_rng(0).uniform(task.lower, task.upper, (8, task.n))
+    expected = task.limit_margin(Q)
+    for one in cell.removed:
+        turns = np.zeros((21, 1, task.n))
+        turns[:, 0, one.joint] = shares * cell.widths[one.coordinate]
+        around = task.limit_margin(Q + turns)[..., one.joint].min(axis=0)
+        everywhere = np.isinf(cell.limit_margin(Q)[..., one.joint])
+        assert everywhere.all() == (one.coordinate in cell.free)
+        expected[:, one.joint] = np.where(everywhere, np.inf, around)
+    assert cell.removed
+    np.testing.assert_allclose(cell.limit_margin(Q), expected, atol=1e-12)
 
 
 def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
