@@ -880,6 +880,26 @@ def test_a_middle_out_of_reach() -> None:
     )
 
 
+def test_a_middle_beyond_the_limits_names_the_joint_and_the_least_violation(
+    tmp_path: Path,
+) -> None:
+    """As near to its base as 0.9 rad in each joint bring it, a hand of ±0.5 rad does not come."""
+    lengths = np.array([1.0, 0.9, 0.8])
+    (tmp_path / "narrow.urdf").write_text(planar_urdf(lengths, range_=0.5))
+    task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    x = task.placement([0.9, 0.9, 0.9])
+    says = refused(rp.Cell(task, x, 0.05))
+    found = re.search(r"outside the limits of 'theta[23]', ([\d.]+) beyond them", says)
+    assert found is not None, says
+    # the second and the third joint alone decide how near; all pairs of them that come so near
+    grid = np.linspace(-2, 2, 401)
+    b, c = np.meshgrid(grid, grid)
+    away = np.abs(lengths @ np.exp(1j * np.stack([0 * b, b, b + c]).reshape(3, -1)))
+    near = np.abs(away - np.hypot(*x.translation[:2])) < 1e-2
+    best = np.abs([b.ravel(), c.ravel()]).max(axis=0)[near].min() - 0.5
+    assert best - 0.02 < float(found[1]) < best + 0.25
+
+
 def corner_out_of_reach(folder: Path) -> rp.Cell:
     """The arm reaches 2.7 m; two corners of the cell are at 2.72 m, and no held-out pose of a few
     is beyond 2.69."""

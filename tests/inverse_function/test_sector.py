@@ -150,6 +150,23 @@ def test_coordinates_that_a_task_leaves_free(
         rp.Sector(panda(kind), x, **({"radius": 0.1} | change))
 
 
+def test_the_axis_of_a_planar_sector_is_across_its_plane(tmp_path: Path) -> None:
+    """Either way along it, and as long as it may be; a tilt of a thousandth is refused."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    x = task.placement([0.2, 0.8, 0.8])
+
+    def sector(*direction: float) -> rp.Sector:
+        return rp.Sector(task, x, radius=0.1, angle=1.0, axis=[[0, 0, 0], direction])
+
+    for z in (1.0, -3.0, 1e-3):
+        np.testing.assert_allclose(sector(0, 0, z).axis[1], [0, 0, np.sign(z)])
+    for direction in ((1, 0, 0), (1e-3, 0, 1), (0, 1e-3, -1)):
+        with pytest.raises(rp.InputError, match="must be along z, across its plane"):
+            sector(*direction)
+    with pytest.raises(rp.InputError, match="axis must be a point, m, and a direction"):
+        sector(0, 0, 0)
+
+
 # ---- functions -----------------------------------------------------------------------------------
 
 
