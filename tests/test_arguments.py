@@ -226,6 +226,10 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: nearest_in_family("panda", g.own, g.box),
         "desired " + AN_INVERSE,
     ),
+    "family, region": (
+        lambda g: nearest_in_family(g.control, lambda k: g.control, 0.3),
+        A_BOX,
+    ),
     "circle, task": (lambda g: rp.circle("panda", g.q0), A_TASK + ".*'panda'"),
     "circle, radius": (
         lambda g: rp.circle(g.task, g.q0, radius="a"),

@@ -200,13 +200,14 @@ def nearest_in_family(
 
     angles = np.linspace(low, high, _SCAN + 1)
     costs = np.array([cost(a) for a in angles])
-    if not np.isfinite(costs).any():
+    regular = costs[np.isfinite(costs)]
+    if not len(regular):
         raise SingularityError(
             "no member of this family is free of singularities in Ω; make the region smaller"
         )
     comparison = _Comparison(desired, region, 8 * len(nodes.Q), seed + 1)
-    spread = np.ptp(costs) if np.isfinite(costs).all() else np.inf
-    unique = bool(spread > _FLAT * max(float(costs.mean()), 1e-15 * nodes.scale))
+    spread = np.ptp(costs) if len(regular) == len(costs) else np.inf
+    unique = bool(spread > _FLAT * max(float(regular.mean()), 1e-15 * nodes.scale))
     if unique and np.isfinite(spread):
         # A variation that the finer nodes do not confirm is quadrature error of the search.
         worst, least = (

@@ -677,6 +677,12 @@ def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
     # and of a box that just reaches the line, hardly less is taken
     few = rp.FitOptions(samples=512, held_out=64)
     wide = rp.Box([0.3, 0.5, 0.5], [0.1, 0.52, 0.52])
+    with pytest.raises(
+        rp.SingularRegionError, match="loses rank"
+    ):  # not shrunk unasked
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task), None, wide, degree="auto", options=few
+        )
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task), None, wide, degree=1, shrink=True, options=few
     )
@@ -817,6 +823,51 @@ def test_the_coordinates_of_a_fit_are_orthonormal(panda_pose: rp.Task) -> None:
     gram = np.einsum("K,Kai,Kaj->ij", weights, D, D)
     assert np.abs(gram - np.eye(len(gram))).max() < 1e-9
     assert np.array_equal(chosen.basis, np.triu(chosen.basis))
+
+
+def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
+    """Two are needed, and one is left: the others follow the task, an earlier one, or nothing."""
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    center, few = np.array([0.3, 0.7, 0.5, 0.4]), rp.FitOptions(samples=64, held_out=64)
+
+    def x(q: np.ndarray) -> float:
+        return float(task.placement(q).translation[0])
+
+    def x_gradient(q: np.ndarray) -> np.ndarray:
+        return task.jacobian(q)[0]
+
+    e = np.eye(4)
+    functions = {
+        "still": (lambda q: 2.0, lambda q: 0 * q),
+        "hand": (x, x_gradient),
+        "elbow": (lambda q: q[1], lambda q: e[1]),
+        "twice": (lambda q: 2 * q[1], lambda q: 2 * e[1]),
+    }
+    dropped = (
+        "still: constant over the region",
+        "hand: in the row space of J, a function of the task alone",
+        "twice: depends linearly on the potentials before it",
+    )
+
+    def fitted(*names: str) -> rp.Design:
+        potentials = rp.CustomPotentials(
+            [functions[name] for name in names], names=names
+        )
+        return rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, rp.Box(center, 0.2), options=few
+        )
+
+    for names, count, why in (
+        (tuple(functions), 1, f" ({'; '.join(dropped)})"),
+        (("elbow", "twice"), 1, f" ({dropped[2]})"),
+        (("still", "hand"), 0, f" ({'; '.join(dropped[:2])})"),
+    ):
+        with pytest.raises(rp.InputError) as error:
+            fitted(*names)
+        assert str(error.value) == (
+            f"{count} independent potentials cannot give r = 2 of them{why}; "
+            "raise the degree or add others"
+        )
 
 
 def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> None:

@@ -278,6 +278,26 @@ def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
         nearest_in_family(rp.Pseudoinverse(task), lambda k: Broken(task, k), region)
 
 
+def test_search_passes_over_members_that_are_singular(task: rp.Task) -> None:
+    a, b = BELOW_PI[0]
+    best = k_star(a, b)
+
+    class Partly(Family):
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            if abs(np.tan(self.phi) - best) > 0.5:
+                raise rp.SingularityError("elsewhere")
+            return super().batch(Q, J)
+
+    found = nearest_in_family(
+        rp.Pseudoinverse(task),
+        lambda k: Partly(task, k),
+        rp.Box.between([-1, -1, a], [1, 1, b]),
+        bounds=(best - 0.9, best + 0.8),
+    )
+    assert found.unique and found.parameter == pytest.approx(best, abs=1e-6)
+    assert np.isinf(found.scanned_costs).any()
+
+
 # ---- the general engine -------------------------------------------------------------------------
 
 

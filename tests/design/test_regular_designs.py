@@ -106,6 +106,23 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     )
 
 
+@pytest.mark.parametrize("wall", [0.03, 0.5, 0.83])
+@pytest.mark.parametrize("bad", [[0.9, 0.0], [0.02, -0.9]])
+def test_the_largest_free_box_ends_just_before_a_wall(
+    wall: float, bad: list[float]
+) -> None:
+    """Whether the wall stands on the line to the configuration that is known, or beside it."""
+    found = singularity_search.largest_free(
+        lambda Q: wall - Q[:, 0], rp.Box(np.zeros(2), 1.0), np.array([bad])
+    )
+    assert isinstance(found, rp.Box) and (found.half_width < wall).all()
+    assert (found.half_width > 0.985 * wall).all()
+    nowhere = singularity_search.largest_free(
+        lambda Q: -1 - Q[:, 0], rp.Box(np.zeros(2), 1.0), np.array([bad])
+    )
+    assert nowhere is None
+
+
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
     """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
     short."""

@@ -6,6 +6,8 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,6 +136,46 @@ def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(
         ) == sorted(held)
         batches.close()
         assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
+
+
+class Answers:
+    """A Dask client in this process: it computes at once, and says what it was asked."""
+
+    def __init__(self) -> None:
+        self.submitted: list[Any] = []
+        self.cancelled: list[Any] = []
+
+    def submit(self, function: Any, batches: Any, *, pure: bool) -> Any:
+        assert not pure  # the same batches may have other coefficients
+        whole = getattr(batches, "result", lambda: batches)
+        future = SimpleNamespace(result=lambda: function(whole()))
+        self.submitted.append(future)
+        return future
+
+    def cancel(self, futures: list[Any]) -> None:
+        self.cancelled += futures
+
+
+def test_a_cluster_is_asked_no_more_after_a_failure() -> None:
+    """Batches are built once unless they are streamed; what a sum still waits for is cancelled."""
+    pieces, told = [[1.0, 2.0], [3.0], [4.0, 5.0, 6.0]], []
+
+    def squared(batch: float, power: int) -> tuple[float, int]:
+        if power > 2 and batch == 3.0:
+            raise ZeroDivisionError
+        return batch**power, 1
+
+    for stream, built in ((False, 3), (True, 0)):
+        client = Answers()
+        batches = workers.OnCluster(pieces, client, stream, told.append)
+        assert len(client.submitted) == built
+        for _ in range(2):
+            assert batches.total(squared, 2) == (91.0, 6)
+        assert len(client.submitted) == built + 6 and not client.cancelled
+        with pytest.raises(ZeroDivisionError):
+            batches.total(squared, 3)
+        assert client.cancelled == client.submitted[-3:]
+    assert told == 2 * [*2 * [1 / 3, 2 / 3, 1.0], 1 / 3]
 
 
 def _drop_one() -> None:

@@ -79,3 +79,15 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
         rp.Pseudoinverse(task), rp.Cell(task, task.placement(q), 1e-3), q[None]
     )
     assert one.share == 1 and one.body_distance >= 0
+
+
+@pytest.mark.parametrize("columns", [(), (2,)])
+def test_a_singular_matrix_leaves_the_others_solved(columns: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    A, x = rng.normal(size=(5, 4, 4)), rng.normal(size=(5, 4, *columns))
+    b = np.einsum("kij,kj...->ki...", A, x)
+    np.testing.assert_allclose(kinematics.solved(A, b), x, rtol=1e-9)
+    A[2] = 0.0
+    found = kinematics.solved(A, b)
+    np.testing.assert_allclose(np.delete(found, 2, 0), np.delete(x, 2, 0), rtol=1e-9)
+    assert np.isnan(found[2]).all()

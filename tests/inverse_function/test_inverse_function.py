@@ -8,7 +8,7 @@ import re
 import warnings
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -916,6 +916,26 @@ def test_a_middle_out_of_reach() -> None:
     )
 
 
+def test_a_middle_beyond_the_limits_names_the_joint_and_the_least_violation(
+    tmp_path: Path,
+) -> None:
+    """As near to its base as 0.9 rad in each joint bring it, a hand of ±0.5 rad does not come."""
+    lengths = np.array([1.0, 0.9, 0.8])
+    (tmp_path / "narrow.urdf").write_text(planar_urdf(lengths, range_=0.5))
+    task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    x = task.placement([0.9, 0.9, 0.9])
+    says = refused(rp.Cell(task, x, 0.05))
+    found = re.search(r"outside the limits of 'theta[23]', ([\d.]+) beyond them", says)
+    assert found is not None, says
+    # the second and the third joint alone decide how near; all pairs of them that come so near
+    grid = np.linspace(-2, 2, 401)
+    b, c = np.meshgrid(grid, grid)
+    away = np.abs(lengths @ np.exp(1j * np.stack([0 * b, b, b + c]).reshape(3, -1)))
+    near = np.abs(away - np.hypot(*x.translation[:2])) < 1e-2
+    best = np.abs([b.ravel(), c.ravel()]).max(axis=0)[near].min() - 0.5
+    assert best - 0.02 < float(found[1]) < best + 0.25
+
+
 def corner_out_of_reach(folder: Path) -> rp.Cell:
     """The arm reaches 2.7 m; two corners of the cell are at 2.72 m, and no held-out pose of a few
     is beyond 2.69."""
@@ -937,9 +957,17 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
     with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
         rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert 0.5 < caught.value.fits < 1
+    told: list[tuple[str, float]] = []
     kept = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, incomplete="keep", **small
+        rp.Pseudoinverse(task),
+        cell,
+        incomplete="keep",
+        progress=lambda what, share: told.append((what, share)),
+        **small,
     )
+    words, shares = zip(*told, strict=True)
+    assert "degree 1" in words and list(shares) == sorted(shares)
+    assert all(0 <= share <= 1 for share in shares)
     assert kept.coverage == 1.0 and not kept.evaluation.everywhere
     assert (
         kept.figures()["coverage"]
@@ -1011,7 +1039,8 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
     )
     narrow = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
     q = [-0.5, 0.9, 0.6]
-    says = refused(rp.Cell(narrow, narrow.placement(q), 0.35), q)
+    cell = rp.Cell(narrow, narrow.placement(q), 0.35)
+    says = refused(cell, q)
     assert re.search(
         r"at \(1\.\d+, .*\) m, theta\d is [\d.]+ rad beyond its limit; "
         r"use incomplete=.shrink. to get a cell of",
@@ -1031,6 +1060,27 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
     ), says
 
 
+def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
+    """Fewer than half of the poses are reached at all, and most of those beyond the limits."""
+    (tmp_path / "narrow.urdf").write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0))
+    task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    q, G_d = np.array([-0.5, 0.9, 0.6]), rp.Pseudoinverse(task)
+    cell = rp.Cell(task, task.placement(q), 3.0)
+    with pytest.raises(rp.NoFunctionError) as error:
+        rp.nearest_inverse_function(
+            G_d,
+            cell,
+            posture=q,
+            degree=1,
+            options=rp.FitOptions(samples=32, held_out=64),
+        )
+    ends = rays(G_d, cell, q, np.concatenate([cell.sample(32, 1), cell.corners()]))
+    reached = ends.reached == 1
+    shares = {"reach": (~reached).sum() / 32}
+    shares["limit"] = (np.abs(ends.Q[reached]) > 1).any(axis=1).sum() / 32
+    assert {one.cause: one.share for one in error.value.failures} == shares
+
+
 def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
@@ -1039,7 +1089,15 @@ def test_a_middle_at_a_singularity_and_postures_at_one(tmp_path: Path) -> None:
         "link_eef", "pose"
     )  # of its postures some are singular, in others links touch
     cell = rp.Cell(xarm, xarm.placement(xarm.reference), 0.03, 0.1)
-    q = searched(rp.Pseudoinverse(xarm), cell)[0].q
+    offered = searched(rp.Pseudoinverse(xarm), cell)
+    q = offered[0].q
+    assert 1 < len(offered) <= 4  # and no two of them are the same within the tolerance
+    order = [
+        (-c.share, c.body_distance < 0, -min(c.margin, 0.1), c.speed) for c in offered
+    ]
+    assert order[1:] == sorted(order[1:]) and order[0][:2] == min(order)[:2]
+    for one, other in combinations(offered, 2):
+        assert np.linalg.norm(one.q - other.q) > 0.3
     assert (
         np.abs(q - xarm.reference) <= np.pi
     ).all()  # not wound up: the joints turn by two pi
@@ -1104,6 +1162,9 @@ def test_targets_outside_and_other_wrong_things() -> None:
     turned.rotation = pin.exp3(np.array([0.2, 0, 0])) @ turned.rotation
     with pytest.raises(rp.InputError, match="along a coordinate of width 0"):
         F(turned)
+    turned.translation = design.cell.at(np.array([0.0, 1.5, 0.0])).translation
+    with pytest.raises(rp.InputError, match=r"y is \+0.15 m from the middle"):
+        F(turned)  # both wrong: what the cell can be widened for is not all
     with pytest.raises(rp.InputError, match="target"):
         F(np.zeros(3))
     with pytest.raises(rp.InputError, match="leaf"):

@@ -132,6 +132,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
             {"spin": "all"},
             "spin: an? axis task leaves the rotation about the tool free",
         ),
+        ("axis", {"half_angle": (0.1, 0.1, 0.1)}, "half_angle must be .*: x, y"),
         (
             "position",
             {"half_angle": 0.2},
@@ -147,6 +148,23 @@ def test_coordinates_that_a_task_leaves_free(
     x = panda().placement(Q_PANDA)
     with pytest.raises(rp.InputError, match=says):
         rp.Sector(panda(kind), x, **({"radius": 0.1} | change))
+
+
+def test_the_axis_of_a_planar_sector_is_across_its_plane(tmp_path: Path) -> None:
+    """Either way along it, and as long as it may be; a tilt of a thousandth is refused."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    x = task.placement([0.2, 0.8, 0.8])
+
+    def sector(*direction: float) -> rp.Sector:
+        return rp.Sector(task, x, radius=0.1, angle=1.0, axis=[[0, 0, 0], direction])
+
+    for z in (1.0, -3.0, 1e-3):
+        np.testing.assert_allclose(sector(0, 0, z).axis[1], [0, 0, np.sign(z)])
+    for direction in ((1, 0, 0), (1e-3, 0, 1), (0, 1e-3, -1)):
+        with pytest.raises(rp.InputError, match="must be along z, across its plane"):
+            sector(*direction)
+    with pytest.raises(rp.InputError, match="axis must be a point, m, and a direction"):
+        sector(0, 0, 0)
 
 
 # ---- functions -----------------------------------------------------------------------------------
@@ -296,6 +314,25 @@ def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
     assert "the range asked for costs 0.40 % joint speed; 'all' gives 229.2°" in text
     rp.save(design, tmp_path / "cell.json")
     assert rp.load(tmp_path / "cell.json", task).evaluation.turns == (turn,)
+
+
+@pytest.mark.parametrize("name", ["pose", "position", "one orientation"])
+def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(
+    name: str,
+) -> None:
+    cell = found(name).function.chart.cell
+    task, shares = cell.task, np.linspace(-1, 1, 21)
+    Q = np.random.default_rng(0).uniform(task.lower, task.upper, (8, task.n))
+    expected = task.limit_margin(Q)
+    for one in cell.removed:
+        turns = np.zeros((21, 1, task.n))
+        turns[:, 0, one.joint] = shares * cell.widths[one.coordinate]
+        around = task.limit_margin(Q + turns)[..., one.joint].min(axis=0)
+        everywhere = np.isinf(cell.limit_margin(Q)[..., one.joint])
+        assert everywhere.all() == (one.coordinate in cell.free)
+        expected[:, one.joint] = np.where(everywhere, np.inf, around)
+    assert cell.removed
+    np.testing.assert_allclose(cell.limit_margin(Q), expected, atol=1e-12)
 
 
 def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
