@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import repctl_pin as rp
+from repctl_pin.show.text.numbers import percent
 
 ARMS = (
     ("panda", None, ("pose", "position")),
@@ -67,7 +68,7 @@ def line(name: str, frame: str | None, kind: str, **options: int) -> str:
     extra = "–"
     first = last = "stopped"
     if drifting is not None:
-        extra = f"{rms_of_first_cycle(closed) / rms_of_first_cycle(drifting) - 1:+.1%}"
+        extra = percent(rms_of_first_cycle(closed) / rms_of_first_cycle(drifting) - 1)
         first = f"{drifting.drift[0]:.2g}"
         last = f"{drifting.drift[-1]:.2g}"
         if drifting.broken_cycle:

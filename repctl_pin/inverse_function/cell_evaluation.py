@@ -128,12 +128,12 @@ class Evaluation:
 
     @property
     def covered(self) -> str:
-        """Coverage as text: ``100.00%`` only if no failure but collisions was found at any pose."""
+        """Coverage as text: ``100 %`` only if no failure but collisions was found at any pose."""
         if self.everywhere:
-            return "100.00%"
+            return "100 %"
         if self.coverage == 1.0:
             return "all held-out poses, but not every pose of the cell"
-        return f"{np.floor(1e4 * self.coverage) / 100:.2f}% of the held-out poses"
+        return f"{np.floor(1e4 * self.coverage) / 100:.2f} % of the held-out poses"
 
 
 @dataclass(frozen=True, eq=False)

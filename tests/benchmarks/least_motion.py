@@ -64,7 +64,7 @@ class Row(NamedTuple):
             self.own_there,
         ]
         speeds = " | ".join(
-            f"{round(100 * (value - 1), 2) + 0.0:+.2f} %" for value in change
+            f"{round(100 * (value - 1), 2) + 0.0:+.2f}\u00a0%" for value in change
         )
         speeds = speeds.replace("-", "−")
         bodies = "–" if self.bodies == float("inf") else f"{100 * self.bodies:.1f} cm"

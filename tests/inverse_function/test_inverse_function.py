@@ -537,8 +537,7 @@ def test_what_a_design_says_of_itself() -> None:
         f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
     )
     assert (
-        said["coverage"] == "100.00%"
-        and f"{j.limit_margin:.3g}" in said["limit margin"]
+        said["coverage"] == "100 %" and f"{j.limit_margin:.3g}" in said["limit margin"]
     )
     assert (
         f"{100 * j.body_distance:.3g} cm" in said["body distance"]
@@ -989,7 +988,7 @@ def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
     j = replace(design.evaluation, limit_margin_worst=-0.25)
     assert j.coverage == 1.0 and not j.everywhere and "100" not in j.covered
     almost = replace(design.evaluation, coverage=0.99999)
-    assert almost.covered == "99.99% of the held-out poses"
+    assert almost.covered == "99.99 % of the held-out poses"
 
 
 @pytest.mark.parametrize(

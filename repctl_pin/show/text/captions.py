@@ -9,7 +9,7 @@ from ...motion import Motion
 from ...studies import Row, Study
 from ...studies.study_maps import StudyMaps
 from ..palette import COLOURS
-from .numbers import number
+from .numbers import number, percent
 
 GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
@@ -70,7 +70,7 @@ def summary(study: Study) -> list[str]:
         out.append(
             "Under the nearest repeatable inverse the joints drift by "
             f"{amount(closed.motion, -1)} after {closed.motion.cycles} "
-            f"{_times(closed.motion.cycles, 'cycle')}. It differs from J⁺ by {closed.distance:.1%} "
+            f"{_times(closed.motion.cycles, 'cycle')}. It differs from J⁺ by {100 * closed.distance:.3g} % "
             f"on average over Ω, and {_price(plain, closed)}. Its smallest leaf margin is "
             f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
         )
@@ -213,9 +213,8 @@ def _price(plain: Row, closed: Row) -> str:
         return "its extra joint speed is unknown"
     price = closed.motion.first_rms_speed / plain.motion.first_rms_speed - 1
     overall = closed.motion.rms_speed / plain.motion.rms_speed - 1
-    extra = f"{price:+.1%}" if abs(price) >= 5e-4 else "0 %"
-    more = f" and {overall:+.1%} over all cycles" if plain.motion.cycles > 1 else ""
-    return f"its extra joint speed (rms) is {extra} over the first cycle{more}"
+    more = f" and {percent(overall)} over all cycles" if plain.motion.cycles > 1 else ""
+    return f"its extra joint speed (rms) is {percent(price)} over the first cycle{more}"
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
