@@ -671,6 +671,18 @@ def test_a_studys_page_is_whole_at_every_size(
     assert errors(driver) == []
 
 
+def the_sheet_for_print(driver: Any) -> tuple[int, int]:
+    """Size of the canvas that is printed; what the window shows is as before."""
+    width, height, *shown = driver.execute_script(
+        "const seen = () => [...document.querySelectorAll('#stage, .pane, canvas')]"
+        ".map((n) => JSON.stringify(n.getBoundingClientRect())).join();"
+        "const before = [seen(), repctl.time], {width, height} = repctl.still();"
+        "return [width, height, before.join(), [seen(), repctl.time].join()]"
+    )
+    assert width > height > 700 and shown[0] == shown[1]
+    return width, height
+
+
 def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     """No serious finding of axe-core's, nothing beside the window, panes of one size; in every
     size, and dark on a desk and a phone."""
@@ -695,6 +707,7 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     driver.execute_script("repctl.seek(1.5)")
     sizes = ((1400, 900), (390, 844), (844, 390), (1024, 500))
     seen = [(size, False) for size in sizes] + [(size, True) for size in sizes[:2]]
+    sheets: set[tuple[int, int]] = set()
     for (width, height), dark in seen:
         schemes(driver, width=width, height=height, dark=dark)
         driver.execute_async_script(
@@ -712,4 +725,6 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
         )  # stacked, or side by side
         size = driver.find_element("id", "chart").size
         assert size["width"] > 200 and size["height"] > 35
+        sheets.add(the_sheet_for_print(driver))
+    assert len(sheets) == 1, sheets  # whatever the window
     assert errors(driver) == []

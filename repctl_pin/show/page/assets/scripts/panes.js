@@ -49,7 +49,8 @@ export class Panes {
   room() {
     const label = this.frames[0].firstChild.clientHeight * 1.5, low = this.frames[0].clientHeight < LOW;
     const box = this.frames[0].querySelector(".callout:not(.hand)"), above = box ? box.offsetHeight : 0;
-    return { above: this.beside ? Math.max(label, above + 12) : label + above, below: low ? 14 : label };
+    const legend = byId("below").offsetHeight;
+    return { above: this.beside ? Math.max(label, above + 12) : label + above, below: low ? (legend ? legend + 12 : 14) : label };
   }
 
   colour() {
