@@ -149,7 +149,8 @@ class PenaltyMethod:
         Parameters
         ----------
         descents
-            Results of degrees up to that of ``terms``, which is the last; others may be missing.
+            Results of rising degree, the last with ``terms``. That of degree 2 is used if it is
+            among them, and exists at all nodes.
         terms
             The monomials.
         report
@@ -166,14 +167,13 @@ class PenaltyMethod:
         if terms.degree > _LOW:
             low = Monomials(terms.k, _LOW)
             free = next((d for d in descents if len(d.a) == low.size), None)
-            if free is None:
-                cost = Cost(self.desired, self.chart, low, self.nodes)
+            cost = Cost(self.desired, self.chart, low, self.nodes)
+            if free is None or not np.isfinite(cost.value(free.a).cost):
                 free = descend(cost, np.zeros((low.size, descent.a.shape[1])))
-            self._short(low, free.a)
             if guess is not None:
+                self._short(low, free.a)
                 free, self.weight = replace(free, a=guess), _WEIGHTS[1] / 100
             a = padded(self._rounds(free, low, report, enough).a, terms)
-            self._short(terms, a)
         found = self._rounds(replace(descent, a=a), terms, report, enough)
         return replace(found, steps=steps + found.steps)
 
@@ -190,7 +190,7 @@ class PenaltyMethod:
                 w.margin.name for w in self.constraints if len(w.edge)
             )
             report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
-            if i and not self._short(terms, descent.a):
+            if not self._short(terms, descent.a) and i:
                 break
             candidate = CandidateFunction(self.chart, terms, descent.a)
             kept = [w.penalty(candidate) for w in self.constraints]

@@ -48,6 +48,12 @@ class Turn:
         ``"all"``; 0 if no such comparison was made.
     unasked : float
         ``reach`` of the function designed for the range ``"all"``, rad; NaN without comparison.
+    covered : float
+        Fraction of sampled poses of the sector that the function covers, joint ranges of symmetric
+        coordinates aside; NaN in older files.
+    as_covered : float
+        Range like ``nearly`` and ``most``, at the fraction ``covered`` of the covered poses; NaN in
+        older files.
     """
 
     coordinate: str
@@ -59,18 +65,25 @@ class Turn:
     nearly: float = float("nan")
     price: float = 0.0
     unasked: float = float("nan")
+    covered: float = float("nan")
+    as_covered: float = float("nan")
 
     def __str__(self) -> str:
         text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
         if self.reach >= 2 * np.pi:
             return text
+        if 0 < self.covered < 1 and self.as_covered > self.reach + 0.01:
+            text += (
+                f", {np.degrees(self.as_covered):.4g}° at {100 * self.covered:.1f} % of them, "
+                "as many as F covers of all"
+            )
         shares = [("99.9 %", self.nearly), ("99 %", self.most)]
         more = [
             f"{np.degrees(range_):.4g}° at {share}"
             for share, range_ in shares
             if range_ > self.reach + 0.01
         ]
-        text += "".join(f", {part}" for part in more) + " of them" * bool(more)
+        text += ("\n" + ", ".join(more) + " of them") * bool(more)
         text += (
             f"\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
             f"differs by {np.degrees(self.spread):.0f}° over the cell"
@@ -87,18 +100,20 @@ _SHARES = (0.999, 0.99)
 """Fractions of the covered poses for which the ranges ``nearly`` and ``most`` are computed."""
 
 
-def _ends(chart: Chart, joint: int) -> tuple[float, float, Array]:
+def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
-    Return also the widths (2,) of the intervals, around the mean of both values, that contain
-    99.9 % and 99 % of the values. All are NaN if no pose is covered.
+    Return also the fraction of the poses that is covered, and the widths (3,) of the intervals,
+    around the mean of both values, that contain 99.9 %, 99 % and this fraction of the values. All
+    are NaN if no pose is covered.
     """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
     good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
     if not good.any():
-        return np.nan, np.nan, np.full(len(_SHARES), np.nan)
+        return np.nan, np.nan, np.nan, np.full(len(_SHARES) + 1, np.nan)
+    share = float(good.mean())
     U, q = U[good], points.Q[good, joint]
     ends = []
     for way in (1.0, -1.0):
@@ -113,7 +128,8 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, Array]:
         good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
         inside = found.Q[good, joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
-    return ends[0], ends[1], 2 * np.quantile(np.abs(q - sum(ends) / 2), _SHARES)
+    widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])
+    return ends[0], ends[1], share, widths
 
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
@@ -134,14 +150,15 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
     for one in sector.removed:
-        low, high, shares = _ends(chart, one.joint)
+        low, high, covered, widths = _ends(chart, one.joint)
         lower, upper = _limits(sector.task, one.joint)
         reach = min(upper - lower - (high - low), 2 * np.pi)
         name = sector.whole.coordinate_names[one.coordinate]
         joint = sector.task.joint_names[one.joint]
-        nearly, most = np.minimum(upper - lower - shares, 2 * np.pi).tolist()
-        found = (upper - lower, high - low, reach, most, nearly)
-        turns.append(Turn(name, joint, *map(float, found)))
+        ranges = np.minimum(upper - lower - widths, 2 * np.pi).tolist()
+        nearly, most, as_covered = np.maximum(ranges, reach).tolist()
+        found = map(float, (upper - lower, high - low, reach, most, nearly))
+        turns.append(Turn(name, joint, *found, covered=covered, as_covered=as_covered))
         if one.coordinate in sector.free and reach > 0:
             away = (
                 (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0

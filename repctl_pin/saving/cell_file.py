@@ -40,7 +40,9 @@ _BOUNDLESS = (
     "attainable_margin_worst",
     "body_distance",
 )
-_UNSAID = {"joint_range": np.inf, "nearly": np.nan, "unasked": np.nan}
+_UNSAID = {"joint_range": np.inf} | dict.fromkeys(
+    ("nearly", "unasked", "covered", "as_covered"), np.nan
+)
 """Figures of :class:`Turn` that are null in a file if they have these values."""
 
 _HOW = (
@@ -70,7 +72,8 @@ class TurnFile(Plain):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
     See :class:`repctl_pin.inverse_function.turning.Turn`. ``joint_range`` is null for a joint
-    without limits, ``nearly`` and ``unasked`` are null if they were not computed.
+    without limits. ``nearly``, ``unasked``, ``covered`` and ``as_covered`` are null if they were
+    not computed.
     """
 
     coordinate: str
@@ -82,6 +85,8 @@ class TurnFile(Plain):
     nearly: float | None = None
     price: float = 0.0
     unasked: float | None = None
+    covered: float | None = None
+    as_covered: float | None = None
 
 
 class SectorFile(Plain):

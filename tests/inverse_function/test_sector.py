@@ -264,7 +264,8 @@ def test_how_far_round_and_what_ends_it() -> None:
     spread = np.ptp(F.batch(U)[:, 0])
     assert turn.joint == "panda_joint1" and 0.95 * spread <= turn.spread
     assert np.isclose(turn.reach, turn.joint_range - turn.spread)
-    assert turn.reach - 1e-9 <= turn.nearly <= turn.most <= turn.joint_range
+    assert turn.reach <= turn.nearly <= turn.most <= turn.joint_range
+    assert turn.covered == 1.0 and np.isclose(turn.as_covered, turn.reach, atol=0.01)
     assert np.isclose(cell.widths[1], turn.reach / 2)
     for end in (
         -1.0,
@@ -310,8 +311,11 @@ def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
     assert turn.unasked == pytest.approx(2 * np.pi) and abs(turn.price) < 1e-6
     assert sector.widths[1] == design.cell.widths[1] == 3.0
     text = str(replace(turn, reach=5.0, nearly=5.2, most=5.5, price=0.004, unasked=4.0))
-    assert "5.2" not in text and "297.9° at 99.9 %, 315.1° at 99 % of them" in text
+    assert "5.2" not in text and "\n297.9° at 99.9 %, 315.1° at 99 % of them" in text
     assert "the range asked for costs 0.40 % joint speed; 'all' gives 229.2°" in text
+    text = str(replace(turn, reach=5.0, covered=0.9951, as_covered=5.3))
+    due = "286.5° at every covered pose, 303.7° at 99.5 % of them, as many as F covers"
+    assert text.startswith(due)
     rp.save(design, tmp_path / "cell.json")
     assert rp.load(tmp_path / "cell.json", task).evaluation.turns == (turn,)
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import planar_task
 
 import repctl_pin as rp
 
@@ -277,3 +279,34 @@ def test_the_leaf_of_least_speed_keeps_half_of_the_margin() -> None:
     assert np.array_equal(fast.given.q0, clear.given.q0) and fast.tried > clear.tried
     with pytest.raises(rp.InputError, match="speeed"):
         rp.best_leaf(inverse, path, q0, by="speeed")
+
+
+def test_the_leaf_of_least_speed_may_lie_on_another_self_motion(tmp_path: Path) -> None:
+    """θ₃ = constant leaves an arm of two links, whose joints have a closed form. Its elbow stays
+    up or down on a self-motion: the wrist never comes to where θ₂ would be 0 or π."""
+    lengths = 1.0, 0.9, 0.4
+    task, q0 = planar_task(lengths, tmp_path), np.array([0.4, 1.9, 0.4])
+    inverse = rp.RepeatableInverse(
+        task, rp.Polynomial(q0, 1).weighted([[0.0], [0.0], [1.0]])
+    )
+    line = rp.polygon(task, q0, [[0.2 * np.cos(2.5), 0.2 * np.sin(2.5), 0.0]])
+    path = replace(line, period=1.0)
+    s = np.arange(1000) / 1000
+    p = np.array([path.placement(t).translation[:2] for t in s]) @ [1, 1j]
+    away = np.abs(p)
+    assert away.min() - 0.4 > 0.1 and away.max() + 0.4 < 1.9
+
+    def least(elbow: int) -> float:
+        """Minimum over θ₃ of the joint speed (rms) with the elbow up, 1, or down, −1."""
+        tip = np.abs(0.9 + 0.4 * np.exp(1j * np.linspace(-2.0, 2.0, 201)))[:, None]
+        theta2 = elbow * np.arccos((away**2 - 1 - tip**2) / (2 * tip))
+        theta1 = np.angle(p / (1 + tip * np.exp(1j * theta2)))
+        dq = np.diff(np.unwrap([theta1, theta2]), axis=2, append=np.nan)
+        mean_square = np.nanmean(dq**2, axis=2).sum(axis=0).min()
+        return float(np.sqrt(mean_square) * len(s))
+
+    up, down = least(1), least(-1)
+    assert down < 0.6 * up and q0[1] > 0  # the given elbow is the slow one
+    found = rp.best_leaf(inverse, path, q0, by="speed", steps=24)
+    assert found.q0[1] < 0
+    assert found.best.motion.rms_speed == pytest.approx(down, rel=0.01)
