@@ -6,14 +6,12 @@ The batch version evaluates several poses at a time, one per lane of the vector 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from ..arguments import Array
 from ..inverse_function import InverseFunction, Sector
 from ..inverse_function.chart import Chart
-from ..inverse_function.monomials import Monomials
 from ..robot.task import Task
 from .kinematics import Chain
 from .potentials import cell_tables
@@ -21,12 +19,6 @@ from .text import filled, row, table
 
 LANES = 8
 """Number of poses (lanes) that the batch version evaluates at a time."""
-
-_WIDEST = 8
-"""Maximum number of sums accumulated in one loop: as many as the registers hold."""
-
-_BLOCKS = range(5, 11)
-"""Numbers of monomials that one pass of a loop can add to the sums of one pose."""
 
 
 def function_code(function: InverseFunction, name: str) -> str:
@@ -50,7 +42,7 @@ def function_code(function: InverseFunction, name: str) -> str:
     return "".join(
         [
             filled("nearest.c", name, {}),
-            _weights(chart, name),
+            _polynomials(chart, name),
             *lanes,
             filled("function.c", name, parts),
         ]
@@ -58,24 +50,20 @@ def function_code(function: InverseFunction, name: str) -> str:
 
 
 def _lanes(chart: Chart, name: str, lanes: int) -> str:
-    """Write the C code that evaluates F at ``lanes`` poses: polynomials, and Newton's method."""
-    task, monomials = chart.cell.task, chart.monomials
+    """Write the C code of Newton's method at ``lanes`` poses, which starts from the polynomials."""
+    task = chart.cell.task
     chain = Chain(task, lanes=True)
     rows, columns = elimination_order(chart)
     row_of, column_of = np.argsort(rows).tolist(), np.argsort(columns).tolist()
     angle, here, whole = chain.lane_code(row_of, column_of)
     parts = {
         "lanes": lanes,
-        "count": monomials.size,
-        "monomials": _products(monomials, lanes),
-        "sums": _sums(name, _columns(chart), lanes),
-        "angles": max(1, len(chain.angles)),
+        "angles": len(chain.angles) + len(chain.angles) % 2 or 2,
         "angle": angle,
         "placement": here,
         "whole": whole,
         "labels": _labels(task, row_of, column_of),
         "keep": "2e-5" if lanes == 1 else "0.0",
-        "inner": "l" if lanes > 1 else "k, l",
         "counters": "i, j, k" if lanes > 1 else "i",
         "factors": _factors(task.n, lanes, _filled(chain, row_of, column_of)),
         "error": _errors(task, row_of),
@@ -106,120 +94,68 @@ def elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
     return rows, columns
 
 
-def _products(monomials: Monomials, lanes: int) -> str:
-    """Write C loops that evaluate all monomials of u (k,): ``T[i][l]`` at pose l.
+def _polynomials(chart: Chart, name: str) -> str:
+    """Write the C function that evaluates q_ref and n_ref at u, and its tables of coefficients.
 
-    Each monomial is a variable times a monomial of a degree lower. Neighbours with the same
-    variable share a loop.
+    Entries whose polynomials have one degree share a loop, which compilers vectorise: its length is
+    even. The polynomials of n_ref mostly have a lower degree than those of q_ref.
     """
-    powers = monomials.exponents.tolist()
-    at = {tuple(power): i for i, power in enumerate(powers)}
-    runs: list[list[int]] = []  # variable, first factor, first product, length
-    for i, power in enumerate(powers[1:], 1):
-        variable = next(j for j, p in enumerate(power) if p)
-        factor = at[(*power[:variable], power[variable] - 1, *power[variable + 1 :])]
-        if runs and runs[-1][0] == variable and factor == runs[-1][1] + runs[-1][3]:
-            runs[-1][3] += 1
-        else:
-            runs.append([variable, factor, i, 1])
-    return _lines(
-        f"for (a = 0; a < {length}; a++)\n"
-        f"        for (l = 0; l < {lanes}; l++) "
-        f"T[{i} + a][l] = u[{variable}][l] * T[{factor} + a][l];"
-        for variable, factor, i, length in runs
-    )
-
-
-def _columns(chart: Chart) -> list[tuple[int, list[int]]]:
-    """Group the entries of q_ref and n_ref by their number of monomials, at most 8 per group.
-
-    Returns the number of monomials and the indices of the entries, for each group. The polynomials
-    of n_ref mostly have fewer monomials than those of q_ref.
-    """
-    weights = chart.coefficients.reshape(chart.monomials.size, -1)
-    counts = [1 + int(np.max(np.flatnonzero(w), initial=0)) for w in weights.T]
-    parts = []
-    for count in sorted(set(counts)):
-        group = [i for i, size in enumerate(counts) if size == count]
-        pieces = -(-len(group) // _WIDEST)
-        ends = [len(group) * i // pieces for i in range(pieces + 1)]
-        parts += [(count, group[start:end]) for start, end in pairwise(ends)]
-    return parts
-
-
-def _weights(chart: Chart, name: str) -> str:
-    """Write a C table of polynomial coefficients for each group of :func:`_columns`."""
-    weights = chart.coefficients.reshape(chart.monomials.size, -1)
-    return "".join(
-        f"\nstatic const double {name}_chart_weight_{part}[{count}][{_even(len(group))}] = {{\n"
-        f"{table(np.pad(weights[:count, group], ((0, 0), (0, len(group) % 2))))}}};\n"
-        for part, (count, group) in enumerate(_columns(chart))
-    )
-
-
-def _sums(name: str, columns: Iterable[tuple[int, list[int]]], lanes: int) -> str:
-    """Write C loops that evaluate the entries of q_ref and n_ref: weighted sums of monomials."""
-    lines = []
-    for part, (count, group) in enumerate(columns):
-        weight = f"{name}_chart_weight_{part}"
-        add = _added_blocks if lanes == 1 else _added
-        lines += add(weight, count, len(group))
-        at = "0" if lanes == 1 else "l"
-        lines += [f"    both[{i}][{at}] = s[{k}];" for k, i in enumerate(group)]
-        lines.append("}")
-    return _lines(lines)
-
-
-def _added(weight: str, count: int, size: int) -> list[str]:
-    """Write the C lines that add all monomials, times their weights, to the sums of each pose."""
-    terms = [f"            s[{k}] += t * w[{k}];" for k in range(size)]
-    return [
-        f"for (l = 0; l < {LANES}; l++) {{",
-        f"    double s[{size}] = {{0.0}};",
-        f"    for (a = 0; a < {count}; a++) {{",
-        f"        const double t = T[a][l], *w = {weight}[a];",
-        *terms,
-        "    }",
-    ]
-
-
-def _added_blocks(weight: str, count: int, size: int) -> list[str]:
-    """Write the C lines that add all monomials of one pose, times their weights, to its sums.
-
-    Several monomials at a time; compilers use vector units for the inner loop, of even length.
-    """
-    width = _even(size)
-    block = min(_BLOCKS, key=lambda b: count // b + count % b)
-    terms = [f"t[{j}][0] * w[{j}][k]" for j in range(block)]
-    ends = count - count % block
-    lines = ["{", f"    double s[{width}] = {{0.0}};"]
-    if ends:
+    k, exponents = chart.cell.k, chart.monomials.exponents
+    weights = chart.coefficients.reshape(len(exponents), -1)
+    at = {tuple(powers): i for i, powers in enumerate(exponents.tolist())}
+    degrees = [int(exponents[w != 0].sum(axis=1).max(initial=0)) for w in weights.T]
+    tables, lines = "", [f"const double u{j} = u[{j}];" for j in range(k)]
+    for degree in sorted(set(degrees)):
+        group = [i for i, d in enumerate(degrees) if d == degree]
+        order, terms, total = _horner(k, degree)
+        size, rows = len(group) + len(group) % 2, [at[powers] for powers in order]
+        values = np.pad(weights[np.ix_(rows, group)], ((0, 0), (0, size - len(group))))
+        array = f"{name}_chart_{degree}"
+        tables += f"static const double {array}[{len(rows)}][{size}] = {{\n{table(values)}}};\n"
+        sums = ", ".join(f"s{j}" for j in range(k - 1))
         lines += [
-            f"    for (a = 0; a < {ends}; a += {block}) {{",
-            "        double (*t)[1] = T + a;",
-            f"        const double (*w)[{width}] = {weight} + a;",
-            f"        for (k = 0; k < {width}; k++)",
-            f"            s[k] += {_paired(terms)};",
+            "{",
+            f"    const double (*w)[{size}] = {array};",
+            f"    double sum[{size}];",
+            f"    for (i = 0; i < {size}; i++) {{",
+            *([f"        double {sums};"] if sums else []),
+            *(f"        {term}" for term in terms),
+            f"        sum[i] = {total};",
             "    }",
+            *(f"    both[{entry}][0] = sum[{j}];" for j, entry in enumerate(group)),
+            "}",
         ]
-    if ends < count:
-        lines += [
-            f"    for (a = {ends}; a < {count}; a++)",
-            f"        for (k = 0; k < {width}; k++) s[k] += T[a][0] * {weight}[a][k];",
-        ]
-    return lines
+    return filled("chart.c", name, {"tables": tables, "k": k, "sums": _lines(lines)})
 
 
-def _paired(terms: list[str]) -> str:
-    """Write a sum of terms in pairs, whose additions do not wait for each other."""
-    if len(terms) == 1:
-        return terms[0]
-    half = (len(terms) + 1) // 2
-    return f"({_paired(terms[:half])} + {_paired(terms[half:])})"
+def _horner(
+    variables: int, degree: int
+) -> tuple[list[tuple[int, ...]], list[str], str]:
+    """Write a polynomial of several variables in C by Horner's rule, one variable inside another.
 
+    Returns the powers of its monomials in the order of their coefficients ``w[0][i]``, ``w[1][i]``,
+    …; the C statements; and the C expression of the polynomial after them.
+    """
+    order: list[tuple[int, ...]] = []
+    lines: list[str] = []
 
-def _even(size: int) -> int:
-    return size + size % 2
+    def inner(powers: tuple[int, ...]) -> str:
+        """Write the factor of u_0^α_0 u_1^α_1 …, a polynomial of the remaining variables."""
+        j, highest, total = len(powers), degree - sum(powers), ""
+        for power in range(highest, -1, -1):
+            if j + 1 < variables:
+                term = inner((*powers, power))
+                before = f"s{j} * u{j} + " if power < highest else ""
+                lines.append(f"s{j} = {before}{term};")
+                total = f"s{j}"
+            else:
+                order.append((*powers, power))
+                term = f"w[{len(order) - 1}][i]"
+                total = f"({total} * u{j} + {term})" if total else term
+        return total
+
+    total = inner(())
+    return order, lines, total
 
 
 def _labels(task: Task, row_of: Sequence[int], column_of: Sequence[int]) -> str:
@@ -331,7 +267,9 @@ def _solution(n: int) -> str:
         for i in range(1, n)
     ]
     for i in reversed(range(n)):
-        terms = "".join(f" - A[{i}][{k}][l] * b[{k}][l]" for k in range(i + 1, n))
+        terms = "".join(
+            f" - A[{i}][{k}][l] * b[{k}][l]" for k in reversed(range(i + 1, n))
+        )
         lines.append(f"b[{i}][l] = (b[{i}][l]{terms}) * A[{i}][{i}][l];")
     return _lines(lines, 3)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
@@ -55,9 +56,13 @@ def test_a_pose_and_a_step_beside_frame_jacobians(panda_pose: rp.Task, say) -> N
         ],
     }
     best = dict.fromkeys(loops, np.inf)
-    for _ in range(100):  # they take turns, so that a ratio holds on a busy machine too
-        for name, loop in loops.items():
-            best[name] = min(best[name], 1e6 * seconds(loop, 1) / len(U))
+    for _ in range(100):  # they take turns, and the processor's time counts: a loop is
+        for (
+            name,
+            loop,
+        ) in loops.items():  # longer than the turn that a busy machine gives it
+            time_of_one = 1e6 * seconds(loop, 1, time.thread_time) / len(U)
+            best[name] = min(best[name], time_of_one)
     in_jacobians, beside = (
         best["F"] / best["a Jacobian"],
         best["step"] / best["quadratic step"],
@@ -136,7 +141,7 @@ def cells_of(task: rp.Task) -> dict[str, rp.Cell]:
 def test_f_in_c_beside_frame_jacobians(
     panda_pose: rp.Task, say, tmp_path: Path
 ) -> None:
-    """At -O2 at most 1.6 frame Jacobians in six dimensions, 1.3 where symmetries leave four; a
+    """At -O2 at most 1.2 frame Jacobians in six dimensions, 1.0 where symmetries leave four; a
     batch for the machine's own vector units at most 0.6."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc on this machine")
@@ -171,9 +176,9 @@ def test_f_in_c_beside_frame_jacobians(
             f"{what}, {terms[what]} monomials, {name}: in frame Jacobians of {base:.2f} "
             f"µs, F {one:.2f}, a batch {many:.2f} a pose, the generated Jacobian {J:.2f}"
         )
-    assert times["6-D", "-O2"][0] < 1.6 * base
-    assert times["sector, 6-D in 4", "-O2"][0] < 1.3 * base  # 1.0 is the goal
-    assert times["6-D", "-O3 native"][1] < 0.6 * base
+    assert times["6-D", "-O2"][0] < 1.2 * base
+    assert times["sector, 6-D in 4", "-O2"][0] < 1.0 * base
+    assert all(times[what, "-O3 native"][1] < 0.6 * base for what in folders)
 
 
 Solve = Callable[[np.ndarray, np.ndarray], Iterable[np.ndarray]]
@@ -263,7 +268,8 @@ def test_f_beside_closed_forms(panda_pose: rp.Task, say) -> None:
                 solve,
                 own[name],
             )
-            best[name] = min(best[name], 1e6 * seconds(loop, 1) / len(U))
+            time_of_one = 1e6 * seconds(loop, 1, time.thread_time) / len(U)
+            best[name] = min(best[name], time_of_one)
     for name, solve in solvers.items():
         every = [list(solve(x, q)) for x, q in zip(own[name], Q, strict=True)]
         errors = [
@@ -280,6 +286,7 @@ def test_f_beside_closed_forms(panda_pose: rp.Task, say) -> None:
         assert none == 0 and worst < 1e-6
     many = np.tile(U, (64, 1))
     batch = min(
-        1e6 * seconds(lambda: fast.batch(many), 1) / len(many) for _ in range(10)
+        1e6 * seconds(lambda: fast.batch(many), 1, time.thread_time) / len(many)
+        for _ in range(10)
     )
     say(f"F.batch, compiled: {batch:.2f} µs a pose")

@@ -44,17 +44,16 @@ static arm_status arm_F_coordinates(const arm_pose *target, double u[@k], double
 
 arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
 {
-    double one[@k], shift[ARM_N], u[@k][1], both[arm_cell_width][1];
+    double u[@k], shift[ARM_N], both[arm_cell_width][1];
     double x[ARM_N][1], start[ARM_N], goal[12][1], state[1];
     arm_status status;
     int i, j;
     if (leaf && !arm_finite(leaf, ARM_R)) return ARM_BAD_NUMBER;
-    status = arm_F_coordinates(target, one, shift);
+    status = arm_F_coordinates(target, u, shift);
     if (status != ARM_OK) return status;
-    for (i = 0; i < @k; i++) u[i][0] = one[i];
     for (i = 0; i < 3; i++) goal[i][0] = target->p[i];
     for (i = 0; i < 9; i++) goal[3 + i][0] = target->R[i];
-    arm_chart_1(u, both);
+    arm_chart(u, both);
     for (i = 0; i < ARM_N; i++) {
         both[(1 + ARM_R) * i][0] += shift[i];
         start[i] = both[(1 + ARM_R) * i][0];
@@ -74,26 +73,26 @@ arm_status arm_F(const arm_pose *target, const double *leaf, double q[ARM_N])
 
 long arm_F_batch(long count, const arm_pose *targets, const double *leaf, double *q)
 {
-    double u[@k][@lanes], both[arm_cell_width][@lanes], x[ARM_N][@lanes], goal[12][@lanes], state[@lanes];
-    double one[@k], shift[ARM_N], shifts[ARM_N][@lanes];
+    double both[arm_cell_width][@lanes], x[ARM_N][@lanes], goal[12][@lanes], state[@lanes];
+    double u[@k], shift[ARM_N], one[arm_cell_width][1];
     long a;
     int i, j, l;
     if (leaf && !arm_finite(leaf, ARM_R)) return 0;
     for (a = 0; a < count; a += @lanes) {
         for (l = 0; l < @lanes; l++) { /* after the last target, that one again */
             const arm_pose *target = targets + (a + l < count ? a + l : count - 1);
-            state[l] = arm_F_coordinates(target, one, shift) == ARM_OK ? 0.0 : -1.0;
-            for (i = 0; i < @k; i++) u[i][l] = state[l] < 0.0 ? 0.0 : one[i];
-            for (i = 0; i < ARM_N; i++) shifts[i][l] = state[l] < 0.0 ? 0.0 : shift[i];
+            if (arm_F_coordinates(target, u, shift) != ARM_OK) { /* arm_F says so below */
+                for (i = 0; i < @k; i++) u[i] = 0.0;
+                for (i = 0; i < ARM_N; i++) shift[i] = 0.0;
+            }
+            arm_chart(u, one);
+            for (i = 0; i < ARM_N; i++) one[(1 + ARM_R) * i][0] += shift[i];
+            for (i = 0; i < arm_cell_width; i++) both[i][l] = one[i][0];
             for (i = 0; i < 3; i++) goal[i][l] = target->p[i];
             for (i = 0; i < 9; i++) goal[3 + i][l] = target->R[i];
         }
-        arm_chart_@lanes(u, both);
         for (i = 0; i < ARM_N; i++)
-            for (l = 0; l < @lanes; l++) {
-                both[(1 + ARM_R) * i][l] += shifts[i][l];
-                x[i][l] = both[(1 + ARM_R) * i][l];
-            }
+            for (l = 0; l < @lanes; l++) x[i][l] = both[(1 + ARM_R) * i][l];
         for (j = 0; leaf && j < ARM_R; j++)
             for (i = 0; i < ARM_N; i++)
                 for (l = 0; l < @lanes; l++) x[i][l] += leaf[j] * both[(1 + ARM_R) * i + 1 + j][l];

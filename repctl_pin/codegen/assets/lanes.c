@@ -1,16 +1,6 @@
 
 /* ---- @lanes at once: the last index of every array is the pose ---- */
 
-/* Compute q_ref and n_ref, joint by joint. */
-static void arm_chart_@lanes(double u[][@lanes], double both[][@lanes])
-{
-    double T[@count][@lanes];
-    int a, @inner;
-    for (l = 0; l < @lanes; l++) T[0][l] = 1.0;
-@monomials
-@sums
-}
-
 /* Compute sines and cosines: by polynomials, after the nearest quarter turns are removed. */
 static void arm_turns_@lanes(const double *angle, double *sine, double *cosine)
 {
@@ -31,6 +21,19 @@ static void arm_turns_@lanes(const double *angle, double *sine, double *cosine)
     }
 }
 
+/* Compute sines and cosines from those of angles at most 0.01 away, by the addition theorems. */
+static void arm_turns_on_@lanes(const double *was, const double *angle, double *sine, double *cosine)
+{
+    int i;
+    for (i = 0; i < @angles * @lanes; i++) {
+        const double d = angle[i] - was[i], z = d * d, s = d * (1.0 - z * (0.16666666666666666 - z * 8.333333333333333e-3));
+        const double less = z * (0.5 - z * (0.041666666666666664 - z * 1.388888888888889e-3)); /* 1 - cos(d) */
+        const double up = cosine[i] * s - sine[i] * less, down = sine[i] * s + cosine[i] * less;
+        sine[i] += up;
+        cosine[i] -= down;
+    }
+}
+
 /*
  * Solve f(x) = goal and n_ref^T (x - q_ref) = leaf from a nearby x, by Newton's method without exchanges of rows. After
  * a step below @keep the factors are kept. Poses have no influence on each other. state is 1.0 where x is exact to
@@ -41,7 +44,7 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
 {
     double A[ARM_N][ARM_N][@lanes] = {{{0.0}}}, b[ARM_N][@lanes], here[12][@lanes];
     double size[@lanes], before[@lanes], next[@lanes];
-    double angle[@angles][@lanes] = {{0.0}}, sine[@angles][@lanes], cosine[@angles][@lanes];
+    double angle[@angles][@lanes] = {{0.0}}, was[@angles][@lanes], sine[@angles][@lanes], cosine[@angles][@lanes];
     double level[ARM_R], longest = 1.0;
     int @counters, l, turn, fresh, left = 1;
     for (i = 0; i < ARM_R; i++) level[i] = leaf ? leaf[i] : 0.0;
@@ -50,10 +53,13 @@ static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], cons
         state[l] = 0.0;
     }
     for (turn = 0; turn < 8 && left; turn++) {
+        for (i = 0; i < @angles; i++)
+            for (l = 0; l < @lanes; l++) was[i][l] = angle[i][l];
         for (l = 0; l < @lanes; l++) {
 @angle
         }
-        arm_turns_@lanes(angle[0], sine[0], cosine[0]);
+        if (longest > 0.01) arm_turns_@lanes(angle[0], sine[0], cosine[0]);
+        else arm_turns_on_@lanes(was[0], angle[0], sine[0], cosine[0]);
         fresh = longest > @keep;
         if (fresh) {
             for (l = 0; l < @lanes; l++) {
