@@ -54,7 +54,8 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
 def run_name(study: Study, checksum: str) -> str:
     """Name a run by the checksum of its design file and a digest of its motions.
 
-    Equal runs have equal names. The first part is the checksum in ``control.json``.
+    Runs of one name have the same design and motions. The first part is the checksum in
+    ``control.json``.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"

@@ -70,8 +70,9 @@ def summary(study: Study) -> list[str]:
         out.append(
             "Under the nearest repeatable inverse the joints drift by "
             f"{amount(closed.motion, -1)} after {closed.motion.cycles} "
-            f"{_times(closed.motion.cycles, 'cycle')}. It differs from J⁺ by {100 * closed.distance:.3g} % "
-            f"on average over Ω, and {_price(plain, closed)}. Its smallest leaf margin is "
+            f"{_times(closed.motion.cycles, 'cycle')}. "
+            f"It differs from J⁺ by {100 * closed.distance:.3g} % on average over Ω, "
+            f"and {_price(plain, closed)}. Its smallest leaf margin is "
             f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
         )
     else:
