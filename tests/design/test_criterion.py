@@ -193,3 +193,13 @@ def test_signed_leaf_margin_is_the_leaf_margin(
         )
         < 1e-12
     )
+
+
+def test_a_singular_node_is_named_whichever_it_is() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    for k in range(3):
+        Q = np.array([[0.1, 0.4, 0.5], [0.2, 0.5, 0.4], [0.3, 0.6, 0.7]])
+        Q[k] = [0.7, 0.0, 0.0]  # stretched
+        words = r"the Jacobian loses rank near .*theta1 = 0\.700, theta2 = 0\.000"
+        with pytest.raises(rp.SingularityError, match=words):
+            criterion.oriented_nullspace(task.jacobians(Q), task, Q)
