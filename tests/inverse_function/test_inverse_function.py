@@ -593,6 +593,12 @@ def test_the_judgement_is_honest() -> None:
     ratio = (G**2).sum(axis=(1, 2)).mean() / (G_d**2).sum(axis=(1, 2)).mean()
     assert j.extra_speed == pytest.approx(np.sqrt(ratio) - 1, rel=1e-6)
     assert 0 < j.extra_speed < 0.002 and j.coverage == 1.0
+    own, wanted, off = (
+        (X**2).sum(axis=(1, 2)) / np.sqrt(1024) for X in (G, G_d, G - G_d)
+    )
+    error = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(1024)
+    assert j.extra_speed_error == pytest.approx(error / (2 * np.sqrt(ratio)), rel=1e-4)
+    assert j.cost_error == pytest.approx(off.std(), rel=1e-4)
     task = design.task
     assert j.limit_margin == pytest.approx(
         np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9
