@@ -36,9 +36,9 @@ os.environ.setdefault(
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pinocchio
+from commands import main as cli
 
 import repctl_pin
-from repctl_pin.cli import main as cli
 
 PACKAGES = (
     "pybullet==3.2.7",

@@ -193,3 +193,35 @@ def test_signed_leaf_margin_is_the_leaf_margin(
         )
         < 1e-12
     )
+
+
+def test_a_singular_node_is_named_whichever_it_is() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    for k in range(3):
+        Q = np.array([[0.1, 0.4, 0.5], [0.2, 0.5, 0.4], [0.3, 0.6, 0.7]])
+        Q[k] = [0.7, 0.0, 0.0]  # stretched
+        words = r"the Jacobian loses rank near .*theta1 = 0\.700, theta2 = 0\.000"
+        with pytest.raises(rp.SingularityError, match=words):
+            criterion.oriented_nullspace(task.jacobians(Q), task, Q)
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1.5, "0.5"), (np.nan, "nan")])
+def test_the_node_at_which_a_strategy_is_no_inverse_is_named(
+    factor: float, words: str
+) -> None:
+    """The one with the largest residual, and before it one where G_d is not finite."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    Q = np.array([[0.1, 0.4, 0.5], [0.2, 0.5, 0.4], [0.3, 0.6, 0.7]])
+    potentials = rp.Polynomial(Q[0], 1)
+
+    class Off(rp.Pseudoinverse):
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            G = super().batch(Q, J)
+            G[(k + 1) % 3] *= 1.2
+            G[k] *= factor
+            return G
+
+    for k in range(3):
+        says = f"is missed by {words} at theta1 = {Q[k, 0]:.3f}, "
+        with pytest.raises(rp.InputError, match=says):
+            criterion.evaluate(Off(task), potentials, Q)

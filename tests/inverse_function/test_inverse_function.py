@@ -478,23 +478,29 @@ def test_leaves_are_an_interval_inside_the_limits() -> None:
         design.task.check(q)
 
 
-def test_a_posture_is_judged_by_the_way_to_the_corners() -> None:
-    """All of an easy cell's corners are reached, with the margin met there and the mean of G_d's
-    own speed."""
-    cell, G_d = cell_of(), rp.Pseudoinverse(panda())
+@pytest.mark.parametrize(("half_width", "whole"), [(0.1, True), (0.35, False)])
+def test_a_posture_is_judged_by_the_way_to_the_corners(
+    half_width: float, whole: bool
+) -> None:
+    """The share of the corners that are reached, the margin met there and the mean of G_d's own
+    speed; all corners of an easy cell are reached."""
+    cell, G_d = cell_of(half_width=half_width), rp.Pseudoinverse(panda())
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     beside = rp.solve_ik(cell.task, q + 0.02, cell.placement)
     (_, candidate), U = judged(G_d, cell, np.array([beside, q])), cell.corners()
     ends = rays(G_d, cell, q, U, steps=10)
-    assert candidate.share == 1 and (ends.reached == 1).all()
-    assert candidate.margin == ends.least.min() > 0
-    R = np.array([cell.task.placement(one).rotation for one in ends.Q])
+    good = ends.reached == 1
+    assert candidate.share == good.mean() and good.any() and good.all() == whole
+    assert candidate.margin == ends.least[good].min()
+    assert candidate.margin > 0 or not whole
+    Q, U = ends.Q[good], U[good]
+    R = np.array([cell.task.placement(one).rotation for one in Q])
     squares = [((G_d(one) @ E @ cell.speeds(u[None])[0]) ** 2).sum() for one, E, u in
-               zip(ends.Q, cell.twists(U, R), U, strict=True)]  # fmt: skip
+               zip(Q, cell.twists(U, R), U, strict=True)]  # fmt: skip
     assert candidate.speed == pytest.approx(np.mean(squares), rel=1e-9)
-    bodies = rp.Bodies(cell.task)
-    nearest = bodies.distances(np.concatenate([q[None], ends.Q])).min()
-    assert candidate.body_distance == pytest.approx(nearest, abs=1e-9)
+    if whole:
+        nearest = rp.Bodies(cell.task).distances(np.concatenate([q[None], Q])).min()
+        assert candidate.body_distance == pytest.approx(nearest, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -588,6 +594,12 @@ def test_the_judgement_is_honest() -> None:
     ratio = (G**2).sum(axis=(1, 2)).mean() / (G_d**2).sum(axis=(1, 2)).mean()
     assert j.extra_speed == pytest.approx(np.sqrt(ratio) - 1, rel=1e-6)
     assert 0 < j.extra_speed < 0.002 and j.coverage == 1.0
+    own, wanted, off = (
+        (X**2).sum(axis=(1, 2)) / np.sqrt(1024) for X in (G, G_d, G - G_d)
+    )
+    error = (own - ratio * wanted).std() / wanted.mean() / np.sqrt(1024)
+    assert j.extra_speed_error == pytest.approx(error / (2 * np.sqrt(ratio)), rel=1e-4)
+    assert j.cost_error == pytest.approx(off.std(), rel=1e-4)
     task = design.task
     assert j.limit_margin == pytest.approx(
         np.minimum(Q - task.lower, task.upper - Q).min(), rel=1e-9

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_functions import CELLS, function_of
+from cell_functions import CELLS, function_of, middle, panda
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
@@ -114,3 +114,32 @@ def test_bad_options_are_refused(function: rp.InverseFunction) -> None:
         function.batch(X, leaf=np.zeros((2, 1)))
     with pytest.raises(rp.InputError, match="this function"):
         function.pose_and_leaf(np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("name", ["Cell", "Sector"])
+def test_a_cell_takes_one_row_per_pose_and_no_stacks(name: str) -> None:
+    """A single row, or a stack of rows, would broadcast to something else than poses."""
+    task, x = panda(), middle()
+    cell = (
+        rp.Cell(task, x, 0.1, 0.2)
+        if name == "Cell"
+        else rp.Sector(task, x, radius=0.1, height=0.1, angle=0.5, half_angle=0.2)
+    )
+    U = cell.sample(3)
+    p, R = cell.placements(U)
+    turns = np.zeros((3, 3))
+    given = {
+        "placements": (U,),
+        "spread": (U,),
+        "coordinates": (p, R),
+        "inside": (U, np.zeros(3)),
+        "twists": (U, R),
+        "slopes": (p, R),
+        "errors": (p, R, p, R),
+        "vectors": (turns,),
+    }
+    for method, arrays in given.items():
+        getattr(cell, method)(*arrays)
+        for wrong in (np.stack([arrays[0]] * 2), arrays[0][0]):
+            with pytest.raises(rp.InputError, match=r"must be numbers \(K, \d"):
+                getattr(cell, method)(wrong, *arrays[1:])

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin import cli
 from repctl_pin.urdf import end_effectors, table, validate
 
 Lines = list[str]
@@ -362,7 +362,7 @@ def test_ends_are_found_in_any_tree(tmp_path: Path) -> None:
 
 
 def inspected(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert cli.main(["inspect", *arguments]) == 0
+    assert main(["inspect", *arguments]) == 0
     return capsys.readouterr().out
 
 
