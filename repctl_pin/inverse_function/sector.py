@@ -132,7 +132,8 @@ class Sector(Cell):
         for i in free:
             if i not in [one.coordinate for one in found]:
                 name = named[i][0]
-                remedy = "give it in rad, or the axis= of a joint"
+                remedy = "give it in rad"
+                remedy += ", or choose the axis of a joint" * (i == ANGLE)
                 raise InputError(no_joint(task, name), argument=name, remedy=remedy)
         every = [radius, round_about, height][: min(3, task.m)]
         if task.m > 3:
@@ -156,7 +157,7 @@ class Sector(Cell):
         if away < _NEAR:
             raise InputError(
                 "a sector's placement lies on the axis, where the angle is not defined; "
-                "move it away from the axis, or give another axis="
+                "move it away from the axis, or choose another axis"
             )
         if radius > away - _NEAR:
             raise InputError(

@@ -38,7 +38,7 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
         across = next(i for i in range(3) if i not in task.rows)
         if abs(line[1][across]) < 1 - 1e-12:
             raise InputError(
-                f"of a sector of an {task.kind} task must be along {'xyz'[across]}, "
+                f"of a sector for the {task.kind} task must be along {'xyz'[across]}, "
                 "across its plane",
                 argument="axis",
             )
@@ -55,7 +55,7 @@ def as_height(task: Task, height: float) -> float:
     height = as_half_width(height, "height", "m")
     if task.m == 2 and height:
         raise InputError(
-            f": a {task.kind} task does not command it",
+            f": the {task.kind} task does not command it",
             argument="height",
             remedy="omit it",
         )
@@ -83,7 +83,7 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
     if task.m <= 3:
         if array is None or array.any():
             raise InputError(
-                f": a {task.kind} task leaves the rotation free",
+                f": the {task.kind} task leaves the rotation free",
                 argument="half_angle",
                 remedy="omit it",
             )
@@ -105,7 +105,7 @@ def no_spin(task: Task) -> InputError:
     if task.kind == "pose":
         return InputError("spin and a third half_angle are mutually exclusive")
     return InputError(
-        f": a {task.kind} task leaves the rotation about the tool free",
+        f": the {task.kind} task leaves the rotation about the tool free",
         argument="spin",
         remedy="omit it",
     )

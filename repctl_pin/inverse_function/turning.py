@@ -49,7 +49,7 @@ class Turn:
     unasked : float
         ``reach`` of the function designed for the range ``"all"``, rad; NaN without comparison.
     covered : float
-        Fraction of sampled poses of the sector that the function covers, joint ranges of symmetric
+        Fraction of 4096 sampled poses that the function covers, the joint ranges of symmetric
         coordinates aside; NaN in older files.
     as_covered : float
         Range like ``nearly`` and ``most``, at the fraction ``covered`` of the covered poses; NaN in
@@ -113,7 +113,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
     if not good.any():
         return np.nan, np.nan, np.nan, np.full(len(_SHARES) + 1, np.nan)
-    share = float(good.mean())
+    share = float(good[:_POSES].mean())
     U, q = U[good], points.Q[good, joint]
     ends = []
     for way in (1.0, -1.0):

@@ -73,6 +73,8 @@ def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
     x = off_axis.placement(off_axis.reference)
     ordinary = rp.Sector(off_axis, x, radius=0.05, angle=0.2, spin=0.3)
     assert [one.coordinate for one in ordinary.symmetries] == [1]
+    with pytest.raises(rp.InputError, match="turns the tool .*; give it in rad$"):
+        rp.Sector(off_axis, x, radius=0.05, angle=0.2, spin="all")
     for one in both:  # the law itself, at configurations of its own
         task, rng = panda(), np.random.default_rng(5)
         q, s = rng.uniform(-1, 1, 7), 0.4
@@ -125,21 +127,21 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
         (
             "position",
             {"spin": 0.2},
-            "spin: a position task leaves the rotation about the tool free",
+            "spin: the position task leaves the rotation about the tool free",
         ),
         (
             "axis",
             {"spin": "all"},
-            "spin: an? axis task leaves the rotation about the tool free",
+            "spin: the axis task leaves the rotation about the tool free",
         ),
         ("axis", {"half_angle": (0.1, 0.1, 0.1)}, "half_angle must be .*: x, y"),
         (
             "position",
             {"half_angle": 0.2},
-            "half_angle: a position task leaves the rotation free",
+            "half_angle: the position task leaves the rotation free",
         ),
-        ("xy", {"height": 0.2}, "height: a xy task does not command it"),
-        ("xz", {}, "axis of a sector of an xz task must be along y"),
+        ("xy", {"height": 0.2}, "height: the xy task does not command it"),
+        ("xz", {}, "axis of a sector for the xz task must be along y"),
     ],
 )
 def test_coordinates_that_a_task_leaves_free(

@@ -16,7 +16,7 @@ from repctl_pin.inverse_function.sample_path import tour
 
 pytestmark = pytest.mark.slow
 _BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "repeatability"
-_POSES, _ONE_BY_ONE = 100_000, 2_000
+_POSES, _ONE_BY_ONE, _QUADRATURE = 100_000, 2_000, 16_384
 
 
 @dataclass(frozen=True)
@@ -145,3 +145,54 @@ def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
     with capsys.disabled():
         print(f"{name}: task error {worst:.1e}, drift {motion.drift[-1]:.1e}")
     assert motion.drift.max() < 1e-10
+
+
+REDUCED = {
+    "one orientation": ({}, 0.005),
+    "turned": ({"half_angle": (0.4, 0.4, 0.4)}, 0.0065),
+    "spin": ({"half_angle": 0.4, "spin": "all"}, 0.009),
+}
+
+
+@pytest.mark.parametrize("name", REDUCED)
+def test_extra_joint_speed_by_a_quadrature_over_all_coordinates(
+    name: str, capsys
+) -> None:
+    """∂F/∂x by differences of F, the poses from all coordinates of the sector, no symmetry used."""
+    sector, most = REDUCED[name]
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    middle = pin.SE3(
+        task.placement(task.reference).rotation, np.array([0.525, 0, 0.25])
+    )
+    cell = rp.Sector(task, middle, radius=0.175, height=0.2, angle="all", **sector)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, incomplete="keep"
+    )
+    F, k, h = design.function, design.cell.k, 1e-5
+    U = (1 - h) * np.random.default_rng(3).uniform(-1, 1, (_QUADRATURE, k))
+    steps = h * np.concatenate([np.eye(k), -np.eye(k)])
+    ends = F.batch((U[:, None] + steps).reshape(-1, k), missing="nan")
+    Q, ends = F.batch(U, missing="nan"), ends.reshape(len(U), 2, k, task.n)
+    good = np.isfinite(Q).all(axis=1) & np.isfinite(ends).all(axis=(1, 2, 3))
+    own, least = [], []
+    for q, (ahead, behind) in zip(Q[good], ends[good], strict=True):
+        J = task.jacobian(q)
+        dF = (ahead - behind).T / (2 * h)  # (n, k)
+        V, R = np.linalg.qr(J @ dF)  # V: task velocities along the cell, orthonormal
+        own.append((np.linalg.solve(R.T, dF.T) ** 2).sum())
+        least.append(((np.linalg.pinv(J) @ V) ** 2).sum())
+    own, least = np.array(own), np.array(least)
+    ratio = own.mean() / least.mean()
+    error = (own - ratio * least).std() / least.mean() / np.sqrt(len(own)) / 2
+    extra = np.sqrt(ratio) - 1
+    with capsys.disabled():
+        print(
+            f"\n{name}: {extra:.3%} ± {error:.3%} over {k} coordinates at {good.mean():.2%} of "
+            f"the poses; reported {design.extra_speed:.3%} ± "
+            f"{design.evaluation.extra_speed_error:.3%}, coverage {design.coverage:.2%}, angle "
+            f"{design.evaluation.turns[0]}"
+        )
+    spread = np.hypot(error, design.evaluation.extra_speed_error)
+    assert abs(extra - design.extra_speed) < 4 * spread + 2e-4
+    assert extra < most + 2 * error
+    assert np.all(own > (1 - 1e-6) * least)  # no inverse needs less than J⁺
