@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,23 @@ _STEP = 0.3
 
 _ITERATIONS = 12
 _EXACT = 1e-11
+
+
+class Goals(NamedTuple):
+    """What the equations of a chart require at K poses, from :meth:`Chart.goals`.
+
+    Attributes
+    ----------
+    q_ref, n_ref : (K, n) and (K, n, r) arrays
+        Reference configurations, and reference null-space bases.
+    p, R : (K, 3) and (K, 3, 3) arrays
+        Positions, m, and rotation matrices.
+    """
+
+    q_ref: Array
+    n_ref: Array
+    p: Array
+    R: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +84,17 @@ class Chart:
         q_ref and n_ref with respect to u in these monomials."""
         return self.monomials.differentiated(self.coefficients)
 
+    def goals(self, U: Array) -> Goals:
+        """Evaluate the references and the placements at the coordinates U (K, k)."""
+        return Goals(*self.reference(U), *self.cell.placements(U))
+
     def solve(
         self,
         U: Array,
         s: Array,
         Q: Array | None = None,
         *,
+        goals: Goals | None = None,
         iterations: int = _ITERATIONS,
     ) -> Points:
         """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
@@ -82,6 +105,8 @@ class Chart:
             Poses, in coordinates of the cell, and labels.
         Q : (K, n) array, optional
             Initial configurations; by default q_ref + n_ref s.
+        goals
+            Result of :meth:`goals` at U, if it is known.
         iterations
             Maximum number of Newton steps.
 
@@ -92,10 +117,9 @@ class Chart:
             converge.
         """
         cell = self.cell
-        q_ref, n_ref = self.reference(U)
+        q_ref, n_ref, p_goal, R_goal = self.goals(U) if goals is None else goals
         if Q is None:
             Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
-        p_goal, R_goal = cell.placements(U)
         fast = compiled_chain(cell.task)
         if fast is not None:
             Q, R, J, residual, size = fast.solved(
@@ -124,7 +148,9 @@ class Chart:
         found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
         return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
 
-    def derivative(self, at: Points, ds: Array) -> tuple[Array, Array]:
+    def derivative(
+        self, at: Points, ds: Array, E: Array | None = None
+    ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
         The derivative ∂ with respect to u follows from the two equations of the chart:
@@ -139,6 +165,8 @@ class Chart:
             Configurations, from :meth:`solve`.
         ds : (K, r, k) array
             ∂s/∂u.
+        E : (K, m, k + l) array, optional
+            Result of :meth:`Cell.twists` at the configurations, if it is known.
 
         Returns
         -------
@@ -157,7 +185,8 @@ class Chart:
         )
         n_T, r = np.swapaxes(at.n_ref, 1, 2), below.shape[1]
         below = np.concatenate([below, n_T @ self.cell.along], axis=2)
-        J_V, E = np.concatenate([at.J, n_T], axis=1), self.cell.twists(at.U, at.R)
+        J_V = np.concatenate([at.J, n_T], axis=1)
+        E = self.cell.twists(at.U, at.R) if E is None else E
         onto = np.zeros((len(J_V), m + r, r))
         onto[:, m:] = np.eye(r)
         both = solved(

@@ -11,7 +11,7 @@ import numpy as np
 from ..arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from ..strategies.strategy import Batched
-from .chart import Chart, Points
+from .chart import Chart, Goals, Points
 from .margins import Margin
 from .monomials import Monomials
 
@@ -133,15 +133,16 @@ class Cost:
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
         self.C = chart.cell.speeds(U)  # (inner, k + l, k + l)
+        self.goals = chart.goals(self.U)
         self.r = chart.cell.task.r
         self._last: Array | None = None
 
     def value(self, a: Array) -> Value:
         """Evaluate the cost at coefficients a (N, r), with the function's configurations."""
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
-        points = self.chart.solve(self.U, s, self._last)
+        points = self.chart.solve(self.U, s, self._last, goals=self.goals)
         if not points.found.all():
-            points = self.chart.solve(self.U, s)
+            points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return Value(np.inf, np.inf, np.nan, points, ds)
         residual, _, desired_square = self._residual(
@@ -178,11 +179,16 @@ class Cost:
         )  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
+        goals = Goals(*(goal[self.inner] for goal in self.goals))
         for j in range(r):
             step = _DIFFERENCE * np.eye(r)[j]
             ends = [
                 chart.solve(
-                    points.U, s + w * step, points.Q + w * B @ step, iterations=3
+                    points.U,
+                    s + w * step,
+                    points.Q + w * B @ step,
+                    goals=goals,
+                    iterations=3,
                 )
                 for w in (1.0, -1.0)
             ]
@@ -197,9 +203,11 @@ class Cost:
         slope[self.inner] = (
             np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
         )
-        features = np.zeros((len(self.U), self.T.shape[1], 1 + k))
-        features[:, :, 0] = self.T
-        features[self.inner, :, 1:] = self.dT[self.inner] @ self.C[:, : chart.cell.k]
+        features = np.zeros((len(self.U), 1 + k, self.T.shape[1]))
+        features[:, 0] = self.T
+        features[self.inner, 1:] = np.swapaxes(
+            self.dT[self.inner] @ self.C[:, : chart.cell.k], 1, 2
+        )
         at_s = np.arange(r) * (1 + k)
         for part, where in self.kept:
             there = at.points.chosen(where)
@@ -211,33 +219,44 @@ class Cost:
             share = self.weight / len(hinge)
             gram[where, at_s[:, None], at_s] = share * np.swapaxes(D, 1, 2) @ D
             slope[where, at_s] = share * np.einsum("KPr,KP->Kr", D, hinge)
-        N = features.shape[1]
-        gradient = (
-            2
-            * np.einsum(
-                "KNp,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
-            ).ravel()
+        gradient = 2 * np.einsum(
+            "KpN,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
         )
         L = np.linalg.cholesky(
             gram
             + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
         )
-        L = L.reshape(-1, r, 1 + k, r * (1 + k))
-        rows = np.einsum("KNp,Krpz->KzNr", features, L, optimize=True).reshape(
-            -1, N * r
-        )
-        return gradient, 2 * rows.T @ rows
+        return gradient.ravel(), 2 * _products(features, L, r)
 
     def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
         """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), ∂F/∂s (K, n, r), and ``G_d E C``
         (K, n, k + l)."""
-        dF, B = self.chart.derivative(points, ds)
-        desired_square = (
-            self.desired.batch(points.Q, points.J)
-            @ self.chart.cell.twists(points.U, points.R)
-            @ self.C
-        )
+        E = self.chart.cell.twists(points.U, points.R)
+        dF, B = self.chart.derivative(points, ds, E)
+        desired_square = self.desired.batch(points.Q, points.J) @ E @ self.C
         return dF @ self.C - desired_square, B, desired_square
+
+
+def _products(features: Array, L: Array, r: int) -> Array:
+    """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
+
+    ``features`` (K, 1 + k, N) are the same for each of the r labels. The factors L (K, r (1 + k),
+    r (1 + k)) are lower triangular, so the rows of label j have entries in the first j + 1 of r
+    blocks only; the products leave out the others.
+    """
+    p, N = features.shape[1:]
+    rows = []
+    for j in range(r):
+        block = np.swapaxes(L[:, j * p : (j + 1) * p, : (j + 1) * p], 1, 2)
+        rows.append(block @ features)  # (K, (j + 1) (1 + k), N)
+    H = np.empty((N, r, N, r))
+    for i in range(r):
+        whole = rows[i].reshape(-1, N)
+        for j in range(i, r):
+            part = whole if j == i else rows[j][:, : (i + 1) * p].reshape(-1, N)
+            H[:, i, :, j] = whole.T @ part
+            H[:, j, :, i] = H[:, i, :, j].T
+    return H.reshape(N * r, N * r)
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:

@@ -15,7 +15,7 @@ from ..robot.bodies import Bodies, bodies_of
 from ..robot.task import Task
 from ..solvers import StepLengths, descend_in_box
 from .cell import Cell
-from .chart import Chart, Points
+from .chart import Chart, Goals, Points
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
@@ -127,13 +127,14 @@ class Margin:
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
-        s = here.copy()
+        s, goals = here.copy(), chart.goals(at.U)
 
         def look(label: Array, Q: Array) -> None:
             """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
             update the best label of each pose if its margin is larger."""
             on = np.flatnonzero(most < enough)
-            points = chart.solve(at.U[on], label[on], Q[on], iterations=4)
+            there = Goals(*(goal[on] for goal in goals))
+            points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
             better, Q[on] = least > most[on], points.Q
             rows = on[better]
