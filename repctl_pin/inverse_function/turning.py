@@ -157,8 +157,11 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
         joint = sector.task.joint_names[one.joint]
         ranges = np.minimum(upper - lower - widths, 2 * np.pi).tolist()
         nearly, most, as_covered = np.maximum(ranges, reach).tolist()
-        found = map(float, (upper - lower, high - low, reach, most, nearly))
-        turns.append(Turn(name, joint, *found, covered=covered, as_covered=as_covered))
+        joint_range, spread = float(upper - lower), float(high - low)
+        shares = {"nearly": nearly, "covered": covered, "as_covered": as_covered}
+        turns.append(
+            Turn(name, joint, joint_range, spread, float(reach), most, **shares)
+        )
         if one.coordinate in sector.free and reach > 0:
             away = (
                 (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
