@@ -252,10 +252,9 @@ class Violation:
 
     def __str__(self) -> str:
         names, share = " and ".join(self.names), self.moment - self.cycle + 1
-        where = f"{100 * share:.0f} % into cycle {self.cycle}"
-        if len(self.names) == 1:
-            return f"{names} exceeds its limits {where}"
-        return f"{names} collide {where if self.moment else 'at the start'}"
+        into = f"{100 * share:.0f} % into cycle {self.cycle}"
+        verb = "exceeds its limits" if len(self.names) == 1 else "collide"
+        return f"{names} {verb} {into if self.moment else 'at the start'}"
 
 
 def violations_of(

@@ -695,7 +695,8 @@ def test_a_motion_is_written_for_a_robot(ring, planar, tmp_path) -> None:
     beyond = replace(ring, q=ring.q + 9.0)
     for motion in (beyond, replace(timed, motion=beyond)):
         with pytest.raises(
-            rp.InputError, match="exceeds its limits in cycle 1.*allow_violations=True"
+            rp.InputError,
+            match="exceeds its limits at the start: .*allow_violations=True",
         ):
             rp.write_motion(motion, tmp_path / "no.csv")
         assert rp.write_motion(

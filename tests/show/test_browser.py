@@ -393,7 +393,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     assert [
         text(e) for e in driver.find_elements("css selector", ".arm-label .name")
     ] == [
-        "Usual control",
+        "Usual control (pseudoinverse)",
         "repeatable",
     ]
     assert not driver.execute_script("return repctl.playing")

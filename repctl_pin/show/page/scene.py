@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
-from ..text.headline import NO_HEADLINE, Headline, about, title_of, under
+from ..text.headline import NO_HEADLINE, Headline, about, law_of, title_of, under
 from .body_points import BodyDrift, body_drift, corners
 from .html import page
 from .meshes import Key, key, lifted, record
@@ -327,6 +327,7 @@ def _describe(
     return {
         **picked(arm, "label", "color", "unit"),
         "title": title_of(arm.label),
+        "law": law_of(arm.label),
         "about": about(arm.label),
         "under": under(arm.label),
         "drift": arm.cycle_drift.tolist(),

@@ -90,6 +90,11 @@ def title_of(label: str) -> str:
     return _TITLES.get(label, label)
 
 
+def law_of(label: str) -> str:
+    """Return the technical name that follows the title of a controller, in brackets."""
+    return " (pseudoinverse)" if label == "J⁺" else ""
+
+
 def about(label: str) -> str:
     """Return what a controller does, from its label; empty for a controller of the user's."""
     return _ABOUT.get(label, "")

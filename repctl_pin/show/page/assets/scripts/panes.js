@@ -11,7 +11,7 @@ export class Panes {
     this.frames = arms.map((arm) => {
       arm.notice = element("span", { class: "past" });
       return element("div", { class: "pane", style: `--arm: ${arm.data.color}` },
-        element("p", { class: "arm-label", title: arm.data.about }, element("span", { class: "name" }, element("span", { class: "chip" }), arm.data.title), arm.notice));
+        element("p", { class: "arm-label", title: arm.data.about }, element("span", { class: "name" }, element("span", { class: "chip" }), arm.data.title, element("span", { class: "more" }, arm.data.law)), arm.notice));
     });
     byId("panes").append(...this.frames);
     viewer.render = () => this.render();
