@@ -169,9 +169,10 @@ def torque_law(
         if not ddot(tau, tau) < inf:
             raise not_finite()
         if observer is not None:
-            observer.state[:] = (
-                hdot - (share / kappa) * disturbance + observer.dt * pull
-            )
+            state = hdot - (share / kappa) * disturbance + observer.dt * pull
+            if not np.isfinite(state).all():
+                raise not_finite()
+            observer.state[:] = state
         return tau
 
     return torque

@@ -138,7 +138,8 @@ def test_audit_pink(run: Run) -> None:
     pytest.importorskip("pink")
     pytest.importorskip("daqp")
     _, told = run("python examples/audit_pink.py")
-    lines = {line.split("  ")[0]: line.split()[-4:] for line in told.splitlines()[2:]}
+    drifts = told.split("\n\n")[0].splitlines()[2:]
+    lines = {line.split("  ")[0]: line.split()[-3:] for line in drifts}
     first, last = ({name: float(row[i]) for name, row in lines.items()} for i in (0, 1))
     assert (
         last["pink"] > 2 * first["pink"] > 0.05

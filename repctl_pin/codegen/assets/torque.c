@@ -161,9 +161,12 @@ arm_status arm_torque(const double q[ARM_N], const double qdot[ARM_N], const dou
     }
     for (i = 0; i < ARM_N; i++) force[i] += bias[i] - share * opposed[i];
     if (!arm_finite(force, ARM_N)) return ARM_BAD_NUMBER;
-    if (observer)
+    if (observer) {
         for (i = 0; i < ARM_R; i++)
-            observer[i] = rates[ARM_M + i] - share / gains->observer_rate * estimate[i] + dt * pull[i];
+            estimate[i] = rates[ARM_M + i] - share / gains->observer_rate * estimate[i] + dt * pull[i];
+        if (!arm_finite(estimate, ARM_R)) return ARM_BAD_NUMBER;
+        for (i = 0; i < ARM_R; i++) observer[i] = estimate[i];
+    }
     for (i = 0; i < ARM_N; i++) tau[i] = force[i];
     return ARM_OK;
 }
