@@ -74,7 +74,7 @@ export class Chart {
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(off > NOTHING ? 2 : 0.5, foot - level(off));
+        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = off > NOTHING ? Math.max(2, foot - level(off)) : 0;
         draw.fillStyle = arm.data.color;
         draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
