@@ -130,6 +130,13 @@ class Stage:
             assert time.monotonic() < until, "the arm does not move"
             time.sleep(0.005)
 
+    def wait_for_silence(self) -> None:
+        """Wait until no command has come for 0.3 s."""
+        before = -1
+        while before != len(self.commands):
+            before = len(self.commands)
+            time.sleep(0.3)
+
     def settle(self, most: float = 20.0) -> np.ndarray:
         """Wait until the commands rest; return the last one."""
         until = time.monotonic() + most

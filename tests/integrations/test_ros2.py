@@ -90,7 +90,7 @@ def test_a_pose_a_refused_one_and_a_clean_end(
     stage.wait_for_motion()
     node.send_signal(signal.SIGINT)  # in the middle of the motion: it brakes
     assert node.wait(20) == 0
-    stage.settle()
+    stage.wait_for_silence()
     Q = np.array([q for _, q in stage.commands])
     assert (Q[-1] == Q[-3]).all() and np.abs(Q[-1] - F(x)).max() > 1e-3
     assert used(Q, F.task) <= 1 + 1e-6 and off_the_leaf(F, Q) < 1e-6
