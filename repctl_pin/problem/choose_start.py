@@ -21,6 +21,7 @@ from ..motion import (
 )
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
+from ..robot.bodies import bodies_of
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
 from . import start_candidates
@@ -121,7 +122,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 
 
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Start:
-    """Choose the first start at which a circle fits, or the first start if none fits."""
+    """Choose the first start at which a circle fits and no bodies collide, or else the first."""
     best: Start | None = None
     for q0, name in offers:
         best = best or Start(q0, name)
@@ -129,7 +130,8 @@ def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Start:
             fitting_circle(task, q0)
         except InputError:
             continue
-        return Start(q0, name)
+        if bodies_of(task).distances(q0[None]).min() >= 0:
+            return Start(q0, name)
     assert best is not None  # there is always a start to offer
     return best
 

@@ -101,16 +101,8 @@ def test_a_control_is_followed_inside_its_region(tmp_path, monkeypatch, capsys) 
     deployed("planar3r", capsys)
 
 
-COLLIDES = pytest.mark.xfail(
-    reason="pr2's reference pose, where repctl design begins, has two bodies in each other",
-    strict=True,
-)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "arm", [pytest.param(arm, marks=COLLIDES if arm == "pr2" else ()) for arm in ARMS]
-)
+@pytest.mark.parametrize("arm", ARMS)
 def test_eleven_arms(arm: str, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for way, found in zip(("study", "design"), deployed(arm, capsys), strict=True):
