@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -170,7 +170,7 @@ def follow(
         method = _locked(strategy, path, grid, q, period, integrator)
     else:
         method = _integrated(strategy, path, steps, q, period, integrator, feedback)
-    *targets, end = _placements(path, steps)
+    *targets, end = _kept(_placements, path)(path, steps)
     points = np.array([target.translation for target in targets])
     Q, Qdot, used = _run(method, task, path.name, points, q, cycles)
 
@@ -270,7 +270,7 @@ def _integrated(
     # A path's twists are the same in every cycle, so they are evaluated once. So is ẋ, except for
     # an axis task, where it depends on the frame's orientation.
     places = sorted(set(nodes))
-    sampled = _twists(path, steps, tuple(places)) / period
+    sampled = _kept(_twists, path)(path, steps, tuple(places)) / period
     turning = task.kind == "axis"
     if not turning:
         sampled = sampled[..., task.rows]
@@ -311,6 +311,14 @@ def _integrated(
         )
 
     return Method(advance, at_end, compiled)
+
+
+def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
+    """Return a cached function for a path made by this package, and the function itself for others.
+
+    The functions of a user's path may depend on variables that change between two calls.
+    """
+    return sample if path.spec else sample.__wrapped__  # type: ignore[attr-defined]
 
 
 @lru_cache(maxsize=4)

@@ -400,3 +400,23 @@ def test_prismatic_steps_may_be_long() -> None:
         np.abs(np.diff(motion.q, axis=0)).max() > 3
         and motion.tracking_error.max() < 1e-3
     )
+
+
+def test_a_path_whose_functions_change_is_followed_as_they_are() -> None:
+    """The functions of a user's path read a variable, as in a notebook."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q0 = np.array([0.3, 1.0, 0.8])
+    here, size = task.placement(q0), [0.1]
+
+    def point(s: float) -> np.ndarray:
+        return here.translation + [size[0] * np.sin(2 * np.pi * s), 0, 0]
+
+    def slope(s: float) -> np.ndarray:
+        return np.array([2 * np.pi * size[0] * np.cos(2 * np.pi * s), 0, 0])
+
+    path = rp.TaskPath("back and forth", point, slope, here.rotation)
+    for size[0] in (0.1, 0.05):
+        motion = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=1, steps=40)
+        reached = task.placement(motion.q[10]).translation
+        assert abs(reached[0] - here.translation[0] - size[0]) < 1e-4
+        assert motion.tracking_error.max() < 1e-4
