@@ -5,7 +5,7 @@ import { inMetres, inWords } from "./numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 export const SCALE = 0.1; // m, which bars reach at least up to
-const NOTHING = 1e-6; // m, below which a bar is a hairline
+const NOTHING = 1e-6; // m, up to which no bar is drawn
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
