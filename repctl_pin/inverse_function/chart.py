@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,10 @@ class Goals(NamedTuple):
     n_ref: Array
     p: Array
     R: Array
+
+    def at(self, rows: NDArray[Any] | slice) -> Goals:
+        """Select poses by their indices, by a mask (K,) or by a slice."""
+        return Goals(*(each[rows] for each in self))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from ..arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from ..strategies.strategy import Batched
-from .chart import Chart, Goals, Points
+from .chart import Chart, Points
 from .margins import Margin
 from .monomials import Monomials
 
@@ -179,7 +179,7 @@ class Cost:
         )  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
-        goals = Goals(*(goal[self.inner] for goal in self.goals))
+        goals = self.goals.at(self.inner)
         for j in range(r):
             step = _DIFFERENCE * np.eye(r)[j]
             ends = [

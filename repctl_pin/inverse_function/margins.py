@@ -15,7 +15,7 @@ from ..robot.bodies import Bodies, bodies_of
 from ..robot.task import Task
 from ..solvers import StepLengths, descend_in_box
 from .cell import Cell
-from .chart import Chart, Goals, Points
+from .chart import Chart, Points
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
@@ -133,7 +133,7 @@ class Margin:
             """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
             update the best label of each pose if its margin is larger."""
             on = np.flatnonzero(most < enough)
-            there = Goals(*(goal[on] for goal in goals))
+            there = goals.at(on)
             points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
             better, Q[on] = least > most[on], points.Q
