@@ -19,7 +19,7 @@ from ..robot.task import Task
 from .design_file import head
 from .schema import (
     Desired,
-    Plain,
+    Part,
     ProofFile,
     Row,
     Rows,
@@ -27,36 +27,16 @@ from .schema import (
     described,
     desired_file,
     desired_of,
+    made,
     proof_file,
     proof_of,
 )
 
 FORMAT = "repctl cell"
 _MOST_DEGREE = 64
-_BOUNDLESS = (
-    "limit_margin",
-    "attainable_margin",
-    "limit_margin_worst",
-    "attainable_margin_worst",
-    "body_distance",
-)
-_UNSAID = {"joint_range": np.inf} | dict.fromkeys(
-    ("nearly", "unasked", "covered", "as_covered"), np.nan
-)
-"""Figures of :class:`Turn` that are null in a file if they have these values."""
-
-_HOW = (
-    "samples",
-    "held_out",
-    "seed",
-    "steps",
-    "requested_limit_margin",
-    "requested_body_distance",
-    "requested_sigma_min",
-)
 
 
-class FailureFile(Plain):
+class FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
     See :class:`repctl_pin.inverse_function.failures.FailureReason`.
@@ -68,7 +48,7 @@ class FailureFile(Plain):
     what: str
 
 
-class TurnFile(Plain):
+class TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
     See :class:`repctl_pin.inverse_function.turning.Turn`. ``joint_range`` is null for a joint
@@ -89,7 +69,7 @@ class TurnFile(Plain):
     as_covered: float | None = None
 
 
-class SectorFile(Plain):
+class SectorFile(Part):
     """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
 
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
@@ -103,7 +83,7 @@ class SectorFile(Plain):
     symmetric: list[int]
 
 
-class CellFigures(Plain):
+class CellFigures(Part):
     """Evaluation of a function over a cell.
 
     See :class:`repctl_pin.inverse_function.cell_evaluation.Evaluation`. A margin is null without
@@ -165,46 +145,25 @@ def cell_file(design: CellDesign) -> CellFile:
     InputError
         If the design contains user-defined functions.
     """
-    chart, cell, found = design.function.chart, design.cell, vars(design.evaluation)
-    unsaid = (*_BOUNDLESS, "extra_speed_direction")
-    boundless = {
-        name: found[name] if np.isfinite(found[name]) else None for name in unsaid
-    }
-    failures = [described(FailureFile, stop) for stop in design.failures]
-    turns = tuple(
-        described(
-            TurnFile,
-            turn,
-            **{
-                name: x if np.isfinite(x := getattr(turn, name)) else None
-                for name in _UNSAID
-            },
-        )
-        for turn in design.evaluation.turns
-    )
-    figures, placement = (
-        CellFigures(**found | boundless | {"failures": failures, "turns": turns}),
-        cell.placement.homogeneous.tolist(),
+    chart, cell, evaluation = design.function.chart, design.cell, design.evaluation
+    figures = described(
+        CellFigures,
+        evaluation,
+        failures=[described(FailureFile, reason) for reason in evaluation.failures],
+        turns=tuple(described(TurnFile, turn) for turn in evaluation.turns),
     )
     return described(
         CellFile,
         design,
         **head(FORMAT, design.task),
         desired=desired_file(design.desired),
-        placement=placement,
+        placement=cell.placement.homogeneous.tolist(),
         widths=cell.widths.tolist(),
         degree=chart.monomials.degree,
         coefficients=chart.coefficients.tolist(),
         figures=figures,
         proof=proof_file(design.proof),
         sector=_sector_file(chart.cell),
-    )
-
-
-def _turn(turn: TurnFile) -> Turn:
-    values = msgspec.structs.asdict(turn)
-    return Turn(
-        **values | {name: x for name, x in _UNSAID.items() if values[name] is None}
     )
 
 
@@ -273,36 +232,29 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
             f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; "
             f"they have shape {C.shape}"
         )
-    figures = msgspec.structs.asdict(content.figures)
-    for name in ("limit_margin", "attainable_margin"):
-        if figures[f"{name}_worst"] is None:  # infinite, or not in older files
-            figures[f"{name}_worst"] = figures[name]
-    figures |= {name: np.inf for name in _BOUNDLESS if figures[name] is None}
-    if figures["extra_speed_direction"] is None:  # not in older files
-        figures["extra_speed_direction"] = np.nan
-    if any(len(stop.u) != cell.whole.k for stop in content.figures.failures):
+    figures = content.figures
+    if any(len(reason.u) != cell.whole.k for reason in figures.failures):
         raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
-    figures["turns"] = tuple(map(_turn, content.figures.turns))
-    figures["failures"] = tuple(
-        FailureReason(s.cause, s.share, np.array(s.u), s.what)
-        for s in content.figures.failures
+    if figures.limit_margin_worst is None:  # infinite, or not in older files
+        figures.limit_margin_worst = figures.limit_margin
+    if figures.attainable_margin_worst is None:
+        figures.attainable_margin_worst = figures.attainable_margin
+    evaluation = made(
+        Evaluation,
+        figures,
+        failures=tuple(made(FailureReason, reason) for reason in figures.failures),
+        turns=tuple(made(Turn, turn) for turn in figures.turns),
     )
-    evaluation, chart = Evaluation(**figures), Chart(cell, Monomials(cell.k, degree), C)
+    chart = Chart(cell, Monomials(cell.k, degree), C)
     ends = isinstance(cell, Sector) and cell.free
-    function = InverseFunction(
-        chart, keep_limits=bool(ends) or not evaluation.everywhere
-    )
-    desired, posture = (
-        desired_of(content.desired, task),
-        task.check(content.posture, "the posture"),
-    )
-    how = {name: getattr(content, name) for name in _HOW}
-    return CellDesign(
-        function,
-        desired,
-        posture,
-        evaluation,
-        content.degrees,
-        **how,
+    return made(
+        CellDesign,
+        content,
+        function=InverseFunction(
+            chart, keep_limits=bool(ends) or not evaluation.everywhere
+        ),
+        desired=desired_of(content.desired, task),
+        posture=task.check(content.posture, "the posture"),
+        evaluation=evaluation,
         proof=proof_of(content.proof),
     )

@@ -18,7 +18,7 @@ from ..files import read_whole, write_whole
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema
-from .schema import DesignFile, Figures, Sealed, described
+from .schema import DesignFile, Figures, Sealed, described, made
 from .task_identity import identity
 
 FORMAT = "repctl design"
@@ -158,14 +158,19 @@ def design_of(content: DesignFile, task: Task) -> Design:
         or potentials.gradients(region.center[None]).shape[1] != task.n
     ):
         raise InputError(f"potentials and region must be of {task.n} joints")
-    figures = msgspec.structs.asdict(content.figures)
-    figures |= {"leaf_margin_at": np.array(content.figures.leaf_margin_at)}
     inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
     desired = schema.desired_of(content.desired, task)
     cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)
-    proof = schema.proof_of(content.proof)
-    return Design(
-        inverse, desired, potentials, region, A, cycle=cycle, proof=proof, **figures
+    return made(
+        Design,
+        content.figures,
+        inverse=inverse,
+        desired=desired,
+        potentials=potentials,
+        region=region,
+        coefficients=A,
+        cycle=cycle,
+        proof=schema.proof_of(content.proof),
     )
 
 

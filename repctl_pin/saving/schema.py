@@ -5,7 +5,7 @@ The decoder uses these classes, and ``docs/design.schema.json`` is made from the
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -20,15 +20,34 @@ from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Row = list[float]
 Rows = list[list[float]]
 
 
-class _Part(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """Base class of parts of a file that come in several kinds, named by the key ``kind``."""
+NULLS = dict.fromkeys(
+    (
+        "limit_margin",
+        "attainable_margin",
+        "limit_margin_worst",
+        "attainable_margin_worst",
+        "body_distance",
+        "joint_range",
+    ),
+    np.inf,
+) | dict.fromkeys(
+    ("extra_speed_direction", "nearly", "unasked", "covered", "as_covered"), np.nan
+)
+"""Values, by attribute, that are null in a file: JSON has neither infinity nor NaN."""
 
 
-class PolynomialFile(_Part, tag="polynomial"):
+class Part(msgspec.Struct, forbid_unknown_fields=True):
+    """Base class of all parts of a file; those that come in several kinds have a key ``kind``."""
+
+
+class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
     """Products of Legendre polynomials in ``(q − center) / scale``, by degree, then lexically."""
 
     center: Row
@@ -38,7 +57,7 @@ class PolynomialFile(_Part, tag="polynomial"):
     cross: bool
 
 
-class FourierFile(_Part, tag="fourier"):
+class FourierFile(Part, tag_field="kind", tag="fourier"):
     """Basis of sines and cosines of integer combinations of ``variables``, up to ``order``."""
 
     n: int
@@ -48,7 +67,7 @@ class FourierFile(_Part, tag="fourier"):
     cross: bool
 
 
-class ArmAngleFile(_Part, tag="arm-angle"):
+class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     """Arm angle of the task's frames shoulder, elbow and wrist; stereographic with ``singular``."""
 
     frames: tuple[str, str, str]
@@ -56,27 +75,27 @@ class ArmAngleFile(_Part, tag="arm-angle"):
     singular: Row | None
 
 
-class JoinedFile(_Part, tag="joined"):
+class JoinedFile(Part, tag_field="kind", tag="joined"):
     """Several bases of potentials, concatenated in this order."""
 
-    parts: list[PolynomialFile | FourierFile | ArmAngleFile | JoinedFile]
+    parts: list[BasisFile]
 
 
-class BoxFile(_Part, tag="box"):
+class BoxFile(Part, tag_field="kind", tag="box"):
     """Box of joint space: ``|q_i − center_i| ≤ half_width_i``."""
 
     center: Row
     half_width: Row
 
 
-class TubeFile(_Part, tag="tube"):
+class TubeFile(Part, tag_field="kind", tag="tube"):
     """Tube in joint space: all q within ``radius`` of one of the samples."""
 
     samples: Rows
     radius: Row
 
 
-class WorkspaceFile(_Part, tag="workspace"):
+class WorkspaceFile(Part, tag_field="kind", tag="workspace"):
     """All q in the box ``within`` whose frame position is in ``position ± half_width``, m."""
 
     position: Row
@@ -84,17 +103,17 @@ class WorkspaceFile(_Part, tag="workspace"):
     within: BoxFile
 
 
-class PseudoinverseFile(_Part, tag="pseudoinverse"):
+class PseudoinverseFile(Part, tag_field="kind", tag="pseudoinverse"):
     """Desired inverse J⁺, the pseudoinverse."""
 
 
-class WeightedFile(_Part, tag="weighted"):
+class WeightedFile(Part, tag_field="kind", tag="weighted"):
     """Desired inverse J⁺_M, weighted by M: ``inertia``, a diagonal, or a matrix."""
 
     weight: str | list[float | Row]
 
 
-class LimitsFile(_Part, tag="limits"):
+class LimitsFile(Part, tag_field="kind", tag="limits"):
     """Desired inverse: J⁺ weighted by the distance from the joint limits."""
 
     gain: float
@@ -106,18 +125,14 @@ RegionFile = BoxFile | TubeFile | WorkspaceFile
 Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
-class Plain(msgspec.Struct, forbid_unknown_fields=True):
-    """Base class of parts of a file that come in one kind only, without a key ``kind``."""
-
-
-class Check(Plain):
+class Check(Part):
     """Placement ``[R p]`` (3, 4) of the frame at ``q``, by which a changed robot is detected."""
 
     q: Row
     placement: Rows
 
 
-class TaskFile(Plain):
+class TaskFile(Part):
     """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ."""
 
     robot: str
@@ -132,7 +147,7 @@ class TaskFile(Plain):
     fingerprint: list[Check]
 
 
-class PieceFile(Plain):
+class PieceFile(Part):
     """Polynomial path from s = ``begin`` to ``end``, see :class:`repctl_pin.paths.pieces.Piece`."""
 
     begin: float
@@ -140,7 +155,7 @@ class PieceFile(Plain):
     coefficients: Rows
 
 
-class CycleFile(Plain):
+class CycleFile(Part):
     """Cycle that a design was made for: start configuration, closed path, and period, s."""
 
     start: Row
@@ -152,7 +167,7 @@ class CycleFile(Plain):
     pieces: list[PieceFile]
 
 
-class Figures(Plain):
+class Figures(Part):
     """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`."""
 
     cost: float
@@ -173,7 +188,7 @@ class Figures(Plain):
     degrees: tuple[tuple[int, float, float], ...]
 
 
-class ProofFile(Plain):
+class ProofFile(Part):
     """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required."""
 
     what: str
@@ -191,7 +206,7 @@ class ProofFile(Plain):
     theorem: int
 
 
-class Sealed(Plain):
+class Sealed(Part):
     """Fields of every file: format, schema version, checksum and task."""
 
     format: str
@@ -214,45 +229,54 @@ class DesignFile(Sealed):
 
 
 P = TypeVar("P", bound=msgspec.Struct)
+R = TypeVar("R", bound="DataclassInstance")
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
     """Create a part of a file, of class ``kind``, from the attributes of an object.
 
-    Arrays become lists. ``others`` are values that replace attributes.
+    Arrays become lists, and the values of :data:`NULLS` null. ``others`` replace attributes.
     """
-    own = {
-        name: getattr(thing, name)
-        for name in kind.__struct_fields__
-        if name not in others
-    }
-    plain = {
-        k: v.tolist() if isinstance(v, (np.ndarray, np.generic)) else v
-        for k, v in own.items()
-    }
-    return kind(**plain, **others)
+    own = {}
+    for name in kind.__struct_fields__:
+        if name in others:
+            continue
+        value = getattr(thing, name)
+        if isinstance(value, (np.ndarray, np.generic)):
+            value = value.tolist()
+        if name in NULLS and not np.isfinite(value):
+            value = None
+        own[name] = value
+    return kind(**own, **others)
+
+
+def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
+    """Create a result of class ``kind`` from a part of a file; the inverse of :func:`described`.
+
+    Lists become arrays, and nulls the values of :data:`NULLS`. ``others`` are values that replace
+    those of the file, or that it does not hold.
+    """
+    own = {}
+    for name in kind.__dataclass_fields__:
+        if name in others or name not in part.__struct_fields__:
+            continue
+        value = getattr(part, name)
+        if isinstance(value, list):
+            value = np.array(value)
+        if value is None:
+            value = NULLS.get(name)
+        own[name] = value
+    return kind(**own, **others)
 
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
     """Convert a proof to its part of a file; UNSET for None."""
-    if proof is None:
-        return msgspec.UNSET
-    return described(
-        ProofFile,
-        proof,
-        limit_margin=proof.limit_margin if np.isfinite(proof.limit_margin) else None,
-    )
+    return msgspec.UNSET if proof is None else described(ProofFile, proof)
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
     """Create a proof from its part of a file; None if there is none."""
-    if isinstance(data, msgspec.UnsetType):
-        return None
-    values = msgspec.structs.asdict(data)
-    return Proof(
-        **values
-        | {"limit_margin": np.inf if data.limit_margin is None else data.limit_margin}
-    )
+    return None if isinstance(data, msgspec.UnsetType) else made(Proof, data)
 
 
 def basis_file(potentials: PotentialBasis) -> BasisFile:
@@ -398,7 +422,7 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
         or sizes not in ({(3,)}, {(7,)})
     ):
         raise InputError("the pieces of the path do not lead from s = 0 to 1")
-    pieces = [Piece(p.begin, p.end, np.array(p.coefficients)) for p in data.pieces]
+    pieces = [made(Piece, piece) for piece in data.pieces]
     what = {
         "name": data.path,
         "spec": data.spec,
