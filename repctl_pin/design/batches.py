@@ -132,10 +132,6 @@ class BarrierCost:
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])
 
-    def close(self) -> None:
-        """Free the memory of the batches."""
-        self.batches.close()
-
 
 def add(parts: Iterable[Sums]) -> Sums:
     """Sum tuples of numbers or arrays item by item, in the given order; the tuples stay unchanged.

@@ -12,7 +12,7 @@ import scipy.linalg
 from ..arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
 from . import criterion
-from .batches import Batches
+from .batches import BarrierCost, Batches
 from .criterion import SignCount
 
 Report = Callable[[int, float], None]
@@ -124,7 +124,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
 
 
 def descend(
-    batches: Batches,
+    batches: BarrierCost,
     basis: Array,
     begin: Start,
     A: Array,
@@ -173,20 +173,13 @@ def descend(
     )
     at = found.at
     gradient = 2 * float(np.linalg.norm(problem.model(at)[0]))
-    return Descent(
-        basis @ at.x, at.cost, gradient, found.converged, found.steps, at.data.sides
-    )
+    *_, sides = at.data
+    return Descent(basis @ at.x, at.cost, gradient, found.converged, found.steps, sides)
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class _Evaluated:
-    """Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
-    matrix, and the number of nodes with either sign of det(Nᵀ V)."""
-
-    gradient: Array
-    blocks: Array
-    sides: SignCount
+Evaluated = tuple[Array, Array, SignCount]
+"""Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
+matrix, and the number of nodes with either sign of det(Nᵀ V)."""
 
 
 class _PenalisedCost:
@@ -198,7 +191,7 @@ class _PenalisedCost:
     """
 
     def __init__(
-        self, batches: Batches, basis: Array, begin: Start, penalty: float
+        self, batches: BarrierCost, basis: Array, begin: Start, penalty: float
     ) -> None:
         self.batches, self.basis = batches, basis
         self.r = begin.A.shape[1]
@@ -206,23 +199,24 @@ class _PenalisedCost:
         self.EE = basis.T @ begin.EE @ basis
         self.null_alignment = basis.T @ begin.null_alignment
 
-    def evaluate(self, x: Array) -> Point[_Evaluated]:
+    def evaluate(self, x: Array) -> Point[Evaluated]:
         """Evaluate the cost, half its gradient and its Gauss–Newton matrix in one pass."""
         total = self.batches.total(criterion.gauss_newton, self.basis @ x)
         cost, gradient, blocks, sides = total
         merit = cost + self._closeness(x)
-        return Point(merit, cost, sides.uniform, _Evaluated(gradient, blocks, sides), x)
+        return Point(merit, cost, sides.uniform, (gradient, blocks, sides), x)
 
     def merit(self, x: Array) -> float:
         """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs."""
         cost, sides = self.batches.total(criterion.cost, self.basis @ x)
         return cost + self._closeness(x) if sides.uniform else np.inf
 
-    def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
+    def model(self, at: Point[Evaluated]) -> tuple[Array, Array]:
         """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x."""
-        basis, blocks, r = self.basis, at.data.blocks, range(self.r)
+        basis, r = self.basis, range(self.r)
+        half_gradient, blocks, _ = at.data
         pull = self.tau * (self.EE @ at.x - self.null_alignment)
-        gradient = basis.T @ at.data.gradient + pull
+        gradient = basis.T @ half_gradient + pull
 
         def block(i: int, j: int) -> Array:
             return basis.T @ blocks[i, :, j, :] @ basis + (
