@@ -43,8 +43,11 @@ def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}",
         headline=Headline((Span(relabel_sentence(relabeled)),), _notes(relabeled)),
         figures=[
-            ("Joints", _picture(labels_figure(relabeled), _LABELS)),
-            ("Shares of the frames", _picture(shares_figure(relabeled), _SHARES)),
+            ("Joints", framed(png(labels_figure(relabeled), DPI), _LABELS)),
+            (
+                "Shares of the frames",
+                framed(png(shares_figure(relabeled), DPI), _SHARES),
+            ),
         ],
         terms_of=relabeled.figures(),
         glossary=_GLOSSARY,
@@ -87,7 +90,3 @@ def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
         text = f"Limit margin {before:.2g} → {margin:.2g} {unit}."
         notes.append(Span(text, "bad" if margin < 0 else ""))
     return tuple(notes)
-
-
-def _picture(figure: object, text: str) -> dict[str, object]:
-    return framed(png(figure, DPI), text)  # type: ignore[arg-type]

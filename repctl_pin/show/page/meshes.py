@@ -114,7 +114,15 @@ def _object(shape: Shape, surfaces: Surfaces) -> Element:
     if shape.kind == "capsule":
         return _plain(_round(size[0], size[1]))
     if shape.kind == "cylinder":
-        return _plain(_cylinder(size[0], size[1]), _UPRIGHT)
+        radius, height = size
+        cylinder = {
+            "type": "CylinderGeometry",
+            "radiusTop": radius,
+            "radiusBottom": radius,
+            "height": height,
+            "radialSegments": 50,
+        }
+        return _plain(cylinder, _UPRIGHT)
     raise InputError(
         f"shape {shape.name!r} has kind {shape.kind!r}; use mesh, box, cylinder, sphere or capsule"
     )
@@ -220,21 +228,9 @@ def _triangles(surface: Surface) -> Element:
     ]
     small = len(s.points) < 2**16
     index = _array("Uint16Array" if small else "Uint32Array", s.faces, 1)
-    return _buffer({"attributes": attributes, "index": index, "groups": groups})
-
-
-def _buffer(data: Element) -> Element:
-    return {"type": "BufferGeometry", "data": data}
-
-
-def _cylinder(radius: float, height: float) -> Element:
-    """Make the three.js geometry of a cylinder along three.js' y axis."""
     return {
-        "type": "CylinderGeometry",
-        "radiusTop": radius,
-        "radiusBottom": radius,
-        "height": height,
-        "radialSegments": 50,
+        "type": "BufferGeometry",
+        "data": {"attributes": attributes, "index": index, "groups": groups},
     }
 
 
@@ -272,6 +268,8 @@ def _round(radius: float, length: float, n: int = 24) -> Element:
     )
     faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
     position = _array("Float32Array", points, 3)
-    return _buffer(
-        {"attributes": {"position": position}, "index": _array("Uint32Array", faces, 3)}
-    )
+    index = _array("Uint32Array", faces, 3)
+    return {
+        "type": "BufferGeometry",
+        "data": {"attributes": {"position": position}, "index": index},
+    }

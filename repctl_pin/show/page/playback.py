@@ -186,7 +186,7 @@ def playback_page(
         for track, done in zip(tracks, played, strict=True)
     ]
     task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
-    link, _ = farthest_link(arms)
+    link = farthest_link(arms)
     if headline is None:
         outcomes = [
             _outcome(chains, done, track, arm)
@@ -225,7 +225,7 @@ def _outcome(
     arm: Arm,
 ) -> Outcome:
     """Collect the quantities of one motion that the headline reports."""
-    task, link = chains[0].task, farthest_link([arm])[0]
+    task, link = chains[0].task, farthest_link([arm])
     assert arm.drift is not None
     farthest = link, float(arm.drift.off[-1].max(initial=0.0))
     summary = _summary(chains, played, track)

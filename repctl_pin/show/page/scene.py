@@ -244,7 +244,7 @@ def animation_page(
             )
             for arm in arms
         ]
-    link, name = part or farthest_link(arms)
+    link, name = part or (farthest_link(arms), None)
     described = [_describe(arm, frames, library, link, parts) for arm in arms]
     scene = {
         "title": title,
@@ -256,7 +256,7 @@ def animation_page(
         "perCycle": frames.per_cycle,
         "paths": [len(path) for path in paths],
         "problems": problems,
-        "part": name,
+        "part": name or link,
         "names": dict(names or {}),
         "arms": described,
     }
@@ -266,15 +266,11 @@ def animation_page(
     return page(scene, commands, motion, headline)
 
 
-def farthest_link(arms: Sequence[Arm]) -> tuple[str, str]:
-    """Find the link of the shape that is displaced most at the end of any motion.
-
-    Return its name twice: as the link, and as the display name.
-    """
+def farthest_link(arms: Sequence[Arm]) -> str:
+    """Find the link of the shape that is displaced most at the end of any motion."""
     ends = [np.zeros(0) if arm.drift is None else arm.drift.off[-1] for arm in arms]
     which = int(np.argmax(np.max(ends, axis=0, initial=0.0))) if len(ends[0]) else 0
-    link = arms[0].shapes[which].link if arms[0].shapes else ""
-    return link, link
+    return arms[0].shapes[which].link if arms[0].shapes else ""
 
 
 def _describe(

@@ -50,9 +50,9 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
         Pieces of text; a terminal shows their tone as colour.
     """
     rows = [row for row in study.rows if row.key != NOT_SHOWN]
+    warnings = outside_words(max(row.outside for row in rows))
     out = [
-        Span(f"{line}\n", "bad")
-        for line in fitted("\n".join(_warnings(rows))).splitlines()
+        Span(f"{line}\n", "bad") for line in fitted("\n".join(warnings)).splitlines()
     ]
     out += [
         *wrapped(study_headline(study).sentence),
@@ -63,29 +63,21 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     notes += _proved(study)
     notes += [f"note: {note}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
-    left = (
-        ROWS - 2 - _height(out) - _height_of(below)
-    )  # without command and next prompt
+    above = "".join(span.text for span in out).count("\n")
+    left = ROWS - 2 - above - _height_of(below)  # without command and next prompt
     if _height_of(notes) == left + 1:
         below, left = below[1:], left + 1  # rather than the empty line
     return [*out, Span(fitted("\n".join([*_as_many(notes, left), *below])))]
-
-
-def _cycles(study: Study) -> int:
-    return next((row.motion.cycles for row in study.rows if row.motion is not None), 0)
 
 
 def _title(row: Row) -> str:
     return _TITLES.get(row.key, row.label)
 
 
-def _warnings(rows: Sequence[Row]) -> list[str]:
-    return outside_words(max(row.outside for row in rows))
-
-
 def _about(study: Study) -> str:
     """Write one line that names the arm, its task, its path and the number of cycles."""
-    cycles = _cycles(study)
+    moved = (row.motion for row in study.rows if row.motion is not None)
+    cycles = next((motion.cycles for motion in moved), 0)
     times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
     task = (
         f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
@@ -251,10 +243,6 @@ def _as_many(notes: Sequence[str], rows: int) -> list[str]:
         taken.pop()
     left = len(notes) - len(taken)
     return [*taken, f"{left} more note{'s' if left > 1 else ''}: --full"]
-
-
-def _height(spans: Sequence[Span]) -> int:
-    return "".join(span.text for span in spans).count("\n")
 
 
 def _height_of(lines: Sequence[str]) -> int:

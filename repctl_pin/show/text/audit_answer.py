@@ -9,7 +9,7 @@ import numpy as np
 
 from ...recordings.audit import Audit
 from .headline import Headline
-from .lines import Span, fitted, wrapped
+from .lines import Span, capital, fitted, wrapped
 from .numbers import metres, number
 from .table import table
 
@@ -71,12 +71,8 @@ def audit_sentence(audit: Audit) -> list[Span]:
 def audit_headline(audit: Audit) -> Headline:
     """Write the headline of the page: the sentence of the audit, and where the creep leads."""
     said = (*audit_sentence(audit), Span(f" {_returns(audit)}"))
-    return Headline(said, tuple(Span(_capital(note)) for note in _leads(audit)))
-
-
-def _capital(text: str) -> str:
-    text = text.removeprefix("! ")
-    return f"{text[:1].upper()}{text[1:]}."
+    notes = [note.removeprefix("! ") for note in _leads(audit)]
+    return Headline(said, tuple(Span(f"{capital(note)}.") for note in notes))
 
 
 def _distance(audit: Audit) -> str:

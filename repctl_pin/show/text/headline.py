@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...motion.motion import ON_PATH
-from .lines import Span
+from .lines import Span, capital
 from .numbers import NOTHING, displacement, metres, percent, radians
 from .verdict import MotionSummary
 
@@ -147,7 +147,7 @@ def headline_of(
     else:
         subject, offs = _subject(worst.part, "the"), _offs(outcomes, "")
         verb = "has hardly drifted"
-    start = f"After {times} {subject}" if lost else _capital(subject)
+    start = f"After {times} {subject}" if lost else capital(subject)
     words += [Span(f"{start} {verb}: "), *offs, Span(".")]
     return Headline((*said, *words), tuple(_notes(outcomes)))
 
@@ -179,10 +179,6 @@ def _lost(outcomes: Sequence[Outcome]) -> list[Span]:
         )
         said += [Span(f"{by} off".replace(" ", "\u00a0"), "bad"), Span(". ")]
     return said
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def off_of(one: Outcome) -> Span:
@@ -244,7 +240,7 @@ def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
         and not (first.path_loss or last.path_loss)
     ):
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
-        subject = _capital(under(outcomes[-1].summary.label))
+        subject = capital(under(outcomes[-1].summary.label))
         said.append(
             Span(f"{subject} takes no more joint speed.")
             if cost.startswith("0")

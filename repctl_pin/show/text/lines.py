@@ -27,6 +27,11 @@ class Span(NamedTuple):
     exact: str = ""
 
 
+def capital(text: str) -> str:
+    """Capitalise the first letter of a text, and change no other."""
+    return text[:1].upper() + text[1:]
+
+
 def coloured(spans: Iterable[Span]) -> str:
     """Join pieces of text; on a terminal with the colours of their tones.
 
