@@ -310,16 +310,17 @@ class Viewer:
             self.offset = np.clip(self.offset + move, -self._reach, self._reach)
 
 
+def _only_this_host(request: RequestHandler) -> None:
+    """Refuse a request to another host's name: another site's name may be made to point here."""
+    if request.request.host_name not in (HOST, "localhost"):
+        request.send_error(403)
+
+
 class _Page(RequestHandler):
+    prepare = _only_this_host
+
     def initialize(self, page: str) -> None:
         self.page = page
-
-    def prepare(self) -> None:
-        if self.request.host_name not in (
-            HOST,
-            "localhost",
-        ):  # another site's name may be made to point here
-            self.send_error(403)
 
     def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
@@ -327,12 +328,10 @@ class _Page(RequestHandler):
 
 
 class _Poses(WebSocketHandler):
+    prepare = _only_this_host
+
     def initialize(self, viewer: Viewer) -> None:
         self.viewer, self.busy, self.sent = viewer, False, b""
-
-    def prepare(self) -> None:
-        if self.request.host_name not in (HOST, "localhost"):
-            self.send_error(403)
 
     def check_origin(self, origin: str) -> bool:
         return origin in (
