@@ -85,10 +85,7 @@ class CellDesign:
         middle = chart.solve(
             np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r))
         )
-        ends = isinstance(chart.cell, Sector) and chart.cell.free
-        function = InverseFunction(
-            chart, keep_limits=bool(ends) or not evaluation.everywhere
-        )
+        function = function_of(chart, evaluation)
         return cls(function, desired, middle.Q[0], evaluation, **how)
 
     @property
@@ -228,6 +225,16 @@ class CellDesign:
             f"+{self.extra_speed:.2%} joint speed, limit margin {self.limit_margin_worst:.3g}, "
             f"covered: {self.evaluation.covered}>"
         )
+
+
+def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
+    """Make the function s = 0 of a chart; it checks joint limits if the evaluation demands it.
+
+    It checks them at every call if some evaluated pose violates a limit, or if the range of a
+    coordinate of the sector ends only at the joint limits.
+    """
+    free = isinstance(chart.cell, Sector) and bool(chart.cell.free)
+    return InverseFunction(chart, keep_limits=free or not evaluation.everywhere)
 
 
 def _unmet(found: float, asked: float) -> str:

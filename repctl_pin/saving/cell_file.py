@@ -10,7 +10,8 @@ import pinocchio as pin
 
 from ..arguments import as_int
 from ..errors import InputError
-from ..inverse_function import Cell, CellDesign, FailureReason, InverseFunction, Sector
+from ..inverse_function import Cell, CellDesign, FailureReason, Sector
+from ..inverse_function.cell_design import function_of
 from ..inverse_function.cell_evaluation import Evaluation
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
@@ -246,13 +247,10 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         turns=tuple(made(Turn, turn) for turn in figures.turns),
     )
     chart = Chart(cell, Monomials(cell.k, degree), C)
-    ends = isinstance(cell, Sector) and cell.free
     return made(
         CellDesign,
         content,
-        function=InverseFunction(
-            chart, keep_limits=bool(ends) or not evaluation.everywhere
-        ),
+        function=function_of(chart, evaluation),
         desired=desired_of(content.desired, task),
         posture=task.check(content.posture, "the posture"),
         evaluation=evaluation,
