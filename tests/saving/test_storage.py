@@ -518,7 +518,8 @@ def _save_until(line: int, design: rp.Design, file: Path) -> None:
 
     def listen(event: str, args: tuple[object, ...]) -> None:
         nonlocal left
-        if left < 0 and any(str(arg).startswith(str(file.parent)) for arg in args):
+        names = [str(arg) for arg in args if isinstance(arg, str | Path)]
+        if left < 0 and any(name.startswith(str(file.parent)) for name in names):
             left = line
 
     def trace(frame, event, _):
