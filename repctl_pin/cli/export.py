@@ -11,8 +11,8 @@ from .terminal import report
 
 HELP = "write a saved design or cell as C for the control loop of a robot"
 EXAMPLE = """examples:
-  repctl export repctl-out/panda/design.json --to panda_c --name panda
-  repctl export control.json --robot my_arm.urdf --to my_arm_c --name my_arm
+  repctl export repctl-out/panda/design.json --out panda_c --name panda
+  repctl export control.json --robot my_arm.urdf --out my_arm_c --name my_arm
 
 C99 and C++17 that require only <math.h>; check.c compares a build with the
 results of Python:
@@ -24,7 +24,7 @@ def add_options(parser: Parser) -> None:
     parser.what("a saved design or cell (.json) of repctl design, study or cell")
     parser.set_defaults(frame=None, task=None)
     parser.add_argument(
-        "--to",
+        "--out",
         metavar="FOLDER",
         default="arm_control",
         help="folder to write (default arm_control)",
@@ -48,10 +48,10 @@ def run(options: Options) -> int:
         )
     design = options.load_saved()
     if isinstance(design, rp.CellDesign):
-        files = rp.export_c(design.function, options.to, options.name)
+        files = rp.export_c(design.function, options.out, options.name)
     else:
         files = rp.export_c(
-            design.inverse, options.to, options.name, region=design.region
+            design.inverse, options.out, options.name, region=design.region
         )
     return report(
         options, lambda: {**design.task.as_dict(), "name": options.name}, files=files

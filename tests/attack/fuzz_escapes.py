@@ -154,7 +154,7 @@ def cases(folder: Path) -> list[Case]:
         *json_cases(
             "cell.json",
             json.loads(Path("cell.json").read_text()),
-            [["export", "cell.json", "--to", "c"]],
+            [["export", "cell.json", "--out", "c"]],
         ),
         *text_cases(
             "b.urdf",

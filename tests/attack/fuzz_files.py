@@ -202,7 +202,7 @@ def commands(name: str, out: bool) -> Iterator[list[str]]:
         yield [*FOLLOW, "--yaml", name]
         yield [*STUDY, "--out", name]
         yield ["design", "planar3r", "--region", "0.2", "--out", name]
-        yield ["export", "control.json", "--to", name]
+        yield ["export", "control.json", "--out", name]
     else:
         for words in (["inspect"], ["study"], ["follow"], ["check"], ["export"]):
             yield [*words, name]

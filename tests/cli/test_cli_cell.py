@@ -153,7 +153,7 @@ def test_a_cell_is_exported_with_its_function(
         str(made / "out" / "cell.json"),
         "--robot",
         str(made / "arm.urdf"),
-        "--to",
+        "--out",
         str(made / "c"),
     ]
     assert main([*words, "--name", "arm"]) == 0

@@ -446,19 +446,19 @@ def test_the_command_writes_a_saved_design(
     )
     given = ["export", "design.json", "--robot", "arm.urdf"]
     assert "is reserved in C" in refused(capsys, *given, "--name", "double")
-    said = told(capsys, *given, "--to", "c", "--name", "planar")
+    said = told(capsys, *given, "--out", "c", "--name", "planar")
     assert said["n"] == 3 and {Path(f).name for f in said["files"]} >= {
         "planar.h",
         "planar.c",
         "check.c",
     }
     assert "already contains the inverse 'planar'" in refused(
-        capsys, *given, "--to", "c", "--name", "other"
+        capsys, *given, "--out", "c", "--name", "other"
     )
     assert (
-        told(capsys, *given, "--to", "c", "--name", "planar")["files"] == said["files"]
+        told(capsys, *given, "--out", "c", "--name", "planar")["files"] == said["files"]
     )
-    assert main([*given, "--to", "d"]) == 0
+    assert main([*given, "--out", "d"]) == 0
     assert capsys.readouterr().out.splitlines()[0] == "wrote d/arm_control.h"
     assert "box +-0.2" in Path("d/arm_control.c").read_text()
 

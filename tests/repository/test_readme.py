@@ -56,7 +56,7 @@ WRITES = {
         "repctl-out/my_arm/design.png",
         "repctl-out/my_arm/design.json",
     },
-    "export repctl-out/my_arm/design.json --robot my_arm.urdf --to c": {
+    "export repctl-out/my_arm/design.json --robot my_arm.urdf --out c": {
         *(f"c/arm_control{end}" for end in (".h", ".c", ".hpp", "_kdl.hpp")),
         *(
             f"c/{name}"
