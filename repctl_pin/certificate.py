@@ -33,8 +33,6 @@ class Proof:
         Lower bound of the smallest singular value of J, in base axes, m and rad.
     boxes : int
         Number of boxes evaluated.
-    seconds : float
-        Computation time, s.
     worst, half : (n,) or (k,) arrays
         Centre and half-widths of the box that could not be decided; if all were decided, of the box
         with the smallest bound. In rad or m; for a cell, in its coordinates u.
@@ -59,7 +57,6 @@ class Proof:
     limit_margin: float
     sigma_min: float
     boxes: int
-    seconds: float
     worst: Array
     half: Array
     reason: str
@@ -88,7 +85,7 @@ class Proof:
             f"  leaf margin   > {below(self.leaf_margin)}{_asked(self.asked_leaf_margin)}",
             f"  limit margin  > {below(self.limit_margin)}{_asked(self.asked_limit_margin)}",
             f"  σ_min(J)      > {below(self.sigma_min)}",
-            f"  boxes         {self.boxes} in {self.seconds:.2g} s (theorem {self.theorem})",
+            f"  boxes         {self.boxes} (theorem {self.theorem})",
             f"  least at      ({place}), in a box of half-widths {wide}",
         ]
         return "\n".join(lines + [f"  ended early   {self.reason}"] * bool(self.reason))

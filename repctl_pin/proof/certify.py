@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,7 +110,7 @@ def _of_region(
     report: reporting.Report,
 ) -> Proof:
     """Prove the margins of a design over its region of joint space."""
-    begun, task = perf_counter(), design.task
+    task = design.task
     low, high = cover(design.region)
     limit_bound, nearest = limit_margin(task, low, high)
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
@@ -133,7 +132,6 @@ def _of_region(
         limit_margin=limit_bound,
         sigma_min=found.sigma_min,
         boxes=found.boxes,
-        seconds=perf_counter() - begun,
         worst=np.asarray(worst),
         half=np.asarray(half),
         reason=reason,
@@ -152,7 +150,7 @@ def _of_cell(
     """Prove that the function of a design exists over its cell, and prove its margins."""
     from .cell_search import bound_cell
 
-    begun, found = perf_counter(), design.evaluation
+    found = design.evaluation
     leaf = 0.9 * found.leaf_margin if goal is None else goal
     if least is not None:
         limit = least
@@ -173,7 +171,6 @@ def _of_cell(
         limit_margin=outcome.limit_margin,
         sigma_min=outcome.sigma_min,
         boxes=outcome.boxes,
-        seconds=perf_counter() - begun,
         worst=outcome.worst,
         half=outcome.half,
         reason=outcome.reason,

@@ -189,7 +189,10 @@ class Figures(Part):
 
 
 class ProofFile(Part):
-    """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required."""
+    """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required.
+
+    ``seconds`` stands in older files only: equal proofs are written alike.
+    """
 
     what: str
     proved: bool
@@ -197,13 +200,13 @@ class ProofFile(Part):
     limit_margin: float | None
     sigma_min: float
     boxes: int
-    seconds: float
     worst: Row
     half: Row
     reason: str
     asked_leaf_margin: float | None
     asked_limit_margin: float | None
     theorem: int
+    seconds: float | msgspec.UnsetType = msgspec.UNSET
 
 
 class Sealed(Part):
@@ -271,7 +274,11 @@ def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
     """Convert a proof to its part of a file; UNSET for None."""
-    return msgspec.UNSET if proof is None else described(ProofFile, proof)
+    return (
+        msgspec.UNSET
+        if proof is None
+        else described(ProofFile, proof, seconds=msgspec.UNSET)
+    )
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:

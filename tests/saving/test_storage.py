@@ -251,6 +251,26 @@ def test_the_file_holds_every_figure_of_a_design(saved) -> None:
     assert {a.name for a in dataclasses.fields(rp.Design)} - own == set(figures)
 
 
+def test_equal_designs_are_written_alike(small, tmp_path) -> None:
+    """A proof holds nothing of the clock, so that equal runs have equal files and names."""
+    files = [
+        rp.save(replaced, tmp_path / f"{k}.json").read_bytes()
+        for k in range(2)
+        for replaced in [dataclasses.replace(small, proof=rp.prove(small, margin=0.1))]
+    ]
+    assert files[0] == files[1] and b'"proof"' in files[0]
+
+
+def test_the_seconds_that_older_files_give_for_a_proof_are_passed_over(
+    small, tmp_path
+) -> None:
+    proof = rp.prove(small, margin=0.1)
+    file = rp.save(dataclasses.replace(small, proof=proof), tmp_path / "control.json")
+    older = json.loads(file.read_text())["proof"] | {"seconds": 0.25}
+    loaded = rp.load_design(edited(file, proof=older)).proof
+    assert loaded is not None and repr(loaded) == repr(proof)
+
+
 # ---- refusals
 # --------------------------------------------------------------------------------------
 
