@@ -355,6 +355,15 @@ def row(q: Array) -> str:
     return "(" + ", ".join(f"{value:.4g}" for value in np.ravel(q)) + ")"
 
 
+def percentage(share: float) -> str:
+    """Format a share in per cent, ``5.8 %``; ``0 %`` and ``100 %`` are exact, not rounded."""
+    if 0 < share < 0.0005:
+        return "< 0.1 %"
+    if 0.9995 <= share < 1:
+        return "> 99.9 %"
+    return f"{100 * share:.0f} %" if share in (0, 1) else f"{100 * share:.1f} %"
+
+
 def file_name(value: Any, name: str = "file") -> Path:
     """Convert the name of a file or folder to a path."""
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):

@@ -187,6 +187,27 @@ def test_results_print_in_words(results: dict[str, Any], name: str) -> None:
     assert "array(" not in text and " object at 0x" not in text and len(text) < 250
 
 
+@pytest.mark.parametrize(
+    "share, text",
+    [
+        (0.0, "0 %"),
+        (1e-9, "< 0.1 %"),
+        (0.0004999, "< 0.1 %"),
+        (0.0006, "0.1 %"),
+        (0.5, "50.0 %"),
+        (0.9994, "99.9 %"),
+        (0.99951, "> 99.9 %"),
+        (1 - 1e-9, "> 99.9 %"),
+        (1.0, "100 %"),
+    ],
+)
+def test_no_share_is_rounded_to_all_or_nothing(
+    results: dict[str, Any], share: float, text: str
+) -> None:
+    design = dataclasses.replace(results["design"], inside_limits=share)
+    assert f"\n  inside the limits  {text} of Ω" in design.summary()
+
+
 def test_every_class_at_the_door_has_a_repr() -> None:
     classes = [
         getattr(rp, name) for name in dir(rp) if inspect.isclass(getattr(rp, name))

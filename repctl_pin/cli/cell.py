@@ -178,7 +178,7 @@ def run(options: Options) -> int:
             else "refuse",
             **options.of("limit_margin", "body_distance", "sigma_min"),
             options=rp.FitOptions(**options.of("held_out", "seed")),
-            progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
+            progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %"),
         )
     except rp.NoFunctionError as error:
         error.remedy = _remedy(error, cell)

@@ -128,7 +128,7 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
     proof = rp.prove(
         design,
         margin=margin,
-        progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
+        progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %"),
     )
     return report(
         options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary())

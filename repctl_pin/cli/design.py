@@ -144,7 +144,7 @@ def run(options: Options) -> int:
     desired, name = choose_desired(task, options.asked_weight())
 
     def share_done(step: str, fraction: float) -> None:
-        say(f"{step} {fraction:.0%}" if 0 < fraction < 1 else step)
+        say(f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step)
 
     with executor_of(options) as executor:
 

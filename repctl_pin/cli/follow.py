@@ -390,6 +390,8 @@ def _lines(
     result: dict[str, Any], motion: rp.Motion, *, written: bool
 ) -> Iterator[str]:
     """Yield the lines of text that report a motion."""
+    from ..arguments import percentage
+
     yield f"{result['robot']} {result['frame']}, {result['task']}: {result['path']}"
     if motion.path.options:
         yield f"path options    {motion.path.options}"
@@ -412,7 +414,7 @@ def _lines(
         yield f"body distance   {least}, between {links}"
     yield f"time            {result['duration']:.4g} s{_timing_words(result)}"
     if motion.outside is not None:
-        yield f"outside Ω       {motion.outside:.1%}"
+        yield f"outside Ω       {percentage(motion.outside)}"
     yield from (f"note: {note}" for note in result["notes"])
     if written and result["slowed_by"] is not None:
         ends = "this motion starts and ends at path speed"

@@ -218,7 +218,7 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute."""
     proof = rp.prove(
-        design, progress=lambda step, fraction: say(f"{step} {fraction:.0%}")
+        design, progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %")
     )
     return replace(design, proof=proof)
 

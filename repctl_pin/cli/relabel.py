@@ -83,7 +83,7 @@ def run(options: Options) -> int:
         design=design,
         leaf=leaf,
         options=rp.FitOptions(**options.of("held_out", "seed")),
-        progress=lambda step, fraction: say(f"{step} {fraction:.0%}"),
+        progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %"),
     )
     from ..show.relabel_page import relabel_page, relabel_sentence
 

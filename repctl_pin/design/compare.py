@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import positive, require_type
+from ..arguments import percentage, positive, require_type
 from ..errors import InputError, SingularityError
 from .design_result import Design
 from .evaluation import REPLICATES, Evaluation, evaluate_design
@@ -53,7 +53,7 @@ class Comparison:
             beside = "" if i == 0 else f"{more:+.4g} ± {error:.1g}"
             lines.append(
                 f"{mark} {design.potentials.size:10d}   {j.cost:<9.5g}  {beside:20s}  "
-                f"{j.relative_distance:8.1%}  {j.leaf_margin:9.3f}"
+                f"{percentage(j.relative_distance):>8}  {j.leaf_margin:9.3f}"
             )
         return "\n".join(lines)
 

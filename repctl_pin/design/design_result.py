@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..arguments import Array, read_only
+from ..arguments import Array, percentage, read_only
 from ..certificate import Proof, proved_words
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
@@ -108,7 +108,8 @@ class Design:
         return (
             f"<Design for {task.robot.name} {task.frame}: "
             f"cost {self.cost:.4g} ± {self.cost_error:.1g}, "
-            f"{self.relative_distance:.1%} from the desired, leaf margin {self.leaf_margin:.3g}>"
+            f"{percentage(self.relative_distance)} from the desired, "
+            f"leaf margin {self.leaf_margin:.3g}>"
         )
 
     @property
@@ -163,9 +164,9 @@ class Design:
                 f"    {baseline.name.ljust(width)}  {baseline.text}"
                 for baseline in baselines
             ),
-            f"  relative distance  {self.relative_distance:.1%}",
+            f"  relative distance  {percentage(self.relative_distance)}",
             f"  leaf margin        {self.leaf_margin:.3f} at worst, {proved_words(self.proof)}",
-            f"  inside the limits  {self.inside_limits:.1%} of Ω",
+            f"  inside the limits  {percentage(self.inside_limits)} of Ω",
             f"  optimiser          {state} in {self.steps} steps, "
             f"gradient {self.gradient_norm:.1g}",
         ]

@@ -16,6 +16,7 @@ from ..arguments import (
     as_int,
     function,
     limits,
+    percentage,
     read_only,
     require_type,
     shown,
@@ -97,7 +98,7 @@ class FamilyDesign:
             f"nearest member of a family of inverses for {task.robot.name} {task}\n"
             f"  parameter          {best}\n"
             f"  mean ‖G − G_d‖²    {self.cost:.6g} ± {self.cost_error:.1g}\n"
-            f"  relative distance  {self.relative_distance:.1%}"
+            f"  relative distance  {percentage(self.relative_distance)}"
         )
 
 

@@ -174,9 +174,9 @@ class CellDesign:
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
         speed = f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
-        speed += f"{j.extra_speed_worst:.1%} at the worst pose"
+        speed += f"{100 * j.extra_speed_worst:.3g} % at the worst pose"
         if np.isfinite(j.extra_speed_direction):
-            worst = f"{j.extra_speed_direction:.1%}"
+            worst = f"{100 * j.extra_speed_direction:.3g} %"
             speed += f"\n{worst} at the worst pose in the worst task direction"
         terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
@@ -222,7 +222,8 @@ class CellDesign:
     def __repr__(self) -> str:
         return (
             f"<CellDesign for {self.task.robot.name} {self.task.frame}, {self.cell.size()}: "
-            f"+{self.extra_speed:.2%} joint speed, limit margin {self.limit_margin_worst:.3g}, "
+            f"+{100 * self.extra_speed:.3g} % joint speed, "
+            f"limit margin {self.limit_margin_worst:.3g}, "
             f"covered: {self.evaluation.covered}>"
         )
 

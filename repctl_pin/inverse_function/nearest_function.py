@@ -287,7 +287,7 @@ def _largest(
     low, high = 0.0, 1.0
     for _ in range(5):
         factor = (low + high) / 2
-        fit.report(f"what would fit: {factor:.0%}", 0.9)
+        fit.report(f"what would fit: {100 * factor:.0f} %", 0.9)
         ends = rays(fit.desired, cell.scaled(factor), q, U)
         low, high = (
             (factor, high)

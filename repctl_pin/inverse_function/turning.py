@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, percentage
 from ..robot.task import Task
 from ..strategies.strategy import Batched
 from .chart import Chart
@@ -74,7 +74,7 @@ class Turn:
             return text
         if 0 < self.covered < 1 and self.as_covered > self.reach + 0.01:
             text += (
-                f", {np.degrees(self.as_covered):.4g}° at {100 * self.covered:.1f} % of them, "
+                f", {np.degrees(self.as_covered):.4g}° at {percentage(self.covered)} of them, "
                 "as many as F covers of all"
             )
         shares = [("99.9 %", self.nearly), ("99 %", self.most)]

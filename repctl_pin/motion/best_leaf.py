@@ -13,6 +13,7 @@ from ..arguments import (
     MOST_STEPS,
     Array,
     as_int,
+    percentage,
     read_only,
     require_choice,
     require_type,
@@ -377,6 +378,6 @@ def _line(candidate: Candidate | None) -> str:
         text += f", body distance {candidate.body_distance:.3g} m"
     text += f" (smallest: {candidate.binds}), {candidate.distance:.2g} from G_d"
     if outside is not None:
-        text += f", {outside:.0%} outside Ω"
+        text += f", {percentage(outside)} outside Ω"
     violations = "; ".join(map(str, violations_of(candidate.motion)))
     return f"{text}; {violations}" if violations else text

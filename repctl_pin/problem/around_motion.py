@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, percentage
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import SingularityError
 from ..fit_options import FitOptions
@@ -134,7 +134,7 @@ def timed_cycle(
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
     """Write a note on how far Ω was shrunk, in a tuple; an empty tuple if it was not."""
-    share = f"Ω was shrunk to {design.shrunk:.0%} of its half-width"
+    share = f"Ω was shrunk to {percentage(design.shrunk)} of its half-width"
     return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
 
 

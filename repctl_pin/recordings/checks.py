@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..arguments import Array, row
+from ..arguments import Array, percentage, row
 from ..errors import InputError
 from ..inverse_function.kinematics import placed
 from ..inverse_function.rotations import log3
@@ -71,7 +71,8 @@ def require_limits(task: Task, Q: Array) -> None:
     joint = int(np.argmax(beyond))
     if beyond[joint] > 0.5:
         raise InputError(
-            f"{task.joint_names[joint]} is outside its limits in {beyond[joint]:.0%} of the frames",
+            f"{task.joint_names[joint]} is outside its limits "
+            f"in {percentage(beyond[joint])} of the frames",
             remedy=f"give the joints in the order {', '.join(task.joint_names)}",
         )
 

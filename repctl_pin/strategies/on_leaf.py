@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, vector
+from ..arguments import Array, list_of, percentage, vector
 from ..errors import InputError, SingularityError
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
@@ -194,6 +194,7 @@ def _unreached(
         clear = float(leaf_margin(nullspace(J), inverse.potentials.gradient(q)))
         why = f"the leaf margin of the control is {clear:.2g} there"
     return InputError(
-        f"{task.frame!r} cannot reach {where} m on this leaf: the path ends at {done:.0%} ({why}); "
+        f"{task.frame!r} cannot reach {where} m on this leaf: "
+        f"the path ends at {percentage(done)} ({why}); "
         "move the target nearer, or start from another leaf"
     )

@@ -162,7 +162,7 @@ def study(
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
     def report(step: str, fraction: float) -> None:
-        say(f"{designing}: {step}, {fraction:.0%}")
+        say(f"{designing}: {step}, {100 * fraction:.0f} %")
 
     def make(region: Region) -> Design:
         say(designing)

@@ -113,8 +113,8 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     least = (np.linalg.pinv(J) @ (J @ qdot[:, :, None]))[:, :, 0]
     same = np.sqrt((qdot**2).sum() / (least**2).sum()) - 1
     drift = f"{plain.drift[0]:.2g} {plain.task.unit} in cycle 1"
-    rest = f"the rest of {extra:+.1%} is due to J⁺'s drift of {drift}"
+    rest = f"the rest of {100 * extra:+.1f} % is due to J⁺'s drift of {drift}"
     return [
-        f"joint speed: {same:+.1%} relative to J⁺ at the same configurations; "
+        f"joint speed: {100 * same:+.1f} % relative to J⁺ at the same configurations; "
         f"{rest}, to configurations in which the path takes less"
     ]

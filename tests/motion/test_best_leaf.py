@@ -126,7 +126,7 @@ def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
         and kept.best.motion.outside == 0
     )
     assert kept.best.margin >= kept.given.margin
-    assert "from G_d, 0% outside Ω" in kept.summary()
+    assert "from G_d, 0 % outside Ω" in kept.summary()
     for found in (free.best, kept.best):
         G, G_d = (
             np.array([it(q) for q in found.motion.q])

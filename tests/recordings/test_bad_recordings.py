@@ -93,7 +93,7 @@ def test_without_poses_limits_show_another_order(
 ) -> None:
     text = refused(panda_pose, joints=joints[:, ::-1])
     assert (
-        "is outside its limits in 100% of the frames; give the joints in the order"
+        "is outside its limits in 100 % of the frames; give the joints in the order"
         in text
     )
 

@@ -196,7 +196,7 @@ def check_robots(folder: Path, printed: str) -> None:
 def check_follow(folder: Path, printed: str) -> None:
     """The followed motion: closed, inside Ω, in both files."""
     assert printed.startswith("my_arm tool0, pose: loop.csv\n")
-    assert "\noutside Ω       0.0%\n" in printed
+    assert "\noutside Ω       0 %\n" in printed
     text = (folder / "trajectory.yaml").read_text(encoding="utf-8")
     assert yaml.safe_load(text)["joint_names"] == JOINTS
     rows = np.genfromtxt(folder / "motion.csv", delimiter=",", names=True)

@@ -55,7 +55,7 @@ def test_out_of_reach_says_how_far_it_got(panda_design, panda_pose, q_panda) -> 
     far.translation = far.translation + [1.5, 0, 0]
     with pytest.raises(
         rp.InputError,
-        match=r"cannot reach .* on this leaf: the path ends at \d+%.*nearer",
+        match=r"cannot reach .* on this leaf: the path ends at [\d.]+ %.*nearer",
     ):
         panda_design.inverse.solve(far, q0)
     with pytest.raises(rp.InputError, match="target 1: "):

@@ -167,7 +167,7 @@ def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -
     same = (
         float(
             re.match(
-                r"joint speed: ([+-][\d.]+)% relative to J⁺ at the same configurations",
+                r"joint speed: ([+-][\d.]+) % relative to J⁺ at the same configurations",
                 note,
             )[1]
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arguments import percentage
 from ...motion import Motion
 from ...strategies import Pseudoinverse
 from .lines import fitted, terminal_width
@@ -83,7 +84,7 @@ def outside_words(share: float) -> list[str]:
     if share <= 0:
         return []
     return [
-        f"warning: {100 * share:.1f} % of the motion lies outside Ω, "
+        f"warning: {percentage(share)} of the motion lies outside Ω, "
         "where repeatability is not guaranteed;",
         "use `repctl design ROBOT --path PATH` to design for this path",
         "",
