@@ -12,7 +12,6 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.design import nearest_in_family
-from repctl_pin.integrability import candidate_surface
 from repctl_pin.motion import rose
 
 A_TASK, AN_INVERSE = (
@@ -184,10 +183,6 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         AN_INVERSE,
     ),
     "stable_surface, a number": (lambda g: rp.stable_surface(g.control, 0.3), A_BOX),
-    "candidate_surface, a function": (
-        lambda g: candidate_surface(g.own, g.box),
-        AN_INVERSE,
-    ),
     "bracket_defect, a function": (
         lambda g: rp.bracket_defect(g.own, g.q0),
         AN_INVERSE,
