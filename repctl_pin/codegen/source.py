@@ -58,7 +58,7 @@ def write_source(
         Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
         region, every q is inside.
     governor
-        Whether to write the governor, too.
+        True to write the governor, too.
 
     Raises
     ------

@@ -192,7 +192,7 @@ class SignCount:
 
     @property
     def uniform(self) -> bool:
-        """Whether det(Nᵀ V) has the same sign at all nodes."""
+        """True if det(Nᵀ V) has the same sign at all nodes."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:

@@ -244,7 +244,7 @@ def _check(
         if high < least or low > most:
             raise InputError(
                 f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "
-                f"but its limits are [{least:.4g}, {most:.4g}]"
+                f"but its limits are [{least:.4g}, {most:.4g}]; move the region"
             )
     if potentials is None:
         return

@@ -56,7 +56,7 @@ class NoFunctionError(InputError):
         Factor below 1 such that the cell, scaled by it about its middle, is covered; 0 if none was
         found.
     partly : bool
-        Whether a function covers some of the poses, so that ``incomplete="keep"`` works.
+        True if a function covers some of the poses, so that ``incomplete="keep"`` works.
 
     Examples
     --------

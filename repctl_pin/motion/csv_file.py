@@ -202,7 +202,7 @@ def _recorded(
     if rest or not steps:
         raise InputError(
             f"{where}: {len(rows)} rows of {key!r} are not a start "
-            f"and {count} cycles of equal numbers of steps"
+            f"and {count} cycles of equal numbers of steps; correct the number of cycles"
         )
     values = np.array([numbers for _, _, numbers in rows])
     times = values[:, len(joints)] if values.shape[1] > len(joints) else None

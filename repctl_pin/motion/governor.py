@@ -250,7 +250,7 @@ class Governor:
         return q, self._status
 
     def _usable(self, target: pin.SE3 | None, twist: Array | None) -> bool:
-        """Whether an input is finite, below 1e6, and its rotation matrix is a rotation."""
+        """Test whether an input is finite, below 1e6, and its rotation matrix is a rotation."""
         if twist is not None and not (np.abs(twist) < _HUGE).all():
             return False
         if target is None:
@@ -322,7 +322,7 @@ class Governor:
         return status
 
     def _is_there(self, q: Array) -> bool:
-        """Whether q, which has the target's pose, is the target's configuration F(x; c).
+        """Test whether q, which has the target's pose, is the target's configuration F(x; c).
 
         If it is not, the motion towards that configuration follows.
         """
@@ -416,7 +416,7 @@ def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
 
 
 def _same(one: _Input, other: _Input) -> bool:
-    """Whether two inputs (target, twist) are equal; no input is equal to the twist 0."""
+    """Test whether two inputs (target, twist) are equal; no input is equal to the twist 0."""
     if other[0] is not None:
         return one[0] is not None and bool(one[0] == other[0])
     before, now = (np.zeros(6) if x[1] is None else x[1] for x in (one, other))

@@ -92,7 +92,9 @@ def _refined(
         last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
         if np.abs(q - last).max() <= _EXACT:
             return q
-    raise InputError("the motion to the leaf has a gap")
+    raise InputError(
+        "no continuous motion to the leaf was found; choose a level nearer to the present one"
+    )
 
 
 def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:

@@ -50,7 +50,7 @@ class TargetJoints:
         Configuration at the target. None if it is not known yet, or if the line leads beyond a
         limit, out of the region, or to a singularity.
     known : bool
-        Whether ``found`` is final.
+        True if ``found`` is final.
     """
 
     def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:

@@ -92,7 +92,7 @@ class CustomPotentials(PotentialBasis):
 
     @property
     def numerical(self) -> tuple[bool, ...]:
-        """Whether each gradient is computed by differences: (N,)."""
+        """True if each gradient is computed by differences: (N,)."""
         return tuple(g is None for g in self._gradients)
 
     @property
@@ -146,8 +146,8 @@ class CustomPotentials(PotentialBasis):
             slope = np.asarray(given(q), float)
         except (TypeError, ValueError, IndexError) as error:
             raise InputError(
-                f"the gradient of potential {self._names[j]} is no list of numbers "
-                f"at q = {row(q)}: {error}"
+                f"the gradient of potential {self._names[j]} is not a list of numbers "
+                f"at q = {row(q)} ({error}); return one number per joint"
             ) from None
         if slope.shape != q.shape or not np.isfinite(slope).all():
             raise InputError(

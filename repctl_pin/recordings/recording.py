@@ -1,4 +1,4 @@
-"""Recorded frames of an arm: joints, poses of the frame, or both; by session and time."""
+"""Recorded frames of an arm, by session and time: joints, poses of the frame, or both."""
 
 from __future__ import annotations
 

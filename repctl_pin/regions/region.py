@@ -87,7 +87,7 @@ class Region(ABC):
         return normalised(evaluate_density(self.density, Q))
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each row of Q (K, n) lies inside: (K,)."""
+        """Test whether each row of Q (K, n) lies inside: (K,)."""
         return self.ratio(Q) <= 1 + _INSIDE
 
 
