@@ -332,7 +332,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "joined": (lambda g: (g.potentials + g.waves).gradients(SHORT), r"\(K, 7\)"),
     "given": (
         lambda g: rp.CustomPotentials([lambda q: q[5]]).values(SHORT),
-        "h_1 gives no number at",
+        "h_1 does not return a number at .*; return one number",
     ),
     "given, slope": (
         lambda g: rp.CustomPotentials([(sum, lambda q: q[5])]).gradients(SHORT),

@@ -232,7 +232,8 @@ def _check(
         )
     if len(region.center) != task.n:
         raise InputError(
-            f"the region has {len(region.center)} joints, but the task has {task.n}"
+            f"the region has {len(region.center)} joints, but the task has {task.n}",
+            remedy="use a region in the joints of the task",
         )
     box, (lower, upper, _) = region.bounds, task.joint_limits
     middle = task.joints((box.lower + box.upper) / 2)

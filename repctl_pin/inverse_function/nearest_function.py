@@ -216,7 +216,9 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
         )
     if cell.task.r < 1:
         raise InputError(
-            f"{cell.task!r} is not redundant: with r = {cell.task.r} the pose determines the joints"
+            f"{cell.task!r} is not redundant: with r = {cell.task.r} "
+            "the pose determines the joints",
+            remedy="use another kind of task",
         )
 
 

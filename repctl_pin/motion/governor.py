@@ -190,7 +190,8 @@ class Governor:
         if (worst := int(np.argmin(short))) >= 0 and short[worst] < 0:
             raise InputError(
                 f"the start is too near to the limit of {self._task.joint_names[worst]!r}: "
-                f"{self._margin + short[worst]:.3g} where margin = {self._margin:g} is to be kept"
+                f"{self._margin + short[worst]:.3g} where margin = {self._margin:g} is to be kept",
+                remedy="start farther from the limit, or use a smaller margin",
             )
         region = self._inverse.region
         if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-9:

@@ -196,7 +196,8 @@ def fastest_with_jerk(
         t = np.concatenate([[0.0], np.cumsum(_times(s, x, slope))])
         if not np.isfinite(t).all():
             raise InputError(
-                "no speed along this joint path is within the jerk limits: the path is too rough"
+                "no speed along this joint path is within the jerk limits: the path is too rough",
+                remedy="use a smoother path",
             )
         bend = np.diff(slope) / np.diff(s)
         found = JerkSegment(
@@ -474,7 +475,8 @@ def _optimum(
     )
     if found.x is None:
         raise InputError(
-            "no speed along this joint path is within the limits together with those of jerk"
+            "no speed along this joint path is within the limits together with those of jerk",
+            remedy="use a smoother path, or higher jerk limits",
         )
     return np.asarray(found.x, float)
 

@@ -130,7 +130,7 @@ class Run:
             timed, TimedMotion, "timed", "a timed motion, such as rp.timed makes"
         )
         if timed.trajectory is None:
-            raise InputError("timed has no trajectory: take what rp.timed returned")
+            raise InputError("timed has no trajectory; pass a result of rp.timed")
         self._timed, self._trajectory = timed, timed.trajectory
         self._end = float(timed.t[-1])
         begin = 0.0 if q is None else self._nearest(vector(q, len(timed.joints), "q"))

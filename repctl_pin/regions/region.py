@@ -140,5 +140,8 @@ def normalised(weights: Array) -> Array:
     """Scale weights (K,) so that their sum is 1."""
     total = float(weights.sum())
     if not total > 0:
-        raise InputError("the density is 0 everywhere in the region")
+        raise InputError(
+            "the density is 0 everywhere in the region",
+            remedy="use a density above 0 somewhere in the region",
+        )
     return weights / total
