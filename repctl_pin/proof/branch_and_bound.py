@@ -42,7 +42,7 @@ class Outcome:
         Centre and half-widths of the box at which the search stopped, or of the box with the
         smallest bound.
     reason : str
-        Reason for a stop before the goal; empty if the goal was reached.
+        Why the search stopped before its goal; empty if it did not.
     """
 
     leaf_margin: float

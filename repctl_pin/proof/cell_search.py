@@ -43,7 +43,7 @@ class CellOutcome:
         Centre and half-widths, in the cell's coordinates, of the box at which the search stopped,
         or of the box with the smallest bound of the leaf margin.
     reason : str
-        Reason for a stop before the goal; empty if the goal was reached.
+        Why the search stopped before its goal; empty if it did not.
     near : (n,) array
         d*, rad or m: F is the only solution whose distance from q_ref is at most this in every
         joint.
