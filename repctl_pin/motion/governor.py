@@ -132,7 +132,8 @@ class Governor:
         if not np.isfinite(kept.velocity).all():
             name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
             raise InputError(
-                f"velocity= is missing in limits: the URDF has no speed limit of {name!r}"
+                f"velocity= is missing in limits: the URDF has no speed limit of {name!r}",
+                remedy="give a speed limit per joint",
             )
         jerks = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
         margin = positive(margin, "margin", "rad (m)", zero=True)
