@@ -24,7 +24,7 @@ class Proof:
     what : str
         Description of the design or the cell's function.
     proved : bool
-        Whether everything that was asked for is proved.
+        True if everything that was asked for is proved.
     leaf_margin : float
         Lower bound of the leaf margin over the whole region or cell; 0 if none was found.
     limit_margin : float
@@ -37,7 +37,7 @@ class Proof:
         Centre and half-widths of the box that could not be decided; if all were decided, of the box
         with the smallest bound. In rad or m; for a cell, in its coordinates u.
     reason : str
-        Why the proof ended early, in words; empty if it did not.
+        Reason for an early end of the proof, in words; empty without one.
     asked_leaf_margin, asked_limit_margin : float or None
         Bounds that were to be proved, the second in rad or m; None to find the largest bound that
         can be proved in the available time.

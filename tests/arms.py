@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import repctl_pin as rp
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 Q_PANDA = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 """The panda's configuration of the theory's reference numbers."""
 
 KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
 """Kinds of tasks."""
+
+
+def catalogue() -> dict[str, dict[str, Any]]:
+    """The table of known robots, as the package's data have it: a row per name."""
+    file = Path(rp.__file__).parent / "urdf" / "arms.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def heed_interrupts() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
+import shlex
 
 os.environ.setdefault(
     "OMP_NUM_THREADS", "1"
@@ -17,9 +18,9 @@ import numpy as np
 import pytest
 from arms import Q_PANDA
 from browser import browser, require_browser
+from controls import c_compiler, shared_folder
 
 import repctl_pin as rp
-from repctl_pin import c_library
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -107,19 +108,31 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(reach.__kwdefaults__, "points", 12)
 
 
+@pytest.fixture(scope="session")
+def unoptimised(tmp_path_factory: pytest.TempPathFactory) -> str | None:
+    """The machine's C compiler as a command of its own that ends with -O0; None without one.
+
+    Its path is part of the key of what it compiles, so the workers share it."""
+    command = c_compiler()
+    if command is None:
+        return None
+    script = shared_folder(tmp_path_factory) / "quick-cc"
+    draft = script.with_name(f"quick-cc-{os.getpid()}")
+    draft.write_text(f'#!/bin/sh\nexec {shlex.join(command)} "$@" -O0\n')
+    draft.chmod(0o755)
+    draft.replace(script)
+    return str(script)
+
+
 @pytest.fixture
 def quick_compiler(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+    unoptimised: str | None,
 ) -> None:
     """Compile with -O0, in a fifth of the time, but for tests marked ``as_shipped``."""
-    if request.node.get_closest_marker("as_shipped") is not None:
-        return
-    vectors = (*(f for f in c_library.VECTOR_FLAGS if f != "-O3"), "-O0")
-    for module in ("codegen.compiled_loop", "proof.cell_kernel"):
-        monkeypatch.setattr(f"repctl_pin.{module}.VECTOR_FLAGS", vectors)
-    plain = (*(f for f in c_library.FLAGS if f != "-O2"), "-O0")
-    for compiling in (c_library.shared_library, c_library.loaded_library):
-        monkeypatch.setattr(compiling, "__defaults__", (plain,))
+    if request.node.get_closest_marker("as_shipped") is None and unoptimised:
+        monkeypatch.setenv("CC", shlex.quote(unoptimised))
 
 
 @pytest.fixture

@@ -4,6 +4,8 @@ bases, potentials."""
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,16 +15,21 @@ import pytest
 from arms import Q_PANDA, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.c_library import NoCompilerError, compiler
 
 
-def no_compiler() -> str:
-    """Why nothing can be compiled here; empty where it can."""
-    try:
-        compiler()
-    except NoCompilerError as error:
-        return str(error)
-    return ""
+def c_compiler() -> list[str] | None:
+    """The command of this machine's C compiler: ``CC`` if set, else the first that is there."""
+    asked = shlex.split(os.environ.get("CC", ""))
+    for command in [asked] if asked else [["cc"], ["gcc"], ["clang"]]:
+        if (path := shutil.which(command[0])) is not None:
+            return [path, *command[1:]]
+    return None
+
+
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of this run of the tests, which its workers share."""
+    folder = tmp_path_factory.getbasetemp()
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
 
 def some(names: Iterable[str], *default: str) -> list[Any]:
@@ -34,16 +41,14 @@ def some(names: Iterable[str], *default: str) -> list[Any]:
 
 
 NEEDS_C = pytest.mark.skipif(
-    bool(no_compiler()), reason=no_compiler() or "there is a C compiler"
+    c_compiler() is None, reason="there is no C compiler on this machine"
 )
 
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Compiled libraries go into a folder of this run of the tests, which its workers share."""
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
+    folder = shared_folder(tmp_path_factory)
     (folder / "cache").mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))

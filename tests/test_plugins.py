@@ -11,7 +11,6 @@ from arms import named_path
 from commands import main
 
 import repctl_pin as rp
-from repctl_pin.plugins import plugin, registered
 
 MODULE = '''
 import numpy as np
@@ -66,14 +65,6 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (info / "entry_points.txt").write_text(ENTRIES)
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.chdir(tmp_path)
-
-
-def test_they_are_found_by_name() -> None:
-    assert set(registered("strategies")) >= {"damped", "nothing", "number", "broken"}
-    assert set(registered("potentials")) >= {"waves"} and set(registered("paths")) >= {
-        "ellipse"
-    }
-    assert plugin("strategies", "damped").__name__ == "Damped"
 
 
 def test_a_strategy_on_the_command_line(capsys) -> None:

@@ -58,7 +58,7 @@ def write_source(
         Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
         region, every q is inside.
     governor
-        Whether to write the governor, too.
+        True to write the governor, too.
 
     Raises
     ------
@@ -85,7 +85,8 @@ def write_source(
         )
     if isinstance(region, Region) and len(region.center) != task.n:
         raise InputError(
-            f"the region has {len(region.center)} joints, but the task has {task.n}"
+            f"the region has {len(region.center)} joints, but the task has {task.n}",
+            remedy="use a region in the joints of the task",
         )
     kept = region_of(inverse, region)
     potentials = potential_functions(inverse.potentials, task.n, name)

@@ -95,7 +95,8 @@ def compare(first: Design, *others: Design) -> Comparison:
         )
         if one != two:
             raise InputError(
-                f"designs of different tasks cannot be compared: {task!r} and {other.task!r}"
+                f"designs of different tasks cannot be compared: {task!r} and {other.task!r}",
+                remedy="compare designs of one task",
             )
     evaluations: list[Evaluation | None] = []
     for design in designs:
@@ -170,7 +171,8 @@ def cost_has_converged(
             )
     if len(designs) < 2:
         raise InputError(
-            "whether the cost has settled takes at least two designs, of rising degree"
+            "a test of convergence requires at least two designs, of rising degree",
+            remedy="design with two degrees",
         )
     costs = [
         d.cost for d in designs if not isinstance(d, SingularityError) and d.converged

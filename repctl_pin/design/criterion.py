@@ -125,7 +125,7 @@ def evaluate(
     if not residual.max() < 1e-6:
         k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
         raise InputError(
-            f"the desired strategy is no inverse: J G = I is missed by {residual[k]:.2g} "
+            f"the desired strategy is not an inverse: J G = I is missed by {residual[k]:.2g} "
             f"at {named(task, Q[k])}"
         )
     D = np.asarray(potentials.gradients(Q), float)
@@ -192,7 +192,7 @@ class SignCount:
 
     @property
     def uniform(self) -> bool:
-        """Whether det(Nᵀ V) has the same sign at all nodes."""
+        """True if det(Nᵀ V) has the same sign at all nodes."""
         return not (self.positive and self.negative)
 
     def __add__(self, other: SignCount) -> SignCount:

@@ -45,7 +45,7 @@ class Descent:
         Cost on the fit nodes, and norm of the gradient of the penalised cost, in coordinates in
         which the gradients of the potentials are orthonormal over Ω.
     converged : bool
-        Whether an undamped step predicts no relative decrease of the cost above the tolerance, or
+        True if an undamped step predicts no relative decrease of the cost above the tolerance, or
         the last three steps gave none.
     steps : int
         Number of steps.

@@ -48,7 +48,7 @@ class Design:
         Norm of the gradient of the fit cost with its small penalty, in coordinates in which the
         gradients of the potentials are orthonormal over Ω.
     converged : bool
-        Whether the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
+        True if the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
         last three steps gave none. Richer potentials may still lower the cost: see
         :func:`cost_has_converged`.
     steps : int

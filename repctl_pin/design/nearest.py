@@ -232,7 +232,8 @@ def _check(
         )
     if len(region.center) != task.n:
         raise InputError(
-            f"the region has {len(region.center)} joints, but the task has {task.n}"
+            f"the region has {len(region.center)} joints, but the task has {task.n}",
+            remedy="use a region in the joints of the task",
         )
     box, (lower, upper, _) = region.bounds, task.joint_limits
     middle = task.joints((box.lower + box.upper) / 2)
@@ -244,7 +245,7 @@ def _check(
         if high < least or low > most:
             raise InputError(
                 f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "
-                f"but its limits are [{least:.4g}, {most:.4g}]"
+                f"but its limits are [{least:.4g}, {most:.4g}]; move the region"
             )
     if potentials is None:
         return

@@ -158,5 +158,8 @@ def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Arr
     require_type(region, Region, "region", A_REGION)
     Q = region.random(as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed"))
     if Q.shape[1] != n:
-        raise InputError(f"the region has {Q.shape[1]} joints, but the task has {n}")
+        raise InputError(
+            f"the region has {Q.shape[1]} joints, but the task has {n}",
+            remedy="use a region in the joints of the task",
+        )
     return Q

@@ -86,7 +86,7 @@ def target_of(
     task: Task,
     cell: Cell | None,
 ) -> pin.SE3:
-    """Convert a target to a placement: position (x, y, z), m, and quaternion (x, y, z, w).
+    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement.
 
     Raises
     ------

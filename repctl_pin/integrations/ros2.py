@@ -77,7 +77,8 @@ class ArmNode(Node):
         self._output = self._declared("output", "trajectory")
         if self._output not in _OUTPUTS:
             raise InputError(
-                f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}"
+                f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}",
+                remedy="choose one of them",
             )
         self._connect()
         if isinstance(design, CellDesign):

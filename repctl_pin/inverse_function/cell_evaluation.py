@@ -122,7 +122,7 @@ class Evaluation:
 
     @property
     def everywhere(self) -> bool:
-        """Whether F has a configuration inside the limits at every evaluated pose."""
+        """True if F has a configuration inside the limits at every evaluated pose."""
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
 
@@ -218,7 +218,7 @@ class SpeedRatio:
     chart : Chart
         Chart of the function.
     direction : bool
-        Whether the ratio is that for the worst direction of ẋ, instead of the rms over directions.
+        True if the ratio is that for the worst direction of ẋ, instead of the rms over directions.
     """
 
     desired: Batched
@@ -269,8 +269,9 @@ class _Sampled:
     residual, limit_margin : (K,) arrays
         Task error, m or rad, and smallest joint-limit margin, rad or m.
     ok, sheet : (K,) arrays of bool
-        Whether the function exists at the pose; and whether no fold separates the pose from the
-        middle of the cell: the same sign of det [J; n_refᵀ], and a leaf margin above 0.05.
+        ``ok`` is True if the function exists at the pose. ``sheet`` is True if no fold
+        separates the pose from the middle of the cell: the same sign of det [J; n_refᵀ], and a
+        leaf margin above 0.05.
     """
 
     U: Array

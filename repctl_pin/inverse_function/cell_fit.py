@@ -126,7 +126,7 @@ class CellFit:
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
     def good(self, found: Found, *, bodies: bool = True) -> bool:
-        """Whether a design covers the cell with good margins and low extra joint speed.
+        """Test whether a design covers the cell with good margins and low extra joint speed.
 
         With ``bodies=False``, collisions are allowed.
         """

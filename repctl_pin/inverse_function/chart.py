@@ -215,7 +215,7 @@ class Points:
     residual : (K,) array
         Largest entry of the task error, m or rad.
     found : (K,) array of bool
-        Whether Newton's method converged to a solution.
+        True if Newton's method converged to a solution.
     """
 
     U: Array

@@ -1,5 +1,6 @@
-r"""Cost of a candidate for the inverse function over a cell: mean distance of ∂F/∂x from G_d, plus
-penalties on small margins; and its minimisation."""
+r"""Cost of a candidate for the inverse function over a cell, and its minimisation.
+
+The cost is the mean distance of ∂F/∂x from G_d, plus penalties on small margins."""
 
 from __future__ import annotations
 

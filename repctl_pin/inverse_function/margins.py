@@ -122,7 +122,7 @@ class Margin:
         The configurations of each pose on nearby leaves are compared, along each component of the
         label s. The leaves lie within 0.7 rad of the points. With ``far`` they lie within 2.4 rad,
         which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and smaller
-        around the best leaf. At poses with a margin of at least ``enough`` no larger one is
+        around the best leaf. At poses with a margin of at least ``enough``, no larger margin is
         searched for.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()

@@ -56,7 +56,7 @@ class NoFunctionError(InputError):
         Factor below 1 such that the cell, scaled by it about its middle, is covered; 0 if none was
         found.
     partly : bool
-        Whether a function covers some of the poses, so that ``incomplete="keep"`` works.
+        True if a function covers some of the poses, so that ``incomplete="keep"`` works.
 
     Examples
     --------
@@ -216,7 +216,9 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
         )
     if cell.task.r < 1:
         raise InputError(
-            f"{cell.task!r} is not redundant: with r = {cell.task.r} the pose determines the joints"
+            f"{cell.task!r} is not redundant: with r = {cell.task.r} "
+            "the pose determines the joints",
+            remedy="use another kind of task",
         )
 
 

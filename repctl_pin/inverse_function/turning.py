@@ -201,8 +201,8 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
 
     In this range, the joint that turns the arm stays inside its limits at every tilt. Rows of U
-    (K, k) are coordinates in the sector, of which tilts and spin are ignored. NaN where no pose is
-    covered. Return None if the symmetry of the angle is not used.
+    (K, k) are coordinates in the sector, of which tilts and spin are ignored. The range is NaN
+    where no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell
     if not isinstance(sector, Sector) or ANGLE not in [

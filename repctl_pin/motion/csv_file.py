@@ -177,7 +177,7 @@ def read_motions(
     except csv.Error as error:
         raise InputError(f"{where}, line {lines.line_num}: {error}") from None
     if not groups:
-        raise InputError(f"{where} contains no rows")
+        raise InputError(f"{where} contains no rows", remedy="write one row per sample")
     return [_recorded(key, rows, joints, where, cycles) for key, rows in groups.items()]
 
 
@@ -196,13 +196,14 @@ def _recorded(
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
         raise InputError(
-            f"{where}, line {line}: the motion ends within a cycle, at {end:g} cycles"
+            f"{where}, line {line}: the motion ends within a cycle, at {end:g} cycles",
+            remedy="give the number of cycles",
         )
     steps, rest = divmod(len(rows) - 1, count)
     if rest or not steps:
         raise InputError(
             f"{where}: {len(rows)} rows of {key!r} are not a start "
-            f"and {count} cycles of equal numbers of steps"
+            f"and {count} cycles of equal numbers of steps; correct the number of cycles"
         )
     values = np.array([numbers for _, _, numbers in rows])
     times = values[:, len(joints)] if values.shape[1] > len(joints) else None

@@ -41,10 +41,10 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    The circle keeps well away from singularities; one without collisions is preferred. By default
-    the controller is J⁺, the radius the largest from a list of round numbers up to a seventh of
-    the reach, and the plane horizontal if possible, else vertical. Four positions of the start on
-    the circle are tried.
+    The circle is well away from singularities, and a circle without collisions is preferred. By
+    default the controller is J⁺. The default radius is the largest possible from a list of round
+    numbers up to a seventh of the reach. The default plane is horizontal if possible, else
+    vertical. Four positions of the start on the circle are tried.
 
     Raises
     ------

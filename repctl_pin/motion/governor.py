@@ -132,7 +132,8 @@ class Governor:
         if not np.isfinite(kept.velocity).all():
             name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
             raise InputError(
-                f"velocity= is missing in limits: the URDF has no speed limit of {name!r}"
+                f"velocity= is missing in limits: the URDF has no speed limit of {name!r}",
+                remedy="give a speed limit per joint",
             )
         jerks = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
         margin = positive(margin, "margin", "rad (m)", zero=True)
@@ -190,7 +191,8 @@ class Governor:
         if (worst := int(np.argmin(short))) >= 0 and short[worst] < 0:
             raise InputError(
                 f"the start is too near to the limit of {self._task.joint_names[worst]!r}: "
-                f"{self._margin + short[worst]:.3g} where margin = {self._margin:g} is to be kept"
+                f"{self._margin + short[worst]:.3g} where margin = {self._margin:g} is to be kept",
+                remedy="start farther from the limit, or use a smaller margin",
             )
         region = self._inverse.region
         if region is not None and not region.ratio(q[None])[0] <= 1 + 1e-9:
@@ -250,7 +252,7 @@ class Governor:
         return q, self._status
 
     def _usable(self, target: pin.SE3 | None, twist: Array | None) -> bool:
-        """Whether an input is finite, below 1e6, and its rotation matrix is a rotation."""
+        """Test whether an input is finite, below 1e6, and its rotation matrix is a rotation."""
         if twist is not None and not (np.abs(twist) < _HUGE).all():
             return False
         if target is None:
@@ -322,7 +324,7 @@ class Governor:
         return status
 
     def _is_there(self, q: Array) -> bool:
-        """Whether q, which has the target's pose, is the target's configuration F(x; c).
+        """Test whether q, which has the target's pose, is the target's configuration F(x; c).
 
         If it is not, the motion towards that configuration follows.
         """
@@ -416,7 +418,7 @@ def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
 
 
 def _same(one: _Input, other: _Input) -> bool:
-    """Whether two inputs (target, twist) are equal; no input is equal to the twist 0."""
+    """Test whether two inputs (target, twist) are equal; no input is equal to the twist 0."""
     if other[0] is not None:
         return one[0] is not None and bool(one[0] == other[0])
     before, now = (np.zeros(6) if x[1] is None else x[1] for x in (one, other))

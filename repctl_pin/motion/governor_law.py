@@ -197,7 +197,7 @@ def shares_used(
     before, after : float
         Largest fractions of the limits that are used before and after the time ``begin``, s.
     inside : bool
-        Whether the joints stay inside their limits.
+        True if the joints stay inside their limits.
     """
     dt = bounds.dt
     Q = np.vstack([history, plan.samples(dt, 1, ceil(plan.time / dt) + 4)])

@@ -66,7 +66,7 @@ class Planner:
     Attributes
     ----------
     solver : LeafInterpolation
-        Interpolates on the leaf, and counts the evaluations of the inverse.
+        Interpolation on the leaf, with the number of evaluations of the inverse.
     history : (3, n) array
         The last three commanded samples.
     plan : Plan
@@ -92,7 +92,7 @@ class Planner:
         return q
 
     def at_rest(self) -> bool:
-        """Whether the commanded samples no longer change."""
+        """Test whether the commanded samples no longer change."""
         return (self.tick - _SETTLED) * self._bounds.dt >= self.plan.time
 
     def now(self) -> Now:
@@ -201,7 +201,7 @@ class Planner:
         return True
 
     def _leaves(self, q: Array, now: Now) -> bool:
-        """Whether an arm at rest at q could leave q: regular, or at least as regular as now."""
+        """Test whether an arm at rest at q could leave q: q is regular, or as regular as now."""
         try:
             there = regularity(self._task.jacobian(q), self._inverse(q))
         except SingularityError:

@@ -5,10 +5,10 @@ are grid points of s. Speed and acceleration limits are linear in x and x′, an
 
     ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′ x″)``.
 
-``|q⃛| ≤ J`` is ``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``, and J/√x is convex: its tangent at x̄,
-the previous solution, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, lies below it, so that every solution of
-the linear program keeps the limit at the stages. Between two stages x is a parabola; next to rest
-the joints move with constant jerk, ``x ∝ s^4/3``."""
+``|q⃛| ≤ J`` is ``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``. J/√x is convex, so its tangent at the
+previous solution x̄, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, is a lower bound. With this bound, every
+solution of the linear program respects the limit at the stages. Between two stages x is a parabola.
+Next to rest the joints move with constant jerk, ``x ∝ s^4/3``."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ _ENOUGH = 1e-4
 """Relative saving of time by a linear program below which it is the last."""
 
 _TIGHTENED = 2
-"""Maximum number of times that limits are tightened where they are exceeded between the stages;
-after that, time is stretched."""
+"""Maximum number of times that limits are tightened where they are exceeded between the stages.
+Time is stretched if they are still exceeded."""
 
 _WELL_KEPT = 1.01
-"""Used fraction of a limit between the stages up to which the limit is not tightened; time is then
-stretched, for jerk by a third of the excess."""
+"""Maximum used fraction of a limit between the stages for which the limit is not tightened. Up to
+it, time is stretched instead; for jerk, by a third of the excess."""
 
 _NEARLY_USED = 0.4
 """A row of the linear program is used from the start if its slack is less than this fraction of its
@@ -196,7 +196,8 @@ def fastest_with_jerk(
         t = np.concatenate([[0.0], np.cumsum(_times(s, x, slope))])
         if not np.isfinite(t).all():
             raise InputError(
-                "no speed along this joint path is within the jerk limits: the path is too rough"
+                "no speed along this joint path is within the jerk limits: the path is too rough",
+                remedy="use a smoother path",
             )
         bend = np.diff(slope) / np.diff(s)
         found = JerkSegment(
@@ -474,7 +475,8 @@ def _optimum(
     )
     if found.x is None:
         raise InputError(
-            "no speed along this joint path is within the limits together with those of jerk"
+            "no speed along this joint path is within the limits together with those of jerk",
+            remedy="use a smoother path, or higher jerk limits",
         )
     return np.asarray(found.x, float)
 

@@ -102,7 +102,7 @@ class Plan:
     q, qdot : (n,) arrays
         Joint positions and velocities at the beginning.
     lands
-        Whether the plan ends at a target.
+        True if the plan ends at a target.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class LeafInterpolation:
     left : int
         Number of evaluations that are left in this tick; negative if there were too few.
     outside : bool
-        Whether the last failure was a node outside the region.
+        True if the last failure was a node outside the region.
     """
 
     def __init__(self, inverse: RepeatableInverse, most: int) -> None:

@@ -92,7 +92,9 @@ def _refined(
         last, q = q, inverse.step(q, place, 1.0, leaf=leaf)
         if np.abs(q - last).max() <= _EXACT:
             return q
-    raise InputError("the motion to the leaf has a gap")
+    raise InputError(
+        "no continuous motion to the leaf was found; choose a level nearer to the present one"
+    )
 
 
 def _least_ticks(travel: Array, limits: JointLimits, dt: float) -> int:
@@ -122,6 +124,12 @@ def _check(inverse: RepeatableInverse, Q: Array) -> None:
     margin = inverse.task.limit_margin(Q)
     if margin.min() < 0:
         joint = inverse.task.joint_names[int(np.argmin(margin.min(axis=0)))]
-        raise InputError(f"the motion to the leaf would leave the limits of {joint!r}")
+        raise InputError(
+            f"the motion to the leaf would leave the limits of {joint!r}",
+            remedy="choose a level nearer to the present one",
+        )
     if inverse.region is not None and not inverse.region.ratio(Q).max() <= 1 + 1e-6:
-        raise InputError("the motion to the leaf would leave Ω")
+        raise InputError(
+            "the motion to the leaf would leave Ω",
+            remedy="choose a level nearer to the present one",
+        )

@@ -53,7 +53,7 @@ def least_closed_motion(
     period
         Period, s; by default the path's, else 5.
     free_start
-        Whether the start, too, may move along its self-motion.
+        True if the start, too, may move along its self-motion.
     limit_margin
         Margin to keep to every joint limit, rad or m; a start that is not free may have less.
     guess

@@ -42,7 +42,7 @@ PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
 
 Franka's controller stops beyond its limits; libfranka's ``rate_limiting.h`` has the same numbers
 (branch 0.8 for Panda, main for FR3). UR publishes only torque limits; the numbers here are those
-that its MoveIt configuration chooses, "conservatively". FR3's speed limits that depend on position
+of its MoveIt configuration, "conservatively" chosen. FR3's speed limits that depend on position
 are not included."""
 
 JERKS: dict[str, tuple[tuple[float, ...], str]] = {

@@ -196,7 +196,7 @@ class Profile:
     stretch : float
         Factor by which time must be stretched to keep the limits between the stages, too.
     converged : bool
-        Whether the second cycle begins and ends at equal speed, so that it can be repeated.
+        True if the second cycle begins and ends at equal speed, so that it can be repeated.
     phase : tuple of (K,) arrays
         Length of the joint path up to every stage, and its rate ṡ.
     """

@@ -130,7 +130,7 @@ class Run:
             timed, TimedMotion, "timed", "a timed motion, such as rp.timed makes"
         )
         if timed.trajectory is None:
-            raise InputError("timed has no trajectory: take what rp.timed returned")
+            raise InputError("timed has no trajectory; pass a result of rp.timed")
         self._timed, self._trajectory = timed, timed.trajectory
         self._end = float(timed.t[-1])
         begin = 0.0 if q is None else self._nearest(vector(q, len(timed.joints), "q"))
@@ -248,7 +248,7 @@ class Run:
         return None
 
     def _kept(self, change: _Change, shares: Array) -> Array:
-        """Whether each of K changes keeps the limits, at fractions of its duration: (K,)."""
+        """Test whether each of K changes keeps the limits, at fractions of its duration: (K,)."""
         way, o, rate, push = change.at(shares[:, None] * change.time)
         clock = np.clip(change.begin + way, 0.0, self._end)
         q = self._trajectory.derivatives(clock.ravel()).reshape(4, *clock.shape, -1)
@@ -284,6 +284,6 @@ class Run:
         if not away(t) < _NEAR:
             raise InputError(
                 f"q is {away(t):.3g} rad (or m) away from the path; "
-                'move the arm there by rp.approach(q, motion, to="nearest")'
+                'move the arm to the path by rp.approach(q, motion, to="nearest")'
             )
         return t

@@ -41,7 +41,7 @@ def self_motions(
     stride
         Length of a step, rad; for prismatic joints in arm lengths.
     limits
-        Whether a walk ends at a joint limit; otherwise it goes on beyond the limit.
+        True if a walk ends at a joint limit; otherwise it goes on beyond the limit.
     """
     for direction in directions:
         for sign in (1.0, -1.0):

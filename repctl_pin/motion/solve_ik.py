@@ -181,7 +181,7 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
-    """Whether all points (K, 3) can be reached from q, with the path's first orientation."""
+    """Test whether all points (K, 3) can be reached from q, with the path's first orientation."""
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 

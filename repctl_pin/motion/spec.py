@@ -62,7 +62,8 @@ def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
     kind, *parts = words.split(":")
     if blend and kind not in ("square", "polygon"):
         raise InputError(
-            f"path {text!r}: only a square, a polygon and a file have corners to blend"
+            f"path {text!r}: only a square, a polygon and a file have corners to blend",
+            remedy="omit the blend",
         )
     if kind == "circle" and len(parts) == 1:
         radius = _length(parts[0], text)

@@ -24,8 +24,8 @@ MOST_AT_ONCE = 40
 """Maximum number of evaluations of the inverse per call of :meth:`TargetJoints.look_for`."""
 
 _EXACT, _ITERATIONS, _SHORTEST = 1e-6, 6, 1e-3
-"""Newton step, rad or m, below which it has converged; maximum number of Newton steps; minimum step
-of the continuation, as a fraction of the line."""
+"""Newton step, rad or m, below which Newton's method has converged; maximum number of Newton
+steps; minimum step of the continuation, as a fraction of the line."""
 
 
 class TargetJoints:
@@ -50,7 +50,7 @@ class TargetJoints:
         Configuration at the target. None if it is not known yet, or if the line leads beyond a
         limit, out of the region, or to a singularity.
     known : bool
-        Whether ``found`` is final.
+        True if ``found`` is final.
     """
 
     def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:

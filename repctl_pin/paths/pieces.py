@@ -173,7 +173,8 @@ def _fitted(
             return [Piece(begin, end, C)]
     if depth == _DEEPEST:
         raise InputError(
-            f"{path.name} cannot be saved: it is too rough between s = {begin:.3g} and {end:.3g}"
+            f"{path.name} cannot be saved: it is too rough between s = {begin:.3g} and {end:.3g}",
+            remedy="use a smoother path",
         )
     middle = (begin + end) / 2
     return [

@@ -452,7 +452,7 @@ _FARTHEST = 1e9
 
 
 def _are_placements(points: Sequence[Any] | Array) -> bool:
-    """Whether waypoints are rigid transforms; only the first one is tested."""
+    """Test whether waypoints are rigid transforms; only the first one is tested."""
     if isinstance(points, np.ndarray):
         return points.ndim == 3
     if not points or isinstance(points[0], pin.SE3):

@@ -77,7 +77,10 @@ class CustomPotentials(PotentialBasis):
             else list_of_names(names, "names", "one name per potential")
         )
         if names is not None and len(given) != len(pairs):
-            raise InputError(f"{len(given)} names for {len(pairs)} potentials")
+            raise InputError(
+                f"{len(given)} names for {len(pairs)} potentials",
+                remedy="give one name per potential",
+            )
         own = [getattr(f, "__name__", "h") for f in self._functions]
         own = [
             f"h_{i + 1}" if name in ("<lambda>", "h") else name
@@ -92,7 +95,7 @@ class CustomPotentials(PotentialBasis):
 
     @property
     def numerical(self) -> tuple[bool, ...]:
-        """Whether each gradient is computed by differences: (N,)."""
+        """True if each gradient is computed by differences: (N,)."""
         return tuple(g is None for g in self._gradients)
 
     @property
@@ -124,7 +127,8 @@ class CustomPotentials(PotentialBasis):
             value = float(self._functions[j](q))
         except (TypeError, ValueError, IndexError) as error:
             raise InputError(
-                f"potential {self._names[j]} gives no number at q = {row(q)}: {error}"
+                f"potential {self._names[j]} does not return a number at q = {row(q)}: {error}",
+                remedy="return one number",
             ) from None
         if not np.isfinite(value):
             raise InputError(
@@ -146,8 +150,8 @@ class CustomPotentials(PotentialBasis):
             slope = np.asarray(given(q), float)
         except (TypeError, ValueError, IndexError) as error:
             raise InputError(
-                f"the gradient of potential {self._names[j]} is no list of numbers "
-                f"at q = {row(q)}: {error}"
+                f"the gradient of potential {self._names[j]} is not a list of numbers "
+                f"at q = {row(q)} ({error}); return one number per joint"
             ) from None
         if slope.shape != q.shape or not np.isfinite(slope).all():
             raise InputError(

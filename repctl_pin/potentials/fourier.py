@@ -37,7 +37,7 @@ class Fourier(PotentialBasis):
     period : float or (n,) array
         Period of each joint, rad or m: 2π for a revolute joint, any length for a prismatic one.
     cross
-        Whether one potential may depend on several joints.
+        True if one potential may depend on several joints.
 
     Raises
     ------

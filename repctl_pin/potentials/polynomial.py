@@ -41,7 +41,7 @@ class Polynomial(PotentialBasis):
     variables : sequence of int, optional
         Joints on which the potentials depend (counted from 0); by default all.
     cross
-        Whether one potential may depend on several joints.
+        True if one potential may depend on several joints.
 
     Raises
     ------

@@ -51,9 +51,9 @@ class Start(NamedTuple):
     path : TaskPath or None
         The closed path, which begins at q0.
     moved : bool
-        Whether q0 was moved to the first point of the path.
+        True if q0 was moved to the first point of the path.
     violates : bool
-        Whether J⁺ violates a limit, or bodies collide, in the first cycle from q0.
+        True if J⁺ violates a limit, or bodies collide, in the first cycle from q0.
     """
 
     q0: Array

@@ -29,7 +29,7 @@ _MOST_STARTS, _APART = 8, 0.5
 
 
 def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
-    """Generate starts: the reference pose, the ready pose, mid-range, then a search around it.
+    """Generate starts: the reference pose, the ready pose, mid-range, and poses around mid-range.
 
     Poses that are nearly singular or at a limit are left out.
 

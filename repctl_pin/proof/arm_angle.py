@@ -56,7 +56,7 @@ class ArmAngleChain:
     direction : (3,) array
         r of the conventional angle, or t of the stereographic one.
     stereographic : bool
-        Whether the angle is stereographic.
+        True if the angle is stereographic.
     weights : (r,) array
         Factor of the angle in each potential.
     """
@@ -114,7 +114,7 @@ class ArmAngleChain:
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """Whether each joint moves the shoulder, the elbow and the wrist, (P, 3)."""
+        """True if each joint moves the shoulder, the elbow and the wrist, (P, 3)."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:

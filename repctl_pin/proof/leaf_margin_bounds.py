@@ -242,7 +242,8 @@ class Graphs:
     defect : (K,) array
         Deviation of V_c and X from ``V_cᵀ V_c = V_cᵀ X = I``.
     regular, sure : (K,) arrays of bool
-        Whether J_c was shown to be regular, and whether the bounds of P, β and S hold.
+        ``regular`` is True if J_c was shown to be regular, and ``sure`` if the bounds of P, β
+        and S hold.
     """
 
     X: Array

@@ -35,7 +35,7 @@ class Closure:
     sizes : (3, K) array
         Bounds of |p|, |e| and |s|.
     near : (K,) array of bool
-        Whether the rotation is by less than a quarter turn at the centre, and its trace is
+        True if the rotation is by less than a quarter turn at the centre, and its trace is
         above 1.
     """
 

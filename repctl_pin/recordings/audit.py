@@ -249,12 +249,12 @@ def audit(
     degrees: bool = False,
     tolerance: float | None = None,
 ) -> Audit:
-    """Measure how far an arm creeps between returns to one hand pose, from a log of its joints.
+    """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
 
-    The hand poses of the log, f(q) of (1), are searched for the one that is visited most often. A
-    joint's creep is the median of the slopes between all pairs of visits (Theil and Sen): an
-    outlier, a gap or a pause does not change it. Its confidence interval is that of a straight line
-    with the robust scatter of the visits, at least the noise of the log.
+    The end-effector poses of the log, f(q) of (1), are searched for the one that is visited most
+    often. A joint's creep is the median of the slopes between all pairs of visits (Theil and Sen),
+    so an outlier, a gap or a pause does not change it. Its confidence interval is that of a
+    straight line with the robust scatter of the visits, at least the noise of the log.
 
     Parameters
     ----------
@@ -264,12 +264,13 @@ def audit(
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
-        Frame of the hand and kind of task; by default the end of the arm, and the first redundant
-        kind.
+        Frame of the end effector and kind of task; by default the end of the arm, and the first
+        redundant kind.
     degrees
-        Whether revolute joints are in degrees.
+        True if revolute joints are in degrees.
     tolerance : float, optional
-        Distance within which the hand counts as back, m; by default from the noise of the log.
+        Distance within which the end effector is at the pose again, m; by default from the noise of
+        the log.
 
     Returns
     -------

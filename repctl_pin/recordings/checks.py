@@ -91,7 +91,7 @@ def require_agreement(
     Q, p, R : (K, n), (K, 3) and (K, 3, 3) arrays
         Configurations, positions and rotations at the same recorded frames.
     quaternions
-        Whether R comes from quaternions, whose order may be wrong.
+        True if R comes from quaternions, whose order may be wrong.
     """
     some = np.linspace(0, len(Q) - 1, min(_SOME, len(Q))).astype(int)
     Q, p, R = Q[some], p[some], R[some]

@@ -183,6 +183,7 @@ def _checked(
     rows = rows[np.append(True, steps > 0)] if len(rows) else rows
     if len(rows) < 3:
         raise InputError(
-            f"{name} has {len(rows)} rows with numbers, too few for an audit"
+            f"{name} has {len(rows)} rows with numbers, too few for an audit",
+            remedy="record more cycles",
         )
     return JointLog(name, t[rows], q[rows], by_name, len(t) - len(rows))

@@ -1,4 +1,4 @@
-"""Recorded frames of an arm: joints, poses of the frame, or both; by session and time."""
+"""Recorded frames of an arm, by session and time: joints, poses of the frame, or both."""
 
 from __future__ import annotations
 
@@ -131,7 +131,10 @@ class Recording:
             require_metres(task, p)
         size = len(p)
         if Q is not None and len(Q) != size:
-            raise InputError(f"there are {len(Q)} rows of joints, but {size} poses")
+            raise InputError(
+                f"there are {len(Q)} rows of joints, but {size} poses",
+                remedy="give one pose per row of joints",
+            )
         if Q is not None and poses is not None:
             seven = as_numbers(poses)
             quaternions = seven is not None and seven.ndim == 2
@@ -157,9 +160,14 @@ class Recording:
     def read(cls, file: str | Path, task: Task) -> Recording:
         """Read a recording from a .csv, .npz or .parquet file.
 
-        Columns are found by name: one per joint of the task, or an array ``joints``, ``q``,
-        ``qpos`` or ``observation.state``, whose first n numbers are taken; ``x, y, z, qx, qy, qz,
-        qw``, or an array ``poses``; ``time``, ``t`` or ``timestamp``; ``session`` or ``episode``.
+        Columns are found by name:
+
+        - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
+          ``observation.state``, whose first n numbers are taken
+        - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
+        - time: ``time``, ``t`` or ``timestamp``
+        - session: ``session`` or ``episode``
+
         Parquet requires pyarrow.
 
         Parameters
@@ -167,7 +175,7 @@ class Recording:
         file
             The file.
         task
-            The task, whose frame the poses are of.
+            Task; the poses are those of its frame.
 
         Raises
         ------

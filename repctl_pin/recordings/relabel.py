@@ -331,7 +331,8 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
     )
     if design.task.as_dict() != recording.task.as_dict():
         raise InputError(
-            f"the recording is for {recording.task!r}, the cell for {design.task!r}"
+            f"the recording is for {recording.task!r}, the cell for {design.task!r}",
+            remedy="use a cell of the recording's task",
         )
 
 

@@ -70,10 +70,13 @@ def read_table(file: Path) -> Table:
     )
     lengths = {len(values) for values in columns.values()}
     if not columns or lengths == {0}:
-        raise InputError(f"{file} contains no frames")
+        raise InputError(f"{file} contains no frames", remedy="write one row per frame")
     if len(lengths) > 1:
         each = ", ".join(f"{name}: {len(values)}" for name, values in columns.items())
-        raise InputError(f"{file}: the arrays have different lengths ({each})")
+        raise InputError(
+            f"{file}: the arrays have different lengths ({each})",
+            remedy="write one row per frame in each",
+        )
     return Table(file, columns)
 
 
@@ -155,7 +158,7 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
             f"{file}: two columns are named {twice[0]!r}; rename one of them"
         )
     if not first:
-        raise InputError(f"{file} contains no frames")
+        raise InputError(f"{file} contains no frames", remedy="write one row per frame")
     if len(first) != len(names):
         raise InputError(
             f"{file}, line 2: {len(first)} fields, but the header has {len(names)}"

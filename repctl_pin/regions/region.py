@@ -87,7 +87,7 @@ class Region(ABC):
         return normalised(evaluate_density(self.density, Q))
 
     def contains(self, Q: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each row of Q (K, n) lies inside: (K,)."""
+        """Test whether each row of Q (K, n) lies inside: (K,)."""
         return self.ratio(Q) <= 1 + _INSIDE
 
 
@@ -140,5 +140,8 @@ def normalised(weights: Array) -> Array:
     """Scale weights (K,) so that their sum is 1."""
     total = float(weights.sum())
     if not total > 0:
-        raise InputError("the density is 0 everywhere in the region")
+        raise InputError(
+            "the density is 0 everywhere in the region",
+            remedy="use a density above 0 somewhere in the region",
+        )
     return weights / total

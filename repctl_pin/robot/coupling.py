@@ -100,7 +100,7 @@ def pose(
     lower, upper : (n,) arrays
         Limits, rad or m.
     turns : (n,) array of bool
-        Whether a joint is revolute.
+        True if a joint is revolute.
     named
         Values by joint name, rad or m.
     notes

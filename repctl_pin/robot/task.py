@@ -443,7 +443,11 @@ class Task:
         given = as_numbers(q)
         if given is not None and given.ndim == 1 and len(given) != self.n:
             moved = f"{self.frame!r} is moved by {self.n} joints: {', '.join(self.joint_names)}"
-            raise InputError(f"has {len(given)} numbers, but {moved}", argument=what)
+            raise InputError(
+                f"has {len(given)} numbers, but {moved}",
+                argument=what,
+                remedy="give one number per joint",
+            )
         if (
             given is not None
             and given.shape == (self.n,)

@@ -76,7 +76,8 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
         raise InputError(f"{where} is not a valid design file: {error}") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
         raise InputError(
-            f"{where} is not a design file: not valid JSON ({error})"
+            f"{where} is not a design file: not valid JSON ({error}); give a file of "
+            "repctl design, repctl cell or rp.save"
         ) from None
     plain = json.loads(
         text

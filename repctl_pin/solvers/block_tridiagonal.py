@@ -26,7 +26,7 @@ def solve_block_tridiagonal(
     rhs : (K, r) array
         Right-hand sides b_k.
     cyclic
-        Whether block K − 1 is coupled to block 0.
+        True if block K − 1 is coupled to block 0.
 
     Returns
     -------

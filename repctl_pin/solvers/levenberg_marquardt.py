@@ -34,7 +34,7 @@ class Point(Generic[D]):
     cost : float
         The objective whose changes decide on convergence, such as the merit without penalties.
     allowed : bool
-        Whether a step that ends at x may be accepted.
+        True if a step that ends at x may be accepted.
     data
         Intermediate values from which :meth:`LeastSquares.model` computes g and H.
     x : array

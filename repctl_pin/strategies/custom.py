@@ -84,7 +84,8 @@ class CustomInverse:
             G = np.array(self.function(q), dtype=float)
         except (TypeError, ValueError) as error:
             raise InputError(
-                f"the function returns no {n} × {m} matrix G at q = {row(q)}: {error}"
+                f"the function returns no {n} × {m} matrix G at q = {row(q)}: {error}",
+                remedy="return an array of this shape",
             ) from error
         if G.shape != (n, m) or not np.isfinite(G).all():
             raise InputError(
@@ -136,7 +137,8 @@ class FunctionStrategy:
             qdot = np.asarray(self.function(q, xdot), float)
         except (TypeError, ValueError) as error:
             raise InputError(
-                f"the strategy's function returns no q̇: {error}"
+                f"the strategy's function does not return q̇: {error}",
+                remedy="return an array (n,)",
             ) from error
         if qdot.shape != (self.task.n,) or not np.isfinite(qdot).all():
             raise InputError(

@@ -62,7 +62,9 @@ class ExtendedJacobian(RepeatableInverse):
         task = own_task(task)
         if task.r < 1:
             raise InputError(
-                f"the task is not redundant (r = {task.r}), but an extended Jacobian needs r ≥ 1"
+                f"the task is not redundant (r = {task.r}), "
+                "but an extended Jacobian requires r ≥ 1",
+                remedy="use another kind of task",
             )
         if callable(potential):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):

@@ -40,7 +40,7 @@ class LeafImpedance:
     and b compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not
     accelerate the end effector (Khatib), and its last part decouples the leaf from the force F.
     There is no home posture: the null-space spring is relaxed anywhere on the leaf, and only pulls
-    the joints back to the leaf. Beyond the paper.
+    the joints back to the leaf. This controller is not part of the paper.
 
     It is computed in the form ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``, which also compensates
     ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D gives the end effector, with its

@@ -92,7 +92,7 @@ def solve(
     side = _side(inverse, q)
     if side == 0:
         raise SingularityError(
-            "the start is singular: J_V loses rank there; begin elsewhere"
+            "the start is singular: J_V loses rank; begin at another configuration"
         )
 
     done, part = 0.0, 1.0

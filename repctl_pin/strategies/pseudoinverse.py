@@ -268,7 +268,8 @@ def redundant(value: Any) -> Task:
     if task.r < 0:
         raise InputError(
             f"{task.frame!r} is moved by {task.n} joints, "
-            f"too few for a {task.kind} task (m = {task.m})"
+            f"too few for a {task.kind} task (m = {task.m})",
+            remedy="use another kind of task",
         )
     return task
 

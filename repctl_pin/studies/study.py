@@ -56,7 +56,7 @@ EDGE = 1e-6
 whether the start lies on an edge between different motions."""
 
 AMPLIFIED = 1000.0
-"""Growth factor of that distance in one cycle above which the start is said to be on an edge."""
+"""Growth factor of the distance ``EDGE`` in one cycle above which the start is on an edge."""
 
 POSTURE_OFFSET = 0.57
 """Distance of the second posture from the start, rad, along the first null vector."""

@@ -28,8 +28,10 @@ import numpy as np
 from fuzz_files import entries
 
 import repctl_pin as rp
-from repctl_pin.cli import main as cli
-from repctl_pin.saving.design_file import checksum_of
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from commands import main as cli
+from design_file import checksum
 
 PAYLOADS = (
     "\x1b[2J\x1b[H",
@@ -69,7 +71,7 @@ def json_cases(
                         part = part[key]
                     part[place[-1]] = value
                     if fits and place[0] != "checksum":
-                        content["checksum"] = checksum_of(content)
+                        content["checksum"] = checksum(content)
                     yield (
                         f"{name} {'/'.join(map(str, place))} + {payload!r}",
                         name,

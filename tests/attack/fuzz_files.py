@@ -29,10 +29,10 @@ import numpy as np
 from fuzz_urdf import fate
 
 import repctl_pin as rp
-from repctl_pin.cli import main as cli
-from repctl_pin.saving.design_file import checksum_of
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from commands import main as cli
+from design_file import checksum
 from survey_urdfs import Outcome, load_libraries, run
 
 SPECIALS: tuple[Any, ...] = (
@@ -92,7 +92,7 @@ def changed_files(good: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
             for key in place[:-1]:
                 holder = holder[key]
             holder[place[-1]] = special
-            content["checksum"] = checksum_of(content)
+            content["checksum"] = checksum(content)
             yield f"{'/'.join(map(str, place))} = {str(special)[:20]!r}", content
 
 
@@ -102,7 +102,7 @@ def load_and_use(file: Path, again: Path) -> None:
     rp.save(design, again)
     said, kept = (json.loads(path.read_text()) for path in (file, again))
     said["task"]["file"] = kept["task"]["file"]  # of a catalogue's robot: for a person
-    if "stops" in kept["figures"]:  # a cell's: null is what older files did not say
+    if isinstance(design, rp.CellDesign):  # null is what older files did not say
         kept["figures"] |= {
             name: None for name, value in said["figures"].items() if value is None
         }

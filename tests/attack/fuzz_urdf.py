@@ -1,10 +1,10 @@
 """Hostile robot files, seeded: mutations of real URDFs, special values at every place, broken
 meshes.
 
-Each is refused in one printable line, or read: then inspected, drawn, and its kinematics compared
-with what Pinocchio makes of the same file by itself. Anything else (another exception, over 20 s, a
-number that is not finite, another kinematics) is a fault, and the exit code says so. Memory is held
-to 2 GB.
+Each is refused in one printable line, or read: then inspected, its kinematics compared with what
+Pinocchio makes of the same file by itself, and drawn if it is redundant. Anything else (another
+exception, over 20 s, a number that is not finite, another kinematics) is a fault, and the exit code
+says so. Memory is held to 2 GB.
 
     python tests/attack/fuzz_urdf.py [--seed 0] [--mutations 3600] [--specials 450] [--meshes 120]
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import copy
+import io
 import os
 import random
 import resource
@@ -24,16 +25,18 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import umsgpack
 from lxml import etree
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page import read_surface
-from repctl_pin.show.text.inspection import inspection, inspection_text
-from repctl_pin.urdf import data_folder, urdf_folder
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from commands import main as cli
+from page_file import read
 
 SECONDS = 20
 NUMBERS = [
@@ -124,7 +127,25 @@ ARM = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></materia
 <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><axis xyz="1 0 0"/>
 <limit lower="-3" upper="3" effort="1" velocity="1"/>
 <mimic joint="j1" multiplier="0.5" offset="0.1"/></joint>
+<link name="l4"/><joint name="j4" type="continuous"><parent link="l3"/><child link="l4"/>
+<origin xyz="0 0 1"/><axis xyz="0 1 0"/></joint>
 </robot>"""
+
+CARRIER = """<robot name="carrier"><link name="base"/>
+<link name="l1"/><link name="l2"/><link name="l3"><visual><geometry><mesh filename="{mesh}"/>
+</geometry></visual></link>
+<joint name="j1" type="continuous"><parent link="base"/><child link="l1"/><axis xyz="0 0 1"/>
+</joint>
+<joint name="j2" type="continuous"><parent link="l1"/><child link="l2"/><origin xyz="1 0 0"/>
+<axis xyz="0 0 1"/></joint>
+<joint name="j3" type="continuous"><parent link="l2"/><child link="l3"/><origin xyz="1 0 0"/>
+<axis xyz="0 0 1"/></joint></robot>"""
+"""An arm that carries one mesh."""
+
+FLOATS = 0x17
+"""Type of an array of single precision in a page's commands."""
+
+NOT_REDUNDANT = "no kind of task is redundant there"
 
 
 class Hang(BaseException):
@@ -157,21 +178,67 @@ def fate(question: Callable[[], None]) -> str:
 def load_and_look(path: Path) -> None:
     """Load, inspect and draw a robot, and compare its kinematics with Pinocchio's."""
     robot = rp.Robot.load(path)
-    text = inspection_text(inspection(robot, {robot.default_frame: {}}))
+    code, text = told("inspect", str(path))
+    if code:
+        raise ArithmeticError(f"inspect ends with {code}: {text[:150]}")
     if robot.chain(robot.default_frame):
         task = robot.task(None, "position")
         assert np.isfinite(task.jacobian(task.reference)).all(), (
             "J holds a number that is not finite"
         )
     q = robot.reference + 0.1
-    placements = Visuals.of(robot).placements(q[None])
-    if not (
-        np.isfinite(placements).all()
-        and np.isfinite(q).all()
-        and "nan" not in text.split()
-    ):
+    if not np.isfinite(q).all() or "nan" in text.split():
         raise ArithmeticError("a number is not finite")
     compare(robot, path, q)
+    if robot.joint_names:
+        draw(path, robot, q)
+
+
+def told(*words: str) -> tuple[int, str]:
+    """Run a command here: its exit code, and all that it printed."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        code = cli([*words])
+    return code, out.getvalue()
+
+
+Page = tuple[dict[str, Any], list[dict[str, Any]]]
+
+
+def draw(path: Path, robot: rp.Robot, q: np.ndarray) -> Page | None:
+    """Write a page of a motion from q and back; return its scene and the commands that fill it.
+
+    A robot that is not redundant has no page."""
+    rows = np.array([q, robot.reference, q])
+    motion = path.with_name("motion.csv")
+    lines = [
+        ",".join(robot.joint_names),
+        *(",".join(map(repr, r)) for r in rows.tolist()),
+    ]
+    motion.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    page = path.with_name("page")
+    code, text = told("animate", str(path), "--motion", str(motion), "--out", str(page))
+    if code == 2 and NOT_REDUNDANT in text:
+        return None
+    if code:
+        raise ArithmeticError(f"animate ends with {code}: {text[:150]}")
+    scene, commands, numbers = read(
+        (page / "animation.html").read_text(encoding="utf-8")
+    )
+    if not (np.isfinite(numbers).all() and all_finite([scene, commands])):
+        raise ArithmeticError("a number of the page is not finite")
+    return scene, commands
+
+
+def all_finite(held: Any) -> bool:
+    """Whether all numbers of nested lists and dictionaries are finite, packed arrays too."""
+    if isinstance(held, dict):
+        return all(all_finite(value) for value in held.values())
+    if isinstance(held, list):
+        return all(all_finite(value) for value in held)
+    if isinstance(held, umsgpack.Ext) and held.type == FLOATS:
+        return bool(np.isfinite(np.frombuffer(held.data, "<f4")).all())
+    return not isinstance(held, float) or bool(np.isfinite(held))
 
 
 def compare(robot: rp.Robot, path: Path, q: np.ndarray) -> None:
@@ -235,20 +302,8 @@ def silence() -> Iterator[None]:
 
 def mutations(dice: random.Random, count: int) -> Iterator[bytes]:
     """Damage real files: in their tree, or byte by byte."""
-    robots = data_folder()
-    sources = [
-        urdf_folder() / "prr.urdf",
-        *(
-            robots / name
-            for name in (
-                "panda_description/urdf/panda.urdf",
-                "kinova_description/robots/kinova.urdf",
-                "z1_description/urdf/z1.urdf",
-                "ur_description/urdf/ur5_robot.urdf",
-                "xarm_description/urdf/xarm7.urdf",
-            )
-        ),
-    ]
+    names = ("prr", "panda", "kinova", "z1", "ur5", "xarm7")
+    sources = [rp.Robot.load(name).description.path for name in names]
     texts = [ARM.encode(), *(source.read_bytes() for source in sources)]
     trees = [etree.fromstring(text) for text in texts]
     for k in range(count):
@@ -404,14 +459,24 @@ def meshes(folder: Path) -> Iterator[Path]:
 
 
 def look_at(path: Path) -> None:
-    """Read a mesh, and see that all of it is finite."""
-    surface = read_surface(path)
-    if not (
-        np.isfinite(surface.points).all()
-        and np.isfinite(surface.normals).all()
-        and len(surface.faces)
-    ):
-        raise ArithmeticError("a number is not finite")
+    """Draw a mesh, and see that all of it is finite; refused if the page says so in its place."""
+    urdf = path.with_name("carrier.urdf")
+    urdf.write_text(CARRIER.format(mesh=path), encoding="utf-8")
+    robot = rp.Robot.load(urdf)
+    page = draw(urdf, robot, robot.reference + 0.1)
+    assert page is not None
+    scene, commands = page
+    for refused in (*robot.warnings, *scene["problems"]):
+        raise rp.InputError(refused)
+    objects = [c["object"] for c in commands if c["type"] == "set_object"]
+    data = [
+        body["data"]
+        for one in objects
+        for body in one["geometries"]
+        if body["type"] == "BufferGeometry"
+    ]
+    if not data or any(len(body["index"]["array"].data) == 0 for body in data):
+        raise ArithmeticError("a mesh has neither triangles nor a problem")
 
 
 def main() -> int:

@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from pathlib import Path
 from time import process_time
 from xml.etree import ElementTree
@@ -27,8 +28,6 @@ import numpy as np
 import pinocchio as pin
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.monomials import Monomials
-from repctl_pin.recordings.ambiguity import ambiguity
 
 _TUCKED = (0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2)
 ARMS = {
@@ -221,8 +220,7 @@ def controllers_table(name: str, scene: Scene) -> tuple[np.ndarray, rp.CellDesig
         cells = []
         for elbows in (False, True):
             Q, largest, seconds = recorded(scene, step, starts(scene, elbows=elbows))
-            (residual,) = ambiguity(U, session, [Q]).residuals
-            cells += [f"{residual:.2g}"]
+            cells += [f"{ambiguity(U, session, Q):.2g}"]
             if label == "J⁺" and elbows:
                 kept = Q
         unit = seconds if unit is None else unit
@@ -276,7 +274,7 @@ def cloned(
     The ridge penalty is the best one on sessions that are held out in turn.
     """
     if kind == "cubic":
-        terms = Monomials(U.shape[1], 3).values
+        terms = cubic
     else:
         centres = U[np.random.default_rng(0).choice(len(U), 200, replace=False)]
 
@@ -295,6 +293,32 @@ def cloned(
         cost += [np.sum((T[test] @ W + mean - Q[test]) ** 2) for W in fits]
     (W,) = fitted(T, Q - mean, ridges[[int(np.argmin(cost))]])
     return lambda u: terms(u[None])[0] @ W + mean
+
+
+def cubic(U: np.ndarray) -> np.ndarray:
+    """All monomials of the columns of U up to degree 3."""
+    columns = range(U.shape[1])
+    return np.stack(
+        [
+            np.prod(U[:, list(some)], axis=1)
+            for degree in range(4)
+            for some in combinations_with_replacement(columns, degree)
+        ],
+        axis=1,
+    )
+
+
+def ambiguity(U: np.ndarray, session: np.ndarray, Q: np.ndarray) -> float:
+    """Misfit of a cubic q(u) on frames that are held out, rms, as rp.relabel measures it."""
+    low, high = U.min(axis=0), U.max(axis=0)
+    T, Q = cubic((2 * U - low - high) / (high - low)), Q - Q.mean(axis=0)
+    fold, ridges = session % 6, 10.0 ** np.arange(-8, 1)
+    misfits = np.zeros((len(ridges), *Q.shape))
+    for one in np.unique(fold):
+        test = fold == one
+        for k, W in enumerate(fitted(T[~test], Q[~test], ridges * (~test).sum())):
+            misfits[k, test] = Q[test] - T[test] @ W
+    return float(np.sqrt((misfits**2).sum(axis=(1, 2)).min() / len(Q)))
 
 
 def fitted(T: np.ndarray, Q: np.ndarray, ridges: np.ndarray) -> list[np.ndarray]:

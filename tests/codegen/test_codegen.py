@@ -14,11 +14,9 @@ import pytest
 from arms import Q_PANDA, planar_urdf, spatial_urdf
 from commands import main, refused, told
 from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
+from test_bases import Ball
 
 import repctl_pin as rp
-from repctl_pin.codegen import expressions
-from repctl_pin.codegen.text import checked_name, comment
-from repctl_pin.regions import Region
 
 AGREE = 1e-11
 
@@ -240,38 +238,6 @@ def test_batches_are_rows(what: str, panda_design: rp.Design) -> None:
 # ------------------------------------------------------------------------------------------
 
 
-def test_expressions_simplify_and_write_what_they_mean() -> None:
-    graph = expressions.Graph()
-    x, y, one, zero = (
-        graph.input("x"),
-        graph.input("y"),
-        graph.number(1.0 - 1e-16),
-        graph.number(-1e-17),
-    )
-    assert (
-        one * x is x
-        and (zero * x).value == 0.0
-        and x + zero is x
-        and graph.negative(-x) is x
-        and (x - x).value == 0.0
-    )
-    assert x * y is y * x and graph.function("cos", zero).value == 1.0
-    three = graph.number(-3.0)
-    sine = graph.function("sin", x)
-    text = expressions.assignments(
-        {"a": -(x * three) - (y - x) * y, "b": sine * (x + three) - sine}
-    )
-    given: dict[str, Any] = {"x": 0.7, "y": -1.3, "sin": np.sin}
-    exec(re.sub(r" *(?:const double )?(\w+ = .*);", r"\1", text), given)
-    assert given["a"] == pytest.approx(2.1 + 2.0 * -1.3) and given[
-        "b"
-    ] == pytest.approx(np.sin(0.7) * -3.3)
-    assert (
-        expressions.number(-0.0) == "0.0"
-        and float(expressions.number(0.1 + 0.2)) == 0.1 + 0.2
-    )
-
-
 HOSTILE = [
     'a"b',
     "two\nlines",
@@ -289,9 +255,19 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize("words", HOSTILE)
-def test_no_words_end_a_comment(words: str) -> None:
-    text = comment(words)
-    assert text.isascii() and text.isprintable() and len(text) <= 6 * 80
+def test_no_words_end_a_comment(words: str, tmp_path: Path) -> None:
+    """A robot's name is in the header's comment: in ASCII, in one line, of a sensible length."""
+    codes = []
+    for name, folder in (("ppr", "plain"), (words, "hostile")):
+        inverse, _ = CONTROLS["ppr, degree 5 of some joints"](tmp_path)
+        inverse.task.robot.name = name
+        header, *_ = rp.export_c(inverse, tmp_path / folder, "arm")
+        _, _, code = header.read_bytes().decode("ascii").partition("\n")  # checksum
+        codes.append(code)
+    before, _, after = codes[0].partition("robot   ppr ")
+    assert codes[1].startswith(before) and codes[1].endswith(after)
+    text = codes[1].removeprefix(before + "robot   ").removesuffix(" " + after)
+    assert text.isascii() and text.isprintable() and 0 < len(text) <= 6 * 80
     assert not set(text) & set("*/?\"'%@#") and not text.endswith("\\")
     assert re.sub(r"\\u[0-9a-f]{4}", "", text).count("\\") == 0
 
@@ -388,16 +364,11 @@ def test_names_that_c_cannot_have_are_refused(
     with pytest.raises(rp.InputError) as caught:
         rp.export_c(panda_design.inverse, tmp_path, name)
     assert "\n" not in str(caught.value) and not list(tmp_path.iterdir())
-    assert checked_name("panda_control") == "panda_control"
 
 
 def test_what_cannot_be_written_down_is_refused(
     panda_pose: rp.Task, panda_design: rp.Design, tmp_path: Path
 ) -> None:
-    class Ball(Region):
-        center = np.zeros(7)
-        bounds = random = ratio = clip = shrunk = None
-
     own = rp.CustomPotentials([lambda q: float(q[0])]).weighted(np.ones((1, 1)))
     for inverse, words in (
         (rp.RepeatableInverse(panda_pose, own), "CustomMap cannot be written"),
@@ -408,7 +379,7 @@ def test_what_cannot_be_written_down_is_refused(
             with pytest.raises(rp.InputError, match=words):
                 refuse(inverse)
     with pytest.raises(rp.InputError, match="a region of type Ball cannot be written"):
-        rp.export_c(panda_design.inverse, tmp_path, region=Ball())
+        rp.export_c(panda_design.inverse, tmp_path, region=Ball(np.zeros(7), 1.0))
     with pytest.raises(
         rp.InputError, match="the region has 3 joints, but the task has 7"
     ):

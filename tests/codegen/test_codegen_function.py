@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,6 @@ from test_codegen import AGREE, disagreement
 from test_codegen_builds import BUILDS, STRICT, needed, run
 
 import repctl_pin as rp
-from repctl_pin.codegen import text
-from repctl_pin.codegen import vectors as test_vectors
 
 
 @pytest.mark.parametrize("name", some(CELLS, "poses", "positions"))
@@ -82,6 +80,27 @@ def test_its_control_steps_as_pythons(name: str) -> None:
     assert worst < AGREE
 
 
+def row(values: Iterable[float]) -> str:
+    """Doubles as a C initialiser."""
+    return f"{{{', '.join(repr(float(value)) for value in values)}}}"
+
+
+def pose(placement: pin.SE3) -> str:
+    """A placement as an initialiser of ``arm_pose``."""
+    return f"{{{row(placement.translation)}, {row(placement.rotation.ravel())}}}"
+
+
+def targets(
+    function: rp.InverseFunction, count: int
+) -> Iterator[tuple[pin.SE3, np.ndarray | None]]:
+    """Targets in and beyond a cell, on the function's own leaf and on others."""
+    rng, cell = np.random.default_rng(3), function.cell
+    for k in range(count):
+        u = rng.uniform(-1.1, 1.1, cell.k) * (0.8 if k % 3 else 1.0)
+        leaf = 0.05 * (k % 2) * rng.normal(size=function.task.r)
+        yield cell.at(u), None if k % 3 == 0 else leaf
+
+
 def words(question: Callable[[], object]) -> str:
     """What an InputError says."""
     with pytest.raises(rp.InputError) as caught:
@@ -94,8 +113,7 @@ def compare_f(function: rp.InverseFunction, count: int) -> tuple[float, int]:
     refused alike."""
     fast, worst, none = rp.compiled(function), 0.0, 0
     assert fast.inverse._loop.own.inverses is not None
-    for k, (target, c) in enumerate(test_vectors.targets(function, count, seed=3)):
-        leaf = None if k % 3 == 0 else c
+    for target, leaf in targets(function, count):
         try:
             q = function(target, leaf=leaf)
         except rp.InputError as error:
@@ -260,13 +278,13 @@ def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> N
         pin.SE3(1.01 * cell.placement.rotation, cell.placement.translation),
     )
     parts = {
-        "inside": text.row(q),
-        "outside": text.row(outside),
-        "edge": text.row(edge),
-        "leaf": text.row(leaf),
-        "middle": text.pose(middle),
+        "inside": row(q),
+        "outside": row(outside),
+        "edge": row(edge),
+        "leaf": row(leaf),
+        "middle": pose(middle),
     }
-    parts |= {"beyond": text.pose(onward), "scaled": text.pose(scaled)}
+    parts |= {"beyond": pose(onward), "scaled": pose(scaled)}
     rp.export_c(function, tmp_path / "F", "arm")
     (tmp_path / "F" / "knows.c").write_text(
         re.sub("@([a-z]+)", lambda found: parts[found[1]], KNOWS)

@@ -3,12 +3,9 @@ no compiler."""
 
 from __future__ import annotations
 
-import ctypes
 import os
 import pickle
 import stat
-import subprocess
-import sys
 import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -23,9 +20,6 @@ from strategies.test_control_step import BAD_STEPS
 from test_codegen import answer
 
 import repctl_pin as rp
-from repctl_pin import c_library as build
-
-CODE = "int answer(void) { return 42; }\nint answer(void);\n"
 
 
 @pytest.fixture
@@ -157,16 +151,57 @@ def test_singular_is_said_in_the_same_words() -> None:
 # -------------------------------------------------------------------------------------
 
 
+def small(size: float = 1.0) -> rp.RepeatableInverse:
+    """An inverse that is compiled in no time; each size has code of its own."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    weights = size * np.array([[1.0], [0.5], [0.2]])
+    return rp.RepeatableInverse(task, rp.Polynomial(np.zeros(3), 1).weighted(weights))
+
+
+def loaded() -> set[Path]:
+    """The libraries that this process has loaded."""
+    maps = Path("/proc/self/maps")
+    if not maps.is_file():
+        pytest.skip("this system does not say which libraries a process has loaded")
+    lines = maps.read_text().splitlines()
+    return {Path(line.split()[-1]) for line in lines if line.endswith(".so")}
+
+
+def in_c(inverse: rp.RepeatableInverse) -> rp.RepeatableInverse:
+    """Compile without a warning, so that C serves; it computes what Python does."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fast = rp.compiled(inverse)
+    q, xdot = np.array([0.3, 0.8, 0.8]), np.array([0.2, -0.1])
+    assert np.allclose(
+        fast.velocity(q, xdot), inverse.velocity(q, xdot), rtol=1e-12, atol=0
+    )
+    return fast
+
+
+def library_of(inverse: rp.RepeatableInverse) -> Path:
+    """Compile an inverse that this process has not compiled; the library that it then loads."""
+    before = loaded()
+    in_c(inverse)
+    (library,) = loaded() - before
+    return library
+
+
+def files(folder: Path) -> set[Path]:
+    """The library and its checksum, and nothing that is left over."""
+    library, checksum = sorted(folder.iterdir(), key=lambda file: file.suffix != ".so")
+    assert library.suffix == ".so" and checksum == library.with_suffix(".sha256")
+    return {library, checksum}
+
+
 @NEEDS_C
 def test_it_is_built_once_in_a_private_folder(cache: Path) -> None:
-    first = build.shared_library(CODE)
+    first = library_of(small())
     built = first.stat().st_mtime_ns
-    assert build.shared_library(CODE) == first and first.stat().st_mtime_ns == built
-    assert first.parent == cache and stat.S_IMODE(cache.stat().st_mode) == 0o700
-    assert (
-        len(list(cache.iterdir())) == 2
-    )  # the library and its checksum, nothing left over
-    assert build.shared_library(CODE + "/* another */\n") != first
+    in_c(small())
+    assert first in files(cache) and first.stat().st_mtime_ns == built
+    assert stat.S_IMODE(cache.stat().st_mode) == 0o700
+    assert library_of(small(2.0)) != first
 
 
 @NEEDS_C
@@ -176,26 +211,32 @@ def test_it_is_built_once_in_a_private_folder(cache: Path) -> None:
 def test_what_was_tampered_with_is_built_again(
     harm: str, cache: Path, tmp_path: Path
 ) -> None:
-    library = build.shared_library(CODE)
-    whole = library.read_bytes()
+    library = library_of(small())
+    whole, mode = library.read_bytes(), library.stat().st_mode
+    if harm in ("cut short", "replaced", "link"):
+        library.unlink()  # this process has loaded it
     if harm == "cut short":
         library.write_bytes(whole[:1000])
+        library.chmod(mode)
     elif harm == "replaced":
-        library.write_bytes(whole.replace(b"answer", b"danger"))
+        assert b"_velocity" in whole
+        library.write_bytes(whole.replace(b"_velocity", b"_danger__"))
+        library.chmod(mode)
     elif harm == "link":
         (tmp_path / "elsewhere").write_bytes(whole)
-        library.unlink()
+        (tmp_path / "elsewhere").chmod(mode)
         library.symlink_to(tmp_path / "elsewhere")
     elif harm == "writable":
         library.chmod(0o777)
     else:
         library.with_suffix(".sha256").unlink()
-    assert build.shared_library(CODE) == library
+    in_c(small())
+    assert library in files(cache)
     status = library.lstat()
     assert (
         stat.S_ISREG(status.st_mode)
         and not status.st_mode & 0o022
-        and b"answer" in library.read_bytes()
+        and b"_velocity" in library.read_bytes()
     )
     assert library.read_bytes()[:1000] == whole[:1000]
 
@@ -204,7 +245,7 @@ def test_what_was_tampered_with_is_built_again(
 def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
     cache.mkdir(parents=True)
     cache.chmod(0o777)
-    library = build.shared_library(CODE)
+    library = library_of(small(3.0))
     assert (
         library.parent != cache and stat.S_IMODE(library.parent.stat().st_mode) == 0o700
     )
@@ -212,19 +253,10 @@ def test_a_folder_that_others_can_write_is_not_used(cache: Path) -> None:
 
 
 @NEEDS_C
-def test_two_at_once_do_no_harm(cache: Path) -> None:
-    code = (
-        "from repctl_pin.c_library import shared_library; import ctypes\n"
-        f"print(ctypes.CDLL(str(shared_library({CODE!r}))).answer())"
-    )
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
-        )
-        for _ in range(2)
-    ]
-    assert [process.communicate()[0] for process in running] == ["42\n"] * 2
-    assert len(list(cache.iterdir())) == 2
+def test_four_at_once_do_no_harm(cache: Path) -> None:
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(in_c, [small() for _ in range(4)]))
+    files(cache)
 
 
 @pytest.mark.parametrize(
@@ -247,12 +279,13 @@ def test_without_a_compiler_it_says_so_and_python_serves(
     )
 
 
-def test_no_compiler_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_compiler_at_all(
+    panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(
-        build.NoCompilerError, match=r"no C compiler \(cc, gcc, clang\)"
-    ):
-        build.compiler()
+    said = one_warning(panda_design.inverse)
+    assert said.startswith("no C compiler (cc, gcc, clang) is installed")
 
 
 @NEEDS_C
@@ -274,7 +307,7 @@ def test_a_home_that_cannot_be_written_does_no_harm(
 ) -> None:
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    library = build.shared_library(CODE)
+    library = library_of(small(4.0))
     assert library.is_file() and stat.S_IMODE(os.stat(library.parent).st_mode) == 0o700
 
 
@@ -341,7 +374,7 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CC", script(tmp_path, f"echo $$ > {tmp_path}/group; {text}"))
-    monkeypatch.setattr(build, "_COMPILES", 0.2)
+    monkeypatch.setattr("repctl_pin.c_library._COMPILES", 0.2)
     assert "took longer than 0.2 s; Python" in one_warning(panda_design.inverse)
     with pytest.raises(ProcessLookupError):
         for _ in range(100):  # what was killed is gone a moment later
@@ -357,12 +390,11 @@ def test_a_compiler_that_hangs_is_ended_with_its_children(
 def test_a_folder_or_a_pipe_in_a_files_place_does_no_harm(
     place: str, cache: Path
 ) -> None:
-    library = build.shared_library(CODE)
+    library = library_of(small())
     file = library if place == "library" else library.with_suffix(".sha256")
     file.unlink()
     os.mkfifo(file, 0o600) if place == "pipe" else file.mkdir()
-    other = build.shared_library(CODE)
-    assert other.is_file() and ctypes.CDLL(str(other)).answer() == 42
+    in_c(small())
 
 
 @NEEDS_C
@@ -374,7 +406,7 @@ def test_without_a_home_a_temporary_folder_serves(
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     with pytest.raises(RuntimeError):
         Path.home()
-    assert build.shared_library(CODE).is_file()
+    assert library_of(small(5.0)).is_file()
 
 
 # ---- large numbers, and rotations that are none

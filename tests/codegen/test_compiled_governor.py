@@ -1,84 +1,198 @@
-"""The governor in C called from Python: the joints and refusals of the one in Python."""
+"""The governor in C as the servo runs it: the joints and refusals of the one in Python; and as
+exported, after any history."""
 
 from __future__ import annotations
 
+import ctypes
 import sys
 import warnings
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import Q_PANDA
 from controls import NEEDS_C, control, own_cache  # noqa: F401
+from test_governor_c import DOUBLE, Pose, in_c
 
 import repctl_pin as rp
-from repctl_pin.codegen.compiled_governor import CompiledGovernor
+from repctl_pin.integrations.servo import Servo, State
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "attack"))
 
 from governor_ticks import ARMS
 
-Q0 = np.array([0.3, 0.8, 0.8])
+Q0, DT = np.array([0.3, 0.8, 0.8]), 0.005
+LIMITS = rp.Limits(acceleration=6.0, jerk=400.0)
 
 
-def both(region: rp.Box | None = None) -> list[rp.Governor]:
-    task = rp.Robot.load("planar3r").task("tool", "xy")
-    potentials = control(task, Q0, rp.Polynomial(Q0, 2, 0.5)).potentials
-    inverse = rp.RepeatableInverse(task, potentials, region=region)
-    kinds = rp.Governor, CompiledGovernor
-    return [
-        kind(inverse, 0.005, rp.Limits(acceleration=6.0, jerk=400.0), margin=0.01)
-        for kind in kinds
-    ]
+def task_of(robot: str) -> tuple[rp.Task, np.ndarray]:
+    if robot == "panda":
+        return rp.Robot.load("panda").task("panda_hand_tcp", "pose"), Q_PANDA
+    return rp.Robot.load(robot).task("tool", "xy"), Q0
+
+
+@cache
+def design(robot: str = "planar3r", half_width: float = 0.15) -> rp.Design:
+    task, q0 = task_of(robot)
+    few, degree = rp.FitOptions(samples=64, held_out=64), 2 if task.n == 3 else 1
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        rp.Polynomial(q0, degree, 0.5),
+        rp.Box(q0, half_width),
+        options=few,
+    )
+
+
+class Arm:
+    """A servo, and an arm that is always where it was commanded to be."""
+
+    def __init__(self, of: rp.Design, q: np.ndarray = Q0) -> None:
+        self.servo, self.q, self.now = Servo(of, 1 / DT, LIMITS), q, 0.0
+        for _ in range(40):
+            self.tick()
+
+    def tick(self) -> np.ndarray | None:
+        self.now += DT
+        names = self.servo.task.joint_names
+        self.servo.joints(dict(zip(names, self.q, strict=True)), self.now)
+        q = self.servo.tick(self.now)
+        self.q = self.q if q is None else q
+        return q
+
+    def step(
+        self, target: pin.SE3 | None, twist: np.ndarray | None
+    ) -> tuple[np.ndarray | None, rp.Status]:
+        if target is not None:
+            self.servo.pose(
+                target.translation, pin.Quaternion(target.rotation).coeffs()
+            )
+        elif twist is not None:
+            self.servo.twist(twist, self.now)
+        return self.tick(), self.servo.status
 
 
 @NEEDS_C
-def test_it_commands_the_same_joints() -> None:
-    box = rp.Box(Q0, 0.15)
-    pair, rng, said, worst = both(box), np.random.default_rng(0), set(), 0.0
-    for governor in pair:
-        governor.start(Q0)
-    home = pair[0]._task.placement(Q0)
-    for k in range(180):
+@pytest.mark.parametrize(("robot", "ticks"), [("planar3r", 180), ("panda", 120)])
+def test_it_commands_the_same_joints(robot: str, ticks: int) -> None:
+    rng, said, worst = np.random.default_rng(0), set(), 0.0
+    q0, planar = task_of(robot)[1], robot == "planar3r"
+    arm = Arm(design(robot), q0)
+    governor = rp.Governor(design(robot).inverse, DT, LIMITS)
+    governor.start(q0)
+    home = arm.servo.task.placement(q0)
+    assert arm.servo.state is State.RUNNING and (arm.q == q0).all()
+    for k in range(ticks):
         if k % 30 == 0:
-            p = home.translation + rng.normal(size=3) * 0.2 * [1, 1, 0]
-            target, twist = pin.SE3(home.rotation, p), None
+            p = home.translation + rng.normal(size=3) * 0.2 * [1, 1, not planar]
+            R = home.rotation if planar else pin.exp3(0.2 * rng.normal(size=3))
+            target, twist = pin.SE3(R @ home.rotation, p), None
             if k % 90 == 60:
                 target, twist = None, rng.normal(size=6)
-            if k == 90:
-                target = pin.SE3(home.rotation, p * np.nan)
-        (q, status), (q_c, status_c) = (g.step(target, twist) for g in pair)
+        (q, status), (q_c, status_c) = (g.step(target, twist) for g in (governor, arm))
         assert status == status_c and isinstance(status_c, rp.Status)
+        assert q_c is not None and arm.servo.command is not None
         worst, said = max(worst, np.abs(q - q_c).max()), said | {status}
-        assert (pair[1].q == q_c).all()
-    assert worst < 1e-9 and np.abs(q - Q0).max() > 1e-3
-    assert {rp.Status.OUTSIDE, rp.Status.SLOWED, rp.Status.BAD_NUMBER} <= said
-    assert pair[1].leaf == pytest.approx(pair[0].leaf, abs=1e-12)
+        assert (arm.servo.command == q_c).all()
+    assert worst < 1e-9 and np.abs(q - q0).max() > 1e-3
+    assert {rp.Status.OUTSIDE, rp.Status.SLOWED} <= said or not planar
+    assert arm.servo.current_leaf == pytest.approx(governor.leaf, abs=1e-12)
+
+
+@NEEDS_C
+def test_the_way_to_another_leaf_begins_where_the_arm_is() -> None:
+    arm = Arm(design(half_width=0.6))
+    task, Q = arm.servo.task, [arm.q]
+    target = task.placement(Q0 + [0.1, 0.1, -0.1])
+    leaf = design(half_width=0.6).inverse.leaf(Q0) + 0.1
+    for k in range(1200):
+        if k == 400:
+            assert arm.servo.at_rest and arm.servo.leaf(leaf) == ""
+        arm.step(target, None)
+        Q.append(arm.q)
+    assert arm.servo.at_rest and np.abs(Q[400] - Q0).max() > 0.05
+    assert np.abs(arm.servo.current_leaf - leaf).max() < 1e-8
+    assert np.abs(task.error(arm.q, target)).max() < 1e-8
+    assert (np.abs(np.diff(Q, axis=0)) <= (1 + 1e-6) * DT * task.velocity_limit).all()
+    assert np.abs(np.diff(Q, 2, axis=0)).max() <= (1 + 1e-6) * DT**2 * 6.0
 
 
 @NEEDS_C
 def test_it_refuses_the_same_starts() -> None:
-    for governor in both(rp.Box(Q0, 0.1)):
-        with pytest.raises(rp.InputError, match="outside Ω"):
-            governor.start(Q0 + 0.2)
-        with pytest.raises(rp.InputError, match="has not started"):
-            governor.step()
+    governor, arm = rp.Governor(design().inverse, DT, LIMITS), Arm(design(), Q0 + 0.2)
+    with pytest.raises(rp.InputError, match="outside Ω") as caught:
+        governor.start(Q0 + 0.2)
+    assert arm.servo.state is State.WAITING and arm.servo.command is None
+    assert arm.servo.reason == f"cannot start: {caught.value}"
+    with pytest.raises(rp.InputError, match="has not started"):
+        governor.step()
 
 
 def test_without_a_compiler_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "no-such-compiler")
     with pytest.warns(UserWarning, match="Python serves"):
-        governor = both()[1]
+        arm = Arm(design())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        q, status = arm.step(None, None)
+        assert q is not None and (q == Q0).all() and status is rp.Status.OK
+        governor = rp.Governor(design().inverse, DT, LIMITS)
         governor.start(Q0)
-        q, status = governor.step()
-    assert (q == Q0).all() and status is rp.Status.OK
+        target = arm.servo.task.placement(Q0 + 0.05)
+        for _ in range(20):
+            (expected, _), (q, _) = (g.step(target, None) for g in (governor, arm))
+    assert np.abs(q - expected).max() < 1e-12 and np.abs(q - Q0).max() > 1e-3
+
+
+class Exported:
+    """The governor of an exported folder."""
+
+    def __init__(
+        self,
+        inverse: rp.RepeatableInverse,
+        folder: Path,
+        dt: float,
+        limits: rp.Limits,
+        margin: float,
+    ) -> None:
+        rp.export_c(inverse, folder / "governor", "arm")
+        self.library, self.dt, task = in_c(folder / "governor"), dt, inverse.task
+        of_joints = (
+            task.velocity_limit,
+            np.broadcast_to(limits.acceleration, task.n),
+            np.broadcast_to(limits.jerk, task.n),
+        )
+        self.bounds = (DOUBLE * (3 * task.n + 1))(*np.concatenate(of_joints), margin)
+        self.state = ctypes.create_string_buffer(1 << 20)
+        self.q = np.zeros(task.n)
+
+    def start(self, q: np.ndarray) -> None:
+        start = (DOUBLE * len(q))(*q)
+        begin = self.library.arm_governor_start
+        assert begin(self.state, start, DOUBLE(self.dt), self.bounds) == rp.Status.OK
+
+    def step(
+        self, target: pin.SE3 | None = None, twist: np.ndarray | None = None
+    ) -> tuple[np.ndarray, rp.Status]:
+        pose = rates = None
+        if target is not None:
+            R = (DOUBLE * 9)(*target.rotation.ravel())
+            pose = ctypes.byref(Pose((DOUBLE * 3)(*target.translation), R))
+        elif twist is not None:
+            rates = (DOUBLE * 6)(*twist)
+        q = self.q.ctypes.data_as(ctypes.POINTER(DOUBLE))
+        status = self.library.arm_governor_step(self.state, pose, rates, q)
+        return self.q.copy(), rp.Status(status)
 
 
 @NEEDS_C
-def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints() -> None:
-    governor, task = both()[1], rp.Robot.load("planar3r").task("tool", "xy")
+def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints(
+    tmp_path: Path,
+) -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+    governor = Exported(inverse, tmp_path, DT, LIMITS, 0.01)
     governor.start(Q0)
     rng, said = np.random.default_rng(127), []
     for _ in range(2):
@@ -114,9 +228,8 @@ def test_after_any_history_the_same_pose_has_the_same_joints(
 ) -> None:
     task, q0, acceleration, jerk = ARMS[name](tmp_path)
     inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
-    governor = CompiledGovernor(
-        inverse, 1e-3, rp.Limits(acceleration=acceleration, jerk=jerk), margin=0.02
-    )
+    limits = rp.Limits(acceleration=acceleration, jerk=jerk)
+    governor = Exported(inverse, tmp_path, 1e-3, limits, 0.02)
     home, missed = task.placement(q0), []
     for seed in range(60):
         rng = np.random.default_rng(seed)

@@ -101,7 +101,11 @@ def test_c_commands_the_joints_that_python_does(
     for k in range(ticks):
         if k % 50 == 0:
             target, twist, pose, rates = None, None, None, None
-            if k % 150 == 50:
+            if k == 100:  # not a number: the arm stops
+                target = pin.SE3(home.rotation, home.translation * np.nan)
+                R = (DOUBLE * 9)(*home.rotation.ravel())
+                pose = ctypes.byref(Pose((DOUBLE * 3)(*target.translation), R))
+            elif k % 150 == 50:
                 twist = 0.3 * rng.normal(size=6)
                 rates = (DOUBLE * 6)(*twist)
             elif k % 150 == 0:
@@ -114,6 +118,7 @@ def test_c_commands_the_joints_that_python_does(
         worst, said = max(worst, np.abs(np.array(q) - wanted).max()), said | {status}
     print(f"{worst:.1e} apart, {said}")
     assert worst < 1e-8 and np.abs(np.array(q) - q0).max() > 1e-3
+    assert rp.Status.BAD_NUMBER in said
 
 
 @NEEDS_C

@@ -1,4 +1,4 @@
-"""Torques in C: the numbers and the refusals of Python, and the same bits on other processors."""
+"""Torques in C: those of the law, refused as in Python, and the same bits on other processors."""
 
 from __future__ import annotations
 
@@ -6,36 +6,64 @@ import ctypes
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
 from test_codegen_builds import exported, needed, run
+from test_governor_c import in_c as library
 
 import repctl_pin as rp
-from repctl_pin.codegen.compiled_loop import NAME, library
-from repctl_pin.strategies.torque_law import Gains, Observer, torque_law
 
 AGREE = 1e-10
 QUICK = ("panda, axis, degree 2", "tiago, position, degree 2")
 
 
-def in_c(inverse: rp.RepeatableInverse) -> Callable[..., tuple[int, np.ndarray]]:
-    """The exported function, with the arguments of the law in Python."""
-    task, path = inverse.task, library(inverse)
-    n, m = task.n, task.m
-    function = ctypes.CDLL(path)[f"{NAME}_torque"]
+class Gains(NamedTuple):
+    """The fields of ``arm_gains``, in order."""
+
+    stiffness: np.ndarray
+    damping: float
+    leaf_frequency: float
+    leaf_damping: float
+    observer_rate: float
+    observer_limit: np.ndarray
+
+
+class Observer(NamedTuple):
+    """State of an observer and its time step, s."""
+
+    state: np.ndarray
+    dt: float
+
+
+def in_c(inverse: rp.RepeatableInverse, folder: Path) -> Callable[..., Any]:
+    """The exported function, with the arguments of the law."""
+    rp.export_c(inverse, folder / "torque", "arm")
+    function = library(folder / "torque").arm_torque
 
     def pointer(values: np.ndarray | None) -> ctypes.c_void_p | None:
         return None if values is None else ctypes.c_void_p(values.ctypes.data)
 
     def torque(
-        q, qdot, M, b, target, twist, leaf, gains: Gains, observer: Observer | None
-    ):
+        q,
+        qdot,
+        M,
+        b,
+        target,
+        twist,
+        leaf,
+        gains: Gains | None,
+        observer: Observer | None,
+    ) -> tuple[int, np.ndarray]:
         pose = np.r_[target.translation, np.ravel(target.rotation)]
-        packed = np.r_[gains.stiffness, gains[1:5], gains.observer_limit]
-        assert len(packed) == m + 4 + n
-        tau, state = np.full(n, np.nan), None if observer is None else observer.state
+        packed = None
+        if gains is not None:
+            packed = np.r_[gains.stiffness, gains[1:5], gains.observer_limit]
+            assert len(packed) == inverse.task.m + 4 + inverse.task.n
+        tau = np.full(inverse.task.n, np.nan)
+        state = None if observer is None else observer.state
         status = function(
             *map(
                 pointer,
@@ -49,19 +77,61 @@ def in_c(inverse: rp.RepeatableInverse) -> Callable[..., tuple[int, np.ndarray]]
     return torque
 
 
+def law(
+    inverse: rp.RepeatableInverse,
+    gains: Gains,
+    q,
+    qdot,
+    M,
+    b,
+    target,
+    twist,
+    leaf,
+    observer,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """τ of :class:`rp.LeafImpedance` for any inertia M and bias b, and the observer's next state.
+
+    τ = M J_V⁻¹ ([ẍ; ḧ − s d] − J̇_V q̇) + b; with A = √K J M⁻¹ Jᵀ √K the hand's acceleration is
+    √K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ), which is Λ⁻¹ F with the same damping in all directions."""
+    task, m = inverse.task, inverse.task.m
+
+    def rows(q: np.ndarray) -> np.ndarray:
+        return np.vstack([task.jacobian(q), inverse.potentials.gradient(q).T])
+
+    J_V, speed = rows(q), np.linalg.norm(qdot)
+    J, ahead = J_V[:m], 1e-3 * qdot / speed if speed else qdot
+    bent = (rows(q + ahead) - rows(q - ahead)) @ qdot * speed / 2e-3
+    rates, root = J_V @ qdot, np.sqrt(gains.stiffness)
+    A = root[:, None] * (J @ np.linalg.solve(M, J.T)) * root
+    values, U = np.linalg.eigh(A)
+    half = (U * np.sqrt(np.maximum(values, 0.0))) @ U.T
+    lag = -rates[:m] + (0.0 if twist is None else task.task_velocity(q, twist))
+    e = task.error(q, target)
+    xddot = (A @ (root * e) + 2 * gains.damping * half @ (root * lag)) / root
+    omega, hdot = gains.leaf_frequency, rates[m:]
+    pull = omega**2 * (leaf - inverse.leaf(q)) - 2 * gains.leaf_damping * omega * hdot
+    tau = M @ np.linalg.solve(J_V, np.r_[xddot, pull] - bent) + b
+    if observer is None:
+        return tau, None
+    d = gains.observer_rate * (hdot - observer.state)
+    opposed = M @ np.linalg.solve(J_V, np.r_[np.zeros(m), d])
+    share = 1.0 / max(1.0, np.abs(opposed / gains.observer_limit).max())
+    state = hdot - share * d / gains.observer_rate + observer.dt * pull
+    return tau - share * opposed, state
+
+
 def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
     """The greatest difference of torques and states, relative to torques above 1, and how many were
     refused."""
     inverse, q0 = CONTROLS[name](folder)
     task, rng = inverse.task, np.random.default_rng(2)
-    ours, worst, refused = in_c(inverse), 0.0, 0
+    ours, worst, refused = in_c(inverse, folder), 0.0, 0
     for k in range(count):
         gains = Gains(
             rng.uniform(50, 3000, task.m),
             *rng.uniform(0.5, 20, 4),
             rng.uniform(0.5, 5, task.n),
         )
-        law = torque_law(task, inverse.potentials, gains)
         q = q0 + 0.4 * rng.uniform(-1, 1, task.n)
         if k % 16 == 15:
             q = np.zeros(task.n)  # stretched, for many an arm
@@ -73,33 +143,30 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
         target = task.placement(q + 0.05 * rng.normal(size=task.n))
         twist = rng.normal(size=6) if k % 3 else None
         leaf = inverse.leaf(q0) + 0.05 * rng.normal(size=task.r)
-        state = rng.normal(size=task.r)
-        observers = [Observer(state.copy(), 1e-3) if k % 4 else None for _ in range(2)]
-        status, tau = ours(
-            q, qdot * (k % 9 > 0), M, b, target, twist, leaf, gains, observers[0]
-        )
+        observer = Observer(rng.normal(size=task.r), 1e-3) if k % 4 else None
+        given = (q, qdot * (k % 9 > 0), M, b, target, twist, leaf)
         try:
-            python = law(q, qdot * (k % 9 > 0), M, b, target, twist, leaf, observers[1])
+            inverse.velocity(q, np.zeros(task.m))
         except rp.SingularityError:
+            status, tau = ours(*given, gains, observer)
             assert status == 1 and np.isnan(tau).all()
             refused += 1
             continue
+        expected, state = law(inverse, gains, *given, observer)
+        status, tau = ours(*given, gains, observer)
         assert status == 0
         J_V = np.vstack([task.jacobian(q), inverse.potentials.gradient(q).T])
         hard = max(1.0, 1e-3 * float(np.linalg.cond(J_V)))
-        size = max(1.0, float(np.abs(python).max())) * hard
-        worst = max(worst, float(np.abs(tau - python).max()) / size)
-        if observers[0] is not None and observers[1] is not None:
-            worst = max(
-                worst,
-                float(np.abs(observers[0].state - observers[1].state).max()) / hard,
-            )
+        size = max(1.0, float(np.abs(expected).max())) * hard
+        worst = max(worst, float(np.abs(tau - expected).max()) / size)
+        if observer is not None:
+            worst = max(worst, float(np.abs(observer.state - state).max()) / hard)
     return worst, refused
 
 
 @NEEDS_C
 @pytest.mark.parametrize("name", QUICK)
-def test_c_computes_the_torques_of_python(name: str, tmp_path: Path) -> None:
+def test_c_computes_the_torques_of_the_law(name: str, tmp_path: Path) -> None:
     worst, refused = disagreement(name, tmp_path, 100)
     print(f"{name}: {worst:.1e}, {refused} refused")
     assert worst < AGREE and refused < 50
@@ -108,7 +175,7 @@ def test_c_computes_the_torques_of_python(name: str, tmp_path: Path) -> None:
 @NEEDS_C
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CONTROLS)
-def test_c_computes_10000_torques_of_python(name: str, tmp_path: Path) -> None:
+def test_c_computes_10000_torques_of_the_law(name: str, tmp_path: Path) -> None:
     worst, refused = disagreement(name, tmp_path, 10_000)
     print(f"{name}: {worst:.1e}, {refused} refused")
     assert worst < AGREE
@@ -116,7 +183,7 @@ def test_c_computes_10000_torques_of_python(name: str, tmp_path: Path) -> None:
 
 @NEEDS_C
 def test_the_robots_own_inertia_gives_the_torque_of_python(
-    panda_design: rp.Design, q_panda: np.ndarray
+    panda_design: rp.Design, q_panda: np.ndarray, tmp_path: Path
 ) -> None:
     """M and b of the URDF, with default gains: arm_torque_defaults() has those of Python."""
     inverse, task = panda_design.inverse, panda_design.task
@@ -129,24 +196,52 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
     )
     control = rp.LeafImpedance(inverse)
     python = control.torque(q, qdot, target, twist, leaf=leaf)
-    status, tau = in_c(inverse)(q, qdot, M, b, target, twist, leaf, control.gains, None)
-    assert status == 0 and np.abs(tau - python).max() < AGREE * np.abs(python).max()
-    function, tau = ctypes.CDLL(library(inverse))[f"{NAME}_torque"], np.zeros(7)
-    pose = np.r_[target.translation, np.ravel(target.rotation)]
-    given = (q, qdot, M, b, pose, twist, leaf)
-    function(
-        *(ctypes.c_void_p(x.ctypes.data) for x in given), None, ctypes.c_double(0), None,
-        ctypes.c_void_p(tau.ctypes.data),
-    )  # fmt: skip
-    assert np.abs(tau - python).max() < AGREE * np.abs(python).max()
+    torque = in_c(inverse, tmp_path)
+    for gains in (control.gains, None):
+        status, tau = torque(q, qdot, M, b, target, twist, leaf, gains, None)
+        assert status == 0 and np.abs(tau - python).max() < AGREE * np.abs(python).max()
+
+
+def test_python_computes_the_torques_of_the_law(
+    panda_design: rp.Design, q_panda: np.ndarray
+) -> None:
+    """With the robot's own M and b: any gains, with and without an observer at its limits."""
+    inverse, task, rng = (
+        panda_design.inverse,
+        panda_design.task,
+        np.random.default_rng(5),
+    )
+    dynamics = task.dynamics()
+    for k in range(24):
+        gains = Gains(
+            rng.uniform(50, 3000, 6), *rng.uniform(0.5, 20, 4), rng.uniform(0.5, 5, 7)
+        )
+        control = rp.LeafImpedance(inverse, **gains._asdict())
+        q = q_panda + 0.3 * rng.uniform(-1, 1, 7)
+        qdot, state = (k % 9 > 0) * rng.normal(size=7), rng.normal(size=1)
+        target = task.placement(q + 0.05 * rng.normal(size=7))
+        twist = rng.normal(size=6) if k % 3 else None
+        leaf = inverse.leaf(q_panda) + 0.05 * rng.normal(size=1)
+        M, b = task.inertias(q[None])[0], dynamics(q, qdot, np.zeros(7))
+        observer = control.observer(dt=1e-3) if k % 4 else None
+        if observer is not None:
+            observer.state[:] = state
+        given = Observer(state, 1e-3) if k % 4 else None
+        expected, after = law(inverse, gains, q, qdot, M, b, target, twist, leaf, given)
+        tau = control.torque(q, qdot, target, twist, leaf=leaf, observer=observer)
+        assert np.abs(tau - expected).max() < AGREE * max(1.0, np.abs(expected).max())
+        if observer is not None:
+            assert np.abs(observer.state - after).max() < AGREE * max(
+                1.0, np.abs(after).max()
+            )
 
 
 @NEEDS_C
 def test_what_c_refuses_changes_nothing(
-    panda_design: rp.Design, q_panda: np.ndarray
+    panda_design: rp.Design, q_panda: np.ndarray, tmp_path: Path
 ) -> None:
     inverse, task = panda_design.inverse, panda_design.task
-    torque, gains = in_c(inverse), rp.LeafImpedance(inverse).gains
+    torque, gains = in_c(inverse, tmp_path), rp.LeafImpedance(inverse).gains
     upper = np.eye(7) + np.triu(0.1 * np.ones((7, 7)), 1)
     good = {
         "q": q_panda, "qdot": np.zeros(7), "M": np.eye(7), "b": np.zeros(7),

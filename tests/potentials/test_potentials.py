@@ -138,7 +138,7 @@ def test_potentials_in_the_row_space_are_dropped_by_name(panda: rp.Robot) -> Non
             lambda: rp.CustomPotentials([lambda q: "x"], names=["bad"]).values(
                 np.zeros((1, 3))
             ),
-            "bad gives no number",
+            "bad does not return a number",
         ),
         (
             lambda: rp.CustomPotentials([(bump, lambda q: np.zeros(2))]).gradients(

@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import refused
 
 import repctl_pin as rp
-from repctl_pin.errors import needed
 
 ROOT = Path(__file__).parents[2]
 LEFT_OUT = [
@@ -124,11 +124,18 @@ def test_the_commands_of_the_page_ask_for_what_the_package_does() -> None:
     assert {modules.get(name, name) for name in others} <= set(LEFT_OUT)
 
 
-def test_what_is_there_is_not_asked_for() -> None:
-    needed("numpy", by="a test")
-    with pytest.raises(
-        rp.InputError,
-        match="a test requires no_such_thing, which is not installed; "
-        "run `pip install no_such_thing`",
-    ):
-        needed("numpy", "no_such_thing", by="a test")
+def test_what_is_there_is_not_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ("cell", "ppr", "--shrink", "--keep")
+    assert "mutually exclusive" in refused(capsys, *command)
+    monkeypatch.setitem(sys.modules, "meshcat", None)  # as if it were not installed
+    assert refused(capsys, *command) == (
+        "repctl: repctl cell requires meshcat, which is not installed; "
+        "run `pip install meshcat`\n"
+    )
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert refused(capsys, *command) == (
+        "repctl: repctl cell requires matplotlib, meshcat, which are not installed; "
+        "run `pip install matplotlib meshcat`\n"
+    )

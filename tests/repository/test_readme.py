@@ -10,7 +10,7 @@ import re
 import shlex
 import shutil
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from arms import catalogue
 from commands import computed_once, main, parsers, without_pictures
 from shown import answered, drifts, steady, written
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.urdf import catalogue
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -183,14 +183,13 @@ def check_export(folder: Path, _: str) -> None:
     assert json.loads(file.read_text(encoding="utf-8"))["task"]["joints"] == JOINTS
 
 
-def check_robots(folder: Path, printed: str) -> None:
-    """As many robots as the README says, some of which are shown; in 80 columns."""
+def check_robots(names: Iterable[str], printed: str) -> None:
+    """The named robots, in 80 columns; the README says how many there are."""
     lines = printed.splitlines()
     assert max(map(len, lines)) <= 80
     (robots,) = re.findall(r"repctl robots +# (\d+) robots", README)
-    some = {entry.name for entry in catalogue.entries()}
-    assert {line.split()[0] for line in lines[2:-3]} == some
-    assert len(EVERY_ROBOT) == int(robots)
+    assert {line.split()[0] for line in lines[2:-3]} == set(names)
+    assert len(catalogue()) == int(robots)
 
 
 def check_follow(folder: Path, printed: str) -> None:
@@ -204,14 +203,11 @@ def check_follow(folder: Path, printed: str) -> None:
     assert np.ptp(rows["joint1"]) > 0.1
 
 
-EVERY_ROBOT = catalogue.entries()
-
-
-def some_of_them(entries: tuple[Any, ...]) -> Callable[[], tuple[Any, ...]]:
-    """The small robots and those with the longest names."""
-    longest = sorted(entries, key=lambda entry: len(entry.name))[-3:]
-    few = tuple(e for e in entries if "planar" in e.name or e in longest)
-    return lambda: few
+def some_of_them() -> dict[str, Any]:
+    """The rows of the small robots and of those with the longest names."""
+    rows = catalogue()
+    longest = sorted(rows, key=len)[-3:]
+    return {name: rows[name] for name in rows if "planar" in name or name in longest}
 
 
 @pytest.mark.slow
@@ -221,7 +217,7 @@ def test_every_robot_is_listed(
     """In a terminal of 80 columns."""
     fit_terminals(monkeypatch)
     assert main(["robots"]) == 0
-    check_robots(tmp_path, capsys.readouterr().out)
+    check_robots(catalogue(), capsys.readouterr().out)
 
 
 def in_three_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,7 +243,8 @@ def test_the_commands_for_ones_own_arm_run(
         "repctl_pin.design.nearest._MOST_DEGREE", 2
     )  # the same in less time
     in_three_cycles(monkeypatch)
-    monkeypatch.setattr(catalogue, "entries", some_of_them(catalogue.entries()))
+    few = some_of_them()
+    monkeypatch.setattr("repctl_pin.urdf.catalogue.table", lambda: few)
     fit_terminals(monkeypatch)
     for file in OWN:
         shutil.copy(file, tmp_path)
@@ -273,7 +270,7 @@ def test_the_commands_for_ones_own_arm_run(
         elif command.startswith("export"):
             check_export(tmp_path, text)
         elif command == "robots":
-            check_robots(tmp_path, text)
+            check_robots(few, text)
 
 
 @pytest.mark.parametrize(

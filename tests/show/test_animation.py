@@ -162,7 +162,7 @@ def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
         ({"q": motions["a"].q}, "'q' is a ndarray"),
         ({"a": motions["a"], "b": other}, "motions of planar3r and ppr"),
         ({"a": motions["a"], "b": short}, "as many cycles and steps"),
-        (motions["a"], "give it a name"),
+        (motions["a"], "name the motion"),
         ("panda", "got str"),
     ):
         with pytest.raises(rp.InputError, match=words):

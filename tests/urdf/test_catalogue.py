@@ -13,22 +13,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import catalogue
+from lxml import etree
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.robot.robot import lock_joints
-from repctl_pin.urdf import (
-    data_folder,
-    default_package_dirs,
-    entries,
-    find,
-    reference_posture,
-    table,
-    urdf_folder,
-    validate,
-)
+from repctl_pin.urdf import reference_posture
 
-NAMES = list(table())
+NAMES = list(catalogue())
 PLANAR = {
     "planar3r": (1, 1, 1),
     "planar4r": (1, 0.8, 0.7, 0.5),
@@ -67,15 +59,15 @@ JOINTS = {
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_robot_is_what_it_promises(name: str) -> None:
-    entry = find(name)
-    d = validate.read_urdf(entry.urdf)
+    machine = rp.Robot.load(name)
+    entry, row = machine.entry, catalogue()[name]
+    assert entry is not None and entry.name == machine.name == name
+    assert list(entry.frames) == row["frames"] and str(entry.urdf).endswith(row["urdf"])
+    d = machine.description
     model = pin.buildModelFromXML(d.xml)
     assert model.nq == model.nv > 0
-    lock_joints(
-        model, list(range(2, model.njoints)), pin.neutral(model)
-    )  # any joint can be locked
-
-    machine = rp.Robot.load(name)
+    first, *others = machine.joint_names
+    assert rp.Robot.load(name, lock=others).joint_names == (first,)
     assert entry.frames and set(entry.frames) <= set(d.links)
     for frame in entry.frames:
         task = machine.task(frame, "xy" if "planar" in entry.note else "position")
@@ -91,14 +83,12 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, row in table().items() if "srdf" in row]
+    "name", [name for name, row in catalogue().items() if "srdf" in row]
 )
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
-    entry = find(name)
-    assert entry.srdf is not None
     machine = rp.Robot.load(name)
     values = dict(zip(machine.joint_names, machine.reference, strict=True))
-    pose = reference_posture(entry.srdf, entry.posture)
+    pose = written_pose(machine)
     known = [j for j in pose if j in values]
     assert known
     moved = [j for j in known if not np.isclose(values[j], pose[j], atol=1e-3)]
@@ -113,38 +103,52 @@ def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
         ).all()
 
 
+def written_pose(machine: rp.Robot) -> dict[str, float]:
+    """The pose of the catalogue as the SRDF has it, by joint; without that of a floating base."""
+    entry = machine.entry
+    assert entry is not None and entry.srdf is not None
+    states = etree.parse(str(entry.srdf)).getroot().iter("group_state")
+    for state in states:
+        joints = [j for j in state.iter("joint") if len(j.get("value").split()) == 1]
+        if joints and entry.posture in (None, state.get("name")):
+            return {j.get("name").split("/")[-1]: float(j.get("value")) for j in joints}
+    raise AssertionError(f"no pose {entry.posture} in {entry.srdf}")
+
+
 def test_a_full_turn_is_taken_before_a_limit() -> None:
     kinova = rp.Robot.load("kinova")
-    pose = reference_posture(find("kinova").srdf, "arm_up")
+    assert kinova.entry is not None and kinova.entry.posture == "arm_up"
+    pose = written_pose(kinova)
     turned = kinova.reference[2] - pose["j2s6s200_joint_3"]
     assert np.isclose(turned, 2 * np.pi) and "joint_3" in " ".join(kinova.warnings)
 
 
 def test_names_and_aliases() -> None:
-    assert [e.name for e in entries()] == NAMES
     words = [
         word
-        for name, row in table().items()
+        for name, row in catalogue().items()
         for word in (name, *row.get("aliases", ()))
     ]
     assert len(set(words)) == len(words)
     assert all(word == word.lower() for word in words)
-    assert find("talos_full_v2") == find("talos") == find(" Talos ")
-    assert find("tiago_no_hand").urdf.name == "tiago_no_hand.urdf"
-    assert find("panda").posture == "default"
-    assert find("baxter").frames == ("left_gripper", "right_gripper")
+    for word in ("talos_full_v2", " Talos "):
+        assert rp.Robot.load(word).entry == rp.Robot.load("talos").entry
+    tiago = rp.Robot.load("tiago_no_hand").description.path
+    assert tiago.name == "tiago_no_hand.urdf"
+    assert rp.Robot.load("baxter").offered_frames == ("left_gripper", "right_gripper")
     with pytest.raises(
         rp.InputError, match=r"no robot 'pandda'; did you mean 'panda'.*repctl robots"
     ):
-        find("pandda")
+        rp.Robot.load("pandda")
 
 
 @pytest.mark.parametrize("name", ["panda", "talos", "so100", "planar3r"])
 def test_meshes_are_found(name: str) -> None:
-    entry = find(name)
-    xml = validate.read_urdf(entry.urdf).xml
+    machine = rp.Robot.load(name)
+    assert machine.warnings == ()
+    xml = machine.description.xml
     model = pin.buildModelFromXML(xml)
-    paths = [*entry.package_dirs]
+    paths = [*machine.package_dirs]
     geometry = pin.buildGeomFromUrdfString(
         model, xml, pin.GeometryType.VISUAL, package_dirs=paths
     )
@@ -158,7 +162,7 @@ def test_meshes_are_found(name: str) -> None:
 def position(
     name: str,
 ) -> tuple[pin.Model, Callable[[NDArray[np.float64]], NDArray[np.float64]]]:
-    model = pin.buildModelFromXML(validate.read_urdf(find(name).urdf).xml)
+    model = pin.buildModelFromXML(rp.Robot.load(name).description.xml)
     data, tool = model.createData(), model.getFrameId("tool", pin.FrameType.BODY)
 
     def tip(q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -210,7 +214,7 @@ def test_prr_closed_form() -> None:
 
 @pytest.mark.parametrize("name", ["ppr", "prr", *PLANAR])
 def test_planar_arms_have_room_and_mass(name: str) -> None:
-    d = validate.read_urdf(find(name).urdf)
+    d = rp.Robot.load(name).description
     moving = [j for j in d.joints if j.kind != "fixed"]
     assert all(
         -j.lower == j.upper >= (5 if j.kind == "prismatic" else 2 * np.pi)
@@ -269,7 +273,8 @@ def test_package_dirs_of_a_persons_own_file(
         os.pathsep.join([str(tmp_path / "ros" / "pkg"), "/not/there"]),
     )
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
-    dirs = default_package_dirs(urdf)
+    urdf.write_text('<robot name="arm"><link name="base"/></robot>')
+    dirs = list(rp.Robot.load(urdf).package_dirs)
     ws = [str(p) for p in (urdf.parent, urdf.parents[1], urdf.parents[2])]
     assert dirs[:3] == ws  # the third resolves package://my_arm/
     assert [str(tmp_path / p) for p in ("ros/pkg", "ros", "ament/share")] == dirs[-3:]
@@ -278,7 +283,7 @@ def test_package_dirs_of_a_persons_own_file(
 def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for folder in ("nowhere", "file"):
-        for name in ("planar3r", urdf_folder() / "planar3r.urdf"):
+        for name in ("planar3r", rp.Robot.load("planar3r").description.path):
             with pytest.raises(
                 rp.InputError, match=f"^package_dirs: there is no folder '.*{folder}'"
             ):
@@ -298,12 +303,12 @@ def test_a_package_dir_that_is_not_there_is_refused(tmp_path: Path) -> None:
         ),  # an alias is understood; the name is what is shown
         ("talos_full", "did you mean 'talos' or 'talos_left_arm'?"),
         ("grip", "did you mean 'ur3_gripper' or 'ur5_gripper'?"),
-        ("abb", f"there are {len(table())}, such as ppr, prr, planar3r"),
+        ("abb", f"there are {len(catalogue())}, such as ppr, prr, planar3r"),
     ],
 )
 def test_robots_near_to_what_was_typed_are_named(typed: str, near: str) -> None:
     with pytest.raises(rp.InputError) as error:
-        find(typed)
+        rp.Robot.load(typed)
     assert str(error.value).startswith(f"no robot {typed!r}; {near}")
     shown = re.findall(r"'(\w+)'", near)
     assert all(word in NAMES for word in shown)
@@ -333,25 +338,37 @@ def test_frames_at_the_ends_of_arms_are_named_where_none_is_near(
         rp.Robot.load("planar4r").task("nope")
 
 
-def test_without_the_data_only_our_own_arms(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "path", [])
-    monkeypatch.setattr(sys, "prefix", "/nowhere")
-    data_folder.cache_clear()
-    try:
-        assert find("planar3r").urdf.is_file()
-        with pytest.raises(rp.InputError, match="pip install"):
-            find("panda")
-        with pytest.raises(rp.InputError, match="pip install"):
-            entries()
-    finally:
-        monkeypatch.undo()
-        data_folder.cache_clear()
+WITHOUT_DATA = """
+import sys
+import repctl_pin as rp
+rp.Robot.load("planar3r")
+sys.path[:], sys.prefix = [], "/nowhere"  # all that is needed is imported
+print(rp.Robot.load("planar4r").name)
+try:
+    rp.Robot.load("panda")
+except rp.InputError as error:
+    print(error)
+"""
 
 
-def test_looking_a_robot_up_is_light() -> None:
-    code = """import sys; from repctl_pin.urdf.catalogue import entries; entries()
+def test_without_the_data_only_our_own_arms() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_DATA], capture_output=True, text=True, check=True
+    )
+    name, refusal = done.stdout.splitlines()
+    assert name == "planar4r"
+    assert "run `pip install 'example-robot-data" in refusal
+
+
+def test_the_list_of_robots_is_light() -> None:
+    """The shell's completion names all robots, and imports nothing large for it."""
+    code = """import sys
+from importlib.metadata import entry_points
+(repctl,) = entry_points(group="console_scripts", name="repctl")
+repctl.load()(["completion", "bash"])
 print([m for m in ('numpy', 'scipy', 'pinocchio', 'lxml') if m in sys.modules])"""
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert result.stdout.strip() == "[]"
+    script, _, modules = result.stdout.strip().rpartition("\n")
+    assert " ".join(NAMES) in script and modules == "[]"

@@ -18,9 +18,10 @@ import pytest
 from lxml import etree
 
 import repctl_pin as rp
-from repctl_pin.urdf import data_folder, find, urdf_folder, validate
 
 INF = math.inf
+NO_LIMIT = 1e3
+"""What Pinocchio is given where a joint has no limit."""
 
 
 def joint(
@@ -431,7 +432,7 @@ def refusal(path: Path) -> str:
     """The message of the refusal: one line, soon, that begins with the file."""
     start = time.process_time()
     with pytest.raises(rp.UrdfError) as caught:
-        validate.read_urdf(path)
+        rp.Robot.load(path)
     assert time.process_time() - start < 5.0
     message = str(caught.value)
     assert message.startswith(f"{path}: ")
@@ -465,10 +466,10 @@ def test_paths_that_are_no_file(tmp_path: Path) -> None:
     assert "is a folder" in refusal(tmp_path)
     os.mkfifo(tmp_path / "pipe.urdf")
     assert "not a regular file" in refusal(tmp_path / "pipe.urdf")
-    with pytest.raises(rp.InputError, match="no such file"):
-        validate.read_urdf("a\0b.urdf")
+    with pytest.raises(rp.InputError, match="robot must be a file.s name"):
+        rp.Robot.load("a\0b.urdf")
     with pytest.raises(rp.InputError, match=r"^a b\.urdf: no such file"):
-        validate.read_urdf("a\nb.urdf")
+        rp.Robot.load("a\nb.urdf")
 
 
 @pytest.mark.skipif(
@@ -497,7 +498,7 @@ def test_a_read_that_fails_is_one_line(
 def test_size_is_checked_before_parsing(tmp_path: Path) -> None:
     path = tmp_path / "big.urdf"
     with path.open("wb") as file:  # sparse: no disk is filled
-        file.truncate(50 * validate.MAX_BYTES)
+        file.truncate(250_000_000)
     assert "larger than" in refusal(path)
 
 
@@ -532,7 +533,7 @@ def test_plain_data(tmp_path: Path) -> None:
             joint("f", "fixed", "e", "f", body='<axis xyz="0 0 0"/>', limit=""),
         )
     )
-    d = validate.read_urdf(path)
+    d = rp.Robot.load(path).description
     turn, lift, free, none, fixed = d.joints
     assert (d.name, d.path, d.root, d.links) == (
         "r",
@@ -569,10 +570,10 @@ def test_plain_data(tmp_path: Path) -> None:
     assert model.nq == model.nv == 4
     np.testing.assert_array_equal(
         model.lowerPositionLimit,
-        [-validate.NO_LIMIT, -0.25, -validate.NO_LIMIT, -validate.NO_LIMIT],
+        [-NO_LIMIT, -0.25, -NO_LIMIT, -NO_LIMIT],
     )
     np.testing.assert_array_equal(
-        model.upperPositionLimit, [validate.NO_LIMIT, 0.5, 2.0, validate.NO_LIMIT]
+        model.upperPositionLimit, [NO_LIMIT, 0.5, 2.0, NO_LIMIT]
     )
     files = [m.get("filename") for m in etree.fromstring(d.xml).iter("mesh")]
     assert files == ["package://nowhere/a.stl", str(tmp_path / "meshes" / "b.stl")]
@@ -589,7 +590,7 @@ def test_relative_meshes_resolve_from_the_text(
         robot(links("a"), with_shape('<mesh filename="meshes/t.obj"/>'), joint())
     )
     monkeypatch.chdir(tmp_path)
-    xml = validate.read_urdf("r.urdf").xml
+    xml = rp.Robot.load("r.urdf").description.xml
     monkeypatch.chdir("/")
     geometry = pin.buildGeomFromUrdfString(
         pin.buildModelFromXML(xml), xml, pin.GeometryType.VISUAL
@@ -617,7 +618,7 @@ def test_a_joint_that_shares_its_name_with_a_link_can_be_locked(tmp_path: Path) 
 
 
 def test_a_leader_without_its_prefix_is_found_and_said() -> None:
-    d = validate.read_urdf(find("alex_psyonic").urdf)
+    d = rp.Robot.load("alex_psyonic").description
     assert (
         "joint 'Left_index_q2' mimics 'index_q1', which is not in this file; read as "
         "'Left_index_q1'" in d.notes
@@ -660,7 +661,7 @@ def test_limits_that_look_like_degrees_are_asked_about(
     (tmp_path / "r.urdf").write_text(
         robot(links(*(f"l{i}" for i in range(len(limits) + 1))), *lines)
     )
-    notes = validate.read_urdf(tmp_path / "r.urdf").notes
+    notes = rp.Robot.load(tmp_path / "r.urdf").description.notes
     assert len(notes) == len(told) and all(
         note.startswith(words) for note, words in zip(notes, told, strict=True)
     )
@@ -670,7 +671,7 @@ def test_slides_may_be_long(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot(links("a", "b"), joint(kind="prismatic", limit="-20 20"))
     )
-    assert validate.read_urdf(tmp_path / "r.urdf").notes == ()
+    assert rp.Robot.load(tmp_path / "r.urdf").description.notes == ()
 
 
 KIND = {
@@ -722,7 +723,7 @@ KIND = {
 def test_what_pinocchio_reads_is_read_and_told(tmp_path: Path, name: str) -> None:
     text, told = KIND[name]
     (tmp_path / "r.urdf").write_text(text)
-    d = validate.read_urdf(tmp_path / "r.urdf")
+    d = rp.Robot.load(tmp_path / "r.urdf").description
     assert (d.links, [j.name for j in d.joints], list(d.notes)) == (
         ("a", "b"),
         ["j"],
@@ -761,7 +762,7 @@ def test_a_color_without_numbers_is_none(
             links("a"), with_shape(shape).replace("<geometry></geometry>", ""), joint()
         )
     )
-    d = validate.read_urdf(tmp_path / "r.urdf")
+    d = rp.Robot.load(tmp_path / "r.urdf").description
     assert [shape.color for shape in d.shapes] == [None]
     pin.buildModelFromXML(d.xml)
     assert "Error" not in capfd.readouterr().err
@@ -772,7 +773,7 @@ def test_many_shapes_are_capped(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot('<link name="a">' + visual * 1001 + "</link>", links("b"), joint())
     )
-    d = validate.read_urdf(tmp_path / "r.urdf")
+    d = rp.Robot.load(tmp_path / "r.urdf").description
     assert len(d.shapes) == 1000 and d.notes == (
         "only the first 1000 of 1001 shapes are drawn",
     )
@@ -797,7 +798,7 @@ def test_a_mimic_of_a_fixed_joint_is_told(tmp_path: Path) -> None:
     (tmp_path / "r.urdf").write_text(
         robot(links("a", "b", "c"), joint("f", "fixed", limit=""), follower)
     )
-    d = validate.read_urdf(tmp_path / "r.urdf")
+    d = rp.Robot.load(tmp_path / "r.urdf").description
     assert d.joints[1].mimic is None
     assert d.notes == (
         "joint 'k' mimics 'f', which is fixed; read as an independent joint",
@@ -838,7 +839,7 @@ def test_xacro_is_expanded_where_it_is_installed(
 def test_other_encodings(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "r.urdf"
     path.write_bytes(ONE_JOINT.replace('name="j"', 'name="Gelenk_ä"').encode(encoding))
-    d = validate.read_urdf(path)
+    d = rp.Robot.load(path).description
     assert d.joints[0].name == "Gelenk_ä"
     assert pin.buildModelFromXML(d.xml).names[1] == "Gelenk_ä"
 
@@ -851,7 +852,7 @@ def test_namespaces_and_foreign_elements_are_left_behind(tmp_path: Path) -> None
         '<sensor name="a"/><!-- <link/> -->'
     )
     path.write_text(robot(links("a", "b"), extra, joint(), head=head))
-    d = validate.read_urdf(path)
+    d = rp.Robot.load(path).description
     assert d.links == ("a", "b")
     assert pin.buildModelFromXML(d.xml).nq == 1
 
@@ -859,11 +860,12 @@ def test_namespaces_and_foreign_elements_are_left_behind(tmp_path: Path) -> None
 def test_every_real_robot_passes_and_stays_what_it_was() -> None:
     """All 68 files that Pinocchio builds pass; only ur3.urdf, an empty shell, is refused."""
     refused = []
-    files = sorted(data_folder().rglob("*.urdf"))
+    data = rp.Robot.load("panda").description.path.parents[2]
+    files = sorted(data.rglob("*.urdf"))
     assert len(files) >= 69
     for path in files:
         try:
-            d = validate.read_urdf(path)
+            d = rp.Robot.load(path).description
         except rp.UrdfError as error:
             refused.append(path.name)
             assert "no <link>" in str(error)
@@ -887,8 +889,8 @@ def test_every_real_robot_passes_and_stays_what_it_was() -> None:
             strict=False,
         ):
             assert (
-                max(limits[name][0], -validate.NO_LIMIT),
-                min(limits[name][1], validate.NO_LIMIT),
+                max(limits[name][0], -NO_LIMIT),
+                min(limits[name][1], NO_LIMIT),
             ) == (
                 lower,
                 upper,
@@ -923,10 +925,7 @@ def test_what_passes_pinocchio_reads(
         "1 2 3",
         "${x}",
     ]
-    sources = [
-        urdf_folder() / "prr.urdf",
-        data_folder() / "panda_description/urdf/panda.urdf",
-    ]
+    sources = [rp.Robot.load(name).description.path for name in ("prr", "panda")]
     trees = [etree.parse(str(source)).getroot() for source in sources]
     outcomes = {"refused": 0, "built": 0}
     for _ in range(200):
@@ -947,7 +946,7 @@ def test_what_passes_pinocchio_reads(
         path = tmp_path / "damaged.urdf"
         path.write_bytes(etree.tostring(root))
         try:
-            d = validate.read_urdf(path)
+            d = rp.Robot.load(path).description
         except rp.UrdfError as error:
             outcomes["refused"] += 1
             assert str(error).isprintable() and re.search(

@@ -109,11 +109,11 @@ def animation(
         return Animation(study_page(motions, seconds=seconds))
     if isinstance(motions, Motion):
         raise InputError(
-            "an animation wants its motions by name; give it a name: {'mine': motion}"
+            "an animation requires motions by name; name the motion, as in {'mine': motion}"
         )
     if not isinstance(motions, Mapping):
         raise InputError(
-            f"an animation needs motions by name, or a study; got {type(motions).__name__}"
+            f"an animation requires motions by name, or a study; got {type(motions).__name__}"
         )
     wrong = next(
         (name for name, motion in motions.items() if not isinstance(motion, Motion)),
@@ -125,7 +125,9 @@ def animation(
             if wrong is not None
             else "there is none"
         )
-        raise InputError(f"an animation wants motions, as rp.follow makes them; {what}")
+        raise InputError(
+            f"an animation requires motions, such as those of rp.follow; {what}"
+        )
     every = list(motions.values())
     robot = every[0].task.robot
     other = next(

@@ -3,13 +3,19 @@
 The page needs no network and no server. Large data are embedded as base64 of gzip, which the
 browser unpacks with its ``DecompressionStream``.
 
-For the browser's console and for tests, the page has an object ``repctl``. Its members are
-``ready``, ``errors``, ``seek(cycles)``, ``play()``, ``pause()``, ``set(what, bool)`` with ``what``
-one of ``"traces"``, ``"ghost"``, ``"fan"`` and ``"drift"``, ``drift(arm, shape)`` (displacement, m,
-and colour), ``picture()`` (data URL of a PNG of the scene), ``seen()`` (data URL of a PNG of the
-page), ``record(seconds)`` (a film), ``still()`` (a canvas, for print), and ``pane(arm)`` (position
-and size of an arm's pane, as fractions of the picture). Times are in shown cycles: 1.25 is a
-quarter into the second. A page whose address ends in ``#paused`` does not start by itself.
+For the browser's console and for tests, the page has an object ``repctl`` with these members:
+
+- ``ready``, ``errors``
+- ``seek(cycles)``, ``play()``, ``pause()``
+- ``set(what, bool)``, with ``what`` one of ``"traces"``, ``"ghost"``, ``"fan"`` and ``"drift"``
+- ``drift(arm, shape)``: displacement, m, and colour
+- ``picture()``, ``seen()``: data URL of a PNG of the scene, and of the page
+- ``record(seconds)``: film
+- ``still()``: canvas, for print
+- ``pane(arm)``: position and size of an arm's pane, as fractions of the picture
+
+Times are in shown cycles: 1.25 is a quarter into the second. A page whose address ends in
+``#paused`` does not start by itself.
 """
 
 from __future__ import annotations

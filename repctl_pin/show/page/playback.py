@@ -171,7 +171,8 @@ def playback_page(
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
         raise InputError(
-            "motions can be shown side by side only if all have as many cycles and steps"
+            "motions can be shown side by side only if all have as many cycles and steps",
+            remedy="follow them with equal cycles and steps",
         )
     ((cycles, _),) = sizes
     visuals, frames = (

@@ -210,14 +210,14 @@ def animation_page(
     title, caption
         Robot and task, in words; any text. Line breaks of the caption are kept.
     planar
-        Whether the arms are seen from above, as in a drawing.
+        True if the arms are seen from above, as in a drawing.
     headline
         Headline above the panes.
     part : (str, str), optional
         Link of the part that the page points at, and its display name; by default the link of the
         shape that is displaced most.
     live
-        Whether a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
+        True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
         examples of poses.
     surfaces
         Contents of the arms' mesh files; if None, the files are read.

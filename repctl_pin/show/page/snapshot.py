@@ -41,7 +41,7 @@ def still(
     colour
         Colour of the arm at the end.
     flat
-        Whether only x and y are drawn, as for a planar arm.
+        True if only x and y are drawn, as for a planar arm.
     """
     task, dims = motion.task, 2 if flat else 3
     every = np.unique(

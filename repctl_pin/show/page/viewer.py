@@ -152,7 +152,7 @@ class Viewer:
             Configurations to compare with, one for each name, shown as ghosts; by default the first
             ones sent.
         out_of_reach
-            Whether the page says that the target is out of reach.
+            True if the page says that the target is out of reach.
         target : (3,) array, optional
             Target of the frame, m, base axes, which is drawn, and can be dragged.
         cycles

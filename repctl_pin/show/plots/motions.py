@@ -56,7 +56,7 @@ def drift_over_cycles(
     motions
         Label, motion and colour of each.
     log
-        Whether to use a log scale, on which closed motions stand apart from slow ones.
+        True to use a log scale, on which closed motions stand apart from slow ones.
     """
     _drift_lines(ax, motions)
     if log:

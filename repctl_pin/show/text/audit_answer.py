@@ -69,7 +69,7 @@ def audit_sentence(audit: Audit) -> list[Span]:
 
 
 def audit_headline(audit: Audit) -> Headline:
-    """Write the headline of the page: the sentence of the audit, and where the creep leads."""
+    """Write the headline of the page: the sentence of the audit, and its consequences."""
     said = (*audit_sentence(audit), Span(f" {_returns(audit)}"))
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     return Headline(said, tuple(Span(f"{capital(note)}.") for note in notes))

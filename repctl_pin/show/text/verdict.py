@@ -66,7 +66,7 @@ class MotionSummary:
 
     @property
     def twists(self) -> bool:
-        """Whether a joint turned far although the elbow hardly moved.
+        """True if a joint turned far although the elbow hardly moved.
 
         The joint turned by at least 0.1 rad, and by more than 1 rad for each tenth of the arm's
         length that the elbow moved. Or the joint turned and the elbow did not move."""
@@ -89,7 +89,7 @@ def motion_summary(
     elbow
         Index of the joint whose origin is the elbow.
     bodies
-        Whether to evaluate body distances. They are wrong if joints outside the task move.
+        True to evaluate body distances. They are wrong if joints outside the task move.
     """
     task, closes = motion.task, motion.closes
     start, end = (task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"))
@@ -20,12 +21,12 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1"
 import numpy as np
 import ours
 import peers
+import pinocchio as pin
 from cycles import joints_of, microseconds
 from robots import STARTS, task_of
 from scenes import Scene
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.sample_path import tour
 
 ARMS = ("panda", "iiwa14", "xarm7")
 TOURS, LAPS, STEPS = 3, 10, 1000
@@ -38,6 +39,16 @@ def cell_design(task: rp.Task, arm: str) -> rp.CellDesign:
         task, task.placement(STARTS.get(arm, task.reference)), HALF_WIDTH, ROTATION
     )
     return rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)
+
+
+def tour(cell: rp.Cell, seed: int) -> Callable[[float], pin.SE3]:
+    """A random smooth closed path: three waves in each coordinate, up to 0.9 of the cell."""
+    rng, k = np.random.default_rng(seed), 2 * np.pi * np.arange(1, 4)
+    a, b = rng.normal(size=(2, cell.k, 3)) / np.arange(1, 4)
+    s = np.linspace(0, 1, 721)[:, None]
+    most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)
+    a, b = 0.9 * a / most[:, None], 0.9 * b / most[:, None]
+    return lambda s: cell.at(a @ np.cos(k * s) + b @ np.sin(k * s))
 
 
 def programs(design: rp.CellDesign, scene: Scene) -> dict[str, ours.Step]:
@@ -80,8 +91,8 @@ def main() -> None:
             stopped: dict[str, str] = {}
             for seed in range(TOURS):
                 path = tour(design.cell, seed)
-                targets = [path.placement((k + 1) / STEPS) for k in range(STEPS)]
-                q0 = design.function(path.placement(0.0))
+                targets = [path((k + 1) / STEPS) for k in range(STEPS)]
+                q0 = design.function(path(0.0))
                 scene = Scene(arm, f"tour {seed}", "on", task, targets, q0, q0)
                 loops = programs(design, scene)
                 if not seed:
