@@ -53,14 +53,8 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         memory[n * n :],
     )  # [J; Vᵀ] (37)
     top, bottom = rhs[:m], rhs[m:]
-    kinematics = fast_kinematics.in_place(task, J_V[:m], top)
-    h = fast_potentials.in_place(potentials, J_V[m:], bottom)
-    jacobian, error, rate = (
-        kinematics.jacobian,
-        kinematics.error,
-        kinematics.task_velocity,
-    )
-    slope, gap = h.slope, h.gap
+    jacobian, error, rate = fast_kinematics.in_place(task, J_V[:m], top)
+    slope, gap = fast_potentials.in_place(potentials, J_V[m:], bottom)
     whole = task.kind == "pose"
     used, slowed = 0.0, 1.0
 

@@ -7,7 +7,7 @@ memory of its caller, serves one thread, and checks nothing:
 - :func:`repctl_pin.robot.fast_kinematics.in_place`: J, task error and task velocity of a task;
 - :func:`repctl_pin.potentials.fast_potentials.in_place`: Vᵀ and c − h of potentials, whose class
   may bring an ``in_place`` of its own;
-- :func:`repctl_pin.inverse_function.fast_function.in_place`: coordinates of a cell.
+- :func:`repctl_pin.inverse_function.fast_function.fast_coordinates`: coordinates of a cell.
 
 :mod:`repctl_pin.strategies.control_step` combines them into the control law;
 :mod:`repctl_pin.codegen.compiled_loop` has the law in C. :func:`checked` adds the argument check to
