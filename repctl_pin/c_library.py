@@ -16,8 +16,10 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.resources import files
 from pathlib import Path
 
 from .errors import RepctlError
@@ -119,6 +121,43 @@ def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
             f"a compiled library was replaced by another one; delete {library}"
         )
     return str(library)
+
+
+@functools.cache
+def kernel(
+    package: str,
+    *names: str,
+    header: str = "",
+    flags: Sequence[str] = FLAGS,
+    slower: str = "",
+) -> ctypes.CDLL | None:
+    """Compile the C files of a package as one source, and load the library; cached.
+
+    Parameters
+    ----------
+    package
+        Name of the package that contains the files.
+    names
+        Names of the files, in order.
+    header
+        Lines in front of them.
+    flags
+        Flags of the compiler.
+    slower
+        Warning without a compiler, to which its cause is added; by default there is no warning.
+
+    Returns
+    -------
+    ctypes.CDLL or None
+        The library; None if there is no compiler, or its library does not load.
+    """
+    texts = [(files(package) / name).read_text(encoding="ascii") for name in names]
+    try:
+        return ctypes.CDLL(loaded_library("\n".join([header, *texts]), flags))
+    except (NoCompilerError, OSError) as error:
+        if slower:
+            warnings.warn(f"{slower}: {error}", UserWarning, stacklevel=5)
+        return None
 
 
 def _vector_units() -> str:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-import functools
 import weakref
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import kernel
 from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
@@ -117,17 +115,8 @@ def compiled_chain(task: Task) -> CompiledChain | None:
     return _known[task]
 
 
-@functools.cache
-def _library() -> ctypes.CDLL | None:
-    try:
-        code = (files(__package__) / "chart_solve.c").read_text(encoding="utf-8")
-        return ctypes.CDLL(loaded_library(code))
-    except NoCompilerError:
-        return None
-
-
 def _made(task: Task) -> CompiledChain | None:
-    library, model = _library(), task.model
+    library, model = kernel(__package__, "chart_solve.c"), task.model
     if library is None or model.njoints - 1 > _MOST or task.coordinates is not None:
         return None
     joints = joint_chain(task)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import kernel
 from ..potentials.polynomial import PolynomialMap
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot.joint_chain import joint_chain
@@ -78,7 +77,7 @@ def compiled_steps(
     parts = _parts_of(strategy)
     if parts is None or task.kind == "axis" or task.n > _MOST:
         return None
-    library = _library()
+    library = kernel(__package__, "runge_kutta.c")
     if library is None:
         return None
     chain = joint_chain(task)
@@ -154,12 +153,3 @@ def _on_leaf(
     scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
     scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
     return scalars, {"tensor": tensor.tensor, "center": tensor.center}
-
-
-@functools.cache
-def _library() -> ctypes.CDLL | None:
-    try:
-        code = (files(__package__) / "runge_kutta.c").read_text(encoding="ascii")
-        return ctypes.CDLL(loaded_library(code))
-    except (NoCompilerError, OSError):
-        return None

@@ -30,7 +30,7 @@ _SMALLEST = 1e-7
 @dataclass(frozen=True, eq=False)
 @read_only
 class Outcome:
-    """Result of branch and bound on the leaf margin.
+    """Result of branch and bound over a region of joint space, or over a cell.
 
     Attributes
     ----------
@@ -38,11 +38,14 @@ class Outcome:
         Lower bounds of the leaf margin and of σ_min(J) over all boxes.
     boxes : int
         Number of boxes evaluated.
-    worst, half : (n,) arrays
+    worst, half : (n,) or (k,) arrays
         Centre and half-widths of the box at which the search stopped, or of the box with the
-        smallest bound.
+        smallest bound of the leaf margin.
     reason : str
         Why the search stopped before its goal; empty if it did not.
+    limit_margin : float
+        Lower bound of the distance to the joint limits over a cell, rad or m; over a region, for
+        which no search is needed, NaN.
     """
 
     leaf_margin: float
@@ -51,10 +54,7 @@ class Outcome:
     worst: Array
     half: Array
     reason: str
-
-    def __repr__(self) -> str:
-        reason = f", {self.reason}" if self.reason else ""
-        return f"<Outcome: leaf margin > {self.leaf_margin:.3g} in {self.boxes} boxes{reason}>"
+    limit_margin: float = np.nan
 
 
 def bound_leaf_margin(

@@ -31,6 +31,3 @@ class CellBounds:
     limit_margin: Array
     away: Array
     split: NDArray[np.int32]
-
-    def __repr__(self) -> str:
-        return f"<CellBounds of {len(self.limit_margin)} boxes>"

@@ -6,14 +6,12 @@ Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and tay
 from __future__ import annotations
 
 import ctypes
-import warnings
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import VECTOR_FLAGS, NoCompilerError, loaded_library
+from ..c_library import VECTOR_FLAGS, kernel
 from ..inverse_function.monomials import Monomials
 from .c_struct import Space, filled, space_of
 from .cell_bounds import CellBounds
@@ -61,33 +59,10 @@ class _Out(ctypes.Structure):
     ]
 
 
-_loaded: list[ctypes.CDLL | None] = []
-
-
 def library() -> ctypes.CDLL | None:
-    """Return the compiled C kernel, which the first call compiles.
-
-    Without a compiler, return None; the first call then warns.
-    """
-    if not _loaded:
-        try:
-            _loaded.append(ctypes.CDLL(loaded_library(source(), VECTOR_FLAGS)))
-        except (NoCompilerError, OSError) as error:
-            warnings.warn(
-                f"proofs of cells run in NumPy, many times slower: {error}",
-                UserWarning,
-                stacklevel=4,
-            )
-            _loaded.append(None)
-    return _loaded[0]
-
-
-def source() -> str:
-    """Return the C source of the kernel: its three files, joined."""
-    folder = files(__package__)
-    return "\n".join(
-        folder.joinpath(name).read_text(encoding="ascii") for name in SOURCES
-    )
+    """Return the compiled C kernel; None without a compiler, of which the first call warns."""
+    slower = "proofs of cells run in NumPy, many times slower"
+    return kernel(__package__, *SOURCES, flags=VECTOR_FLAGS, slower=slower)
 
 
 class Kernel:

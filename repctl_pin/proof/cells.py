@@ -75,9 +75,6 @@ class CellProof:
         kernel = library() if compiled else None
         self._kernel = None if kernel is None else Kernel(self, kernel)
 
-    def __repr__(self) -> str:
-        return f"<CellProof of {self.cell!r}>"
-
     def _size(self, chain: Chain) -> float:
         """Compute the spectral radius of the bound D for uniqueness, on a box in the cell's middle.
 

@@ -43,9 +43,6 @@ class Polynomials:
     rest: Array
     sizes: Array
 
-    def __repr__(self) -> str:
-        return f"<Polynomials of {self.chart.monomials.size} terms>"
-
     @classmethod
     def of(cls, chart: Chart) -> Polynomials:
         """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.

@@ -22,19 +22,18 @@ formulas.
 from __future__ import annotations
 
 import ctypes
-import warnings
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import kernel
 from ..potentials.basis import Potentials
 from ..regions.box import Box
 from ..robot.task import Task
 from .arm_angle import gradient_bounds
+from .c_struct import filled
 from .chain import Chain, chain_of, frame_change, tool_reach
 from .potentials import PRODUCT, SINE, Features, features_of
 from .remainder import relative_rounding, remainders, screw_sizes
@@ -65,9 +64,6 @@ class Bounds:
     sigma_min: Array
     split: NDArray[np.int32]
 
-    def __repr__(self) -> str:
-        return f"<Bounds of {len(self.center)} boxes>"
-
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -94,9 +90,6 @@ class LeafMargin:
     round: Array
     eps: float
     beta: float
-
-    def __repr__(self) -> str:
-        return f"<LeafMargin of {self.features} on {self.chain}>"
 
     def bounds(self, Q: Array, half: Array) -> Bounds:
         """Bound the leaf margin in boxes Q ± half, (K, n) each.
@@ -202,9 +195,6 @@ class Expansion:
     dV: Array
     rest: Array
 
-    def __repr__(self) -> str:
-        return f"<Expansion of {len(self.A)} boxes>"
-
 
 @np.errstate(all="ignore")
 def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
@@ -262,9 +252,6 @@ class Graphs:
     defect: Array
     regular: NDArray[np.bool_]
     sure: NDArray[np.bool_]
-
-    def __repr__(self) -> str:
-        return f"<Graphs in {len(self.X)} boxes>"
 
 
 @np.errstate(all="ignore")
@@ -661,30 +648,10 @@ class _Problem(ctypes.Structure):
     )
 
 
-_loaded: list[ctypes.CDLL | None] = []
-
-
 def _library() -> ctypes.CDLL | None:
-    """Return the compiled C kernel, which the first call compiles.
-
-    Without a compiler, return None; the first call then warns.
-    """
-    if not _loaded:
-        source = (
-            files(__package__)
-            .joinpath("leaf_margin_bounds.c")
-            .read_text(encoding="ascii")
-        )
-        try:
-            _loaded.append(ctypes.CDLL(loaded_library(source)))
-        except (NoCompilerError, OSError) as error:
-            warnings.warn(
-                f"proofs run in NumPy, a few times slower: {error}",
-                UserWarning,
-                stacklevel=4,
-            )
-            _loaded.append(None)
-    return _loaded[0]
+    """Return the compiled C kernel; None without a compiler, of which the first call warns."""
+    slower = "proofs run in NumPy, a few times slower"
+    return kernel(__package__, "leaf_margin_bounds.c", slower=slower)
 
 
 def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> Bounds:
@@ -720,20 +687,10 @@ def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> B
         "E": parts.E,
         "round": problem.round,
     }
-    held = {
-        name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()
-    }
-    held |= {
-        name: np.ascontiguousarray(values, float) for name, values in reals.items()
-    }
     sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
     sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
-    struct = _Problem(
-        **sizes,
-        eps=problem.eps,
-        beta=problem.beta,
-        **{k: v.ctypes.data for k, v in held.items()},
-    )
+    scalars = sizes | {"eps": problem.eps, "beta": problem.beta}
+    struct, held = filled(_Problem, ints, reals, scalars)
     Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
     bound, center, sigma = np.zeros((3, len(Q)))
     split = np.zeros(len(Q), np.int32)
@@ -748,6 +705,7 @@ def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> B
         *address,
         None if arms is None else ctypes.c_void_p(arms.ctypes.data),
     )
+    del held  # alive until here
     return Bounds(bound, center, sigma, split)
 
 

@@ -80,10 +80,6 @@ class Features:
     size: Array
     arms: tuple[ArmAngleChain, ...]
 
-    def __repr__(self) -> str:
-        potentials = f"{len(self.G)} potentials of {self.G.shape[1]} joints"
-        return f"<Features: {potentials} out of {len(self.kind)} terms>"
-
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:
     """Convert potentials to sums of features, with bounds that hold in a box.

@@ -46,9 +46,6 @@ class Products:
     first: NDArray[np.int32]
     starts: NDArray[np.int32]
 
-    def __repr__(self) -> str:
-        return f"<Products of {len(self.first)} monomials>"
-
 
 @cache
 def products(k: int) -> Products:
@@ -79,9 +76,6 @@ class TaylorModel:
     k: int
     P: Array
     r: Array
-
-    def __repr__(self) -> str:
-        return f"<TaylorModel of {self.k} variables, {self.r.shape}>"
 
     @classmethod
     def constant(cls, k: int, values: Array) -> TaylorModel:
@@ -246,7 +240,6 @@ def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     return a[..., one] * b[..., two] - a[..., two] * b[..., one]
 
 
-def stacked(models: list[TaylorModel]) -> TaylorModel:
-    """Stack models (…) along a new last axis."""
-    P = np.stack([x.P for x in models], axis=-2)
-    return TaylorModel(models[0].k, P, np.stack([x.r for x in models], axis=-1))
+def dot(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Compute the models (…, 1) of a · b, for models of vectors (…, 3)."""
+    return (a * b).combined(np.ones((1, 3)))
