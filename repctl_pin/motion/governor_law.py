@@ -86,32 +86,6 @@ class Now(NamedTuple):
         """Compute q̇ = G ẋ (n,) for a twist (6,) of the frame."""
         return self.G @ task_rate(self.task, self.place, twist)
 
-    def joint_rates_ahead(self, twist: Array) -> Array:
-        """Compute q̇ = G ẋ (n,) for a twist (6,), with G two strides ahead."""
-        return self.G_ahead @ task_rate(self.task, self.place, twist)
-
-
-class Goal(NamedTuple):
-    """Motion to plan: along a displacement of the frame, at a speed, and to a target or not.
-
-    ``way`` (6,) is the displacement, ``speed`` the multiple of it per s, and ``lands`` is True if
-    it ends at a target.
-    """
-
-    way: Array
-    speed: float
-    lands: bool
-
-
-class Fastest(NamedTuple):
-    """Maximum speeds along a displacement, as multiples of it per s.
-
-    ``by_speed`` keeps the speed limits, ``by_limit`` allows a stop before the joint limits.
-    """
-
-    by_speed: float
-    by_limit: float
-
 
 def task_rate(task: Task, place: pin.SE3, twist: Array) -> Array:
     """Extract the task velocity ẋ (m,) from the twist (6,) of a frame at a placement."""
@@ -139,9 +113,14 @@ def free_acceleration(bounds: Bounds, now: Now) -> Array:
     return np.asarray(np.maximum(A - np.abs(now.bend), 0.3 * A))
 
 
-def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
-    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame."""
-    g, ahead = np.abs(now.joint_rates(way)), np.abs(now.joint_rates_ahead(way))
+def fastest(bounds: Bounds, now: Now, way: Array) -> tuple[float, float]:
+    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame.
+
+    They are multiples of it per s: the first keeps the speed limits, the second allows a stop
+    before the joint limits.
+    """
+    rate = task_rate(now.task, now.place, way)
+    g, ahead = np.abs(now.G @ rate), np.abs(now.G_ahead @ rate)
     space = np.where(
         now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower
     )
@@ -152,7 +131,7 @@ def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
     ]
     g = np.maximum(g, TINY)
     by_speed = float((SPEED * bounds.velocity / np.maximum(g, ahead)).min())
-    return Fastest(by_speed, float((np.array(speeds) / g).min()))
+    return by_speed, float((np.array(speeds) / g).min())
 
 
 def next_rate(bounds: Bounds, now: Now, goal: Array) -> Array:

@@ -177,10 +177,8 @@ class Planner:
             T, longer = 2 / closing, _BRAKES
         else:
             peak = sqrt(a + closing**2 / 2)
-            if (
-                peak > fastest(bounds, now, way).by_speed
-                or np.abs(g).max() > _SHORT_WAY
-            ):
+            by_speed, _ = fastest(bounds, now, way)
+            if peak > by_speed or np.abs(g).max() > _SHORT_WAY:
                 return False
             T, longer = (2 * peak - closing) / a, _LONGER
         T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
