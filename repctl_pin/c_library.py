@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import functools
 import hashlib
@@ -332,12 +333,9 @@ def _cache_folder() -> Path:
     return folder
 
 
-def _own_folder() -> Path:
-    """Return the temporary folder of this process."""
-    return Path(_temporary().name)
-
-
 @functools.cache
-def _temporary() -> tempfile.TemporaryDirectory[str]:
+def _own_folder() -> Path:
     """Create a temporary folder that is deleted when the process ends."""
-    return tempfile.TemporaryDirectory(prefix="repctl_pin-", ignore_cleanup_errors=True)
+    made = tempfile.TemporaryDirectory(prefix="repctl_pin-", ignore_cleanup_errors=True)
+    atexit.register(made.cleanup)
+    return Path(made.name)

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..errors import InputError
 from ..potentials.arm_angle import ArmAngle
-from ..potentials.basis import Potentials
+from ..potentials.basis import CustomMap, Potentials
 from ..potentials.fourier import FourierMap
-from ..potentials.maps import CustomMap, PartialMap, SumMap
+from ..potentials.maps import PartialMap, SumMap
 from ..potentials.polynomial import PolynomialMap
 from ..regions.box import Box
 from .arm_angle import ArmAngleChain

@@ -8,7 +8,6 @@ preallocated memory on arguments that are already checked, see
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from math import prod
 from sys import float_info
 
@@ -33,12 +32,7 @@ def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
 
     It is called once per thread, so that each thread has separate working memory.
     """
-    return partial(make_loop, task, potentials)
-
-
-def make_loop(task: Task, potentials: Potentials) -> Loop:
-    """Create the fast functions, with argument checks, of the repeatable inverse of h."""
-    return checked(task, control_law(task, potentials))
+    return lambda: checked(task, control_law(task, potentials))
 
 
 def control_law(task: Task, potentials: Potentials) -> Law:
