@@ -16,7 +16,7 @@ Vector = list[Expression]
 Matrix = list[Vector]
 
 
-class Chain:
+class ChainExpressions:
     """Kinematics of a task's chain as expressions in ``q[0]`` … ``q[n − 1]``.
 
     Attributes

@@ -13,7 +13,7 @@ from ..strategies.repeatable import RepeatableInverse
 from .governor_law import (
     BRAKING,
     TINY,
-    Bounds,
+    CommandLimits,
     Now,
     approach_speed,
     fastest,
@@ -145,7 +145,7 @@ class Governor:
                 f"margin = {margin:g} leaves no range of {name!r}; give a smaller one"
             )
         self._margin, self._stride = margin, max(int(STRIDE / dt + 0.5), 1)
-        self._bounds = Bounds(
+        self._bounds = CommandLimits(
             kept.velocity,
             kept.acceleration,
             jerks,

@@ -30,7 +30,7 @@ _EDGE = 1e-12
 """Tolerance for rounding errors of a joint position, rad or m."""
 
 
-class Bounds(NamedTuple):
+class CommandLimits(NamedTuple):
     """Limits of the commanded joints, and the time steps of the governor.
 
     Attributes
@@ -104,7 +104,7 @@ def frame_twist(task: Task, place: pin.SE3, rate: Array) -> Array:
     return twist
 
 
-def free_acceleration(bounds: Bounds, now: Now) -> Array:
+def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
     """Compute the acceleration (n,) that is available for a change of the twist.
 
     It is the limit less ``|bend|``, and at least 30 % of the limit.
@@ -113,7 +113,7 @@ def free_acceleration(bounds: Bounds, now: Now) -> Array:
     return np.asarray(np.maximum(A - np.abs(now.bend), 0.3 * A))
 
 
-def fastest(bounds: Bounds, now: Now, way: Array) -> tuple[float, float]:
+def fastest(bounds: CommandLimits, now: Now, way: Array) -> tuple[float, float]:
     """Compute the maximum speeds along a displacement ``way`` (6,) of the frame.
 
     They are multiples of it per s: the first keeps the speed limits, the second allows a stop
@@ -134,7 +134,7 @@ def fastest(bounds: Bounds, now: Now, way: Array) -> tuple[float, float]:
     return by_speed, float((np.array(speeds) / g).min())
 
 
-def next_rate(bounds: Bounds, now: Now, goal: Array) -> Array:
+def next_rate(bounds: CommandLimits, now: Now, goal: Array) -> Array:
     """Choose the twist's derivative (6,) one stride later, to reach the twist ``goal`` (6,)."""
     T = bounds.stride
     gap = goal - now.twist - T / 2 * now.rate
@@ -155,7 +155,7 @@ def regularity(J: Array, G: Array) -> float:
     return float(1 / np.sqrt((J**2).sum(axis=1) * (G**2).sum(axis=0)).max())
 
 
-def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:
+def stop_time(bounds: CommandLimits, now: Now, twist: Array) -> float:
     """Estimate the minimum time, s, in which the twist decreases to 0, as a cubic in time."""
     g = np.abs(now.joint_rates(twist))
     by_acceleration = 1.5 * g / (ACCELERATION * free_acceleration(bounds, now))
@@ -164,7 +164,7 @@ def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:
 
 
 def shares_used(
-    bounds: Bounds, history: Array, plan: Plan, begin: float
+    bounds: CommandLimits, history: Array, plan: Plan, begin: float
 ) -> tuple[float, float, bool]:
     """Compare the samples of a plan with the limits.
 

@@ -15,7 +15,7 @@ from .governor_law import (
     JERK,
     REGULAR,
     TINY,
-    Bounds,
+    CommandLimits,
     Now,
     fastest,
     regularity,
@@ -73,7 +73,7 @@ class Planner:
         The plan that is followed; ``tick`` ticks of it are over.
     """
 
-    def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:
+    def __init__(self, inverse: RepeatableInverse, bounds: CommandLimits) -> None:
         self._inverse, self._task, self._bounds = inverse, inverse.task, bounds
         self.solver = LeafInterpolation(inverse, MOST)
 

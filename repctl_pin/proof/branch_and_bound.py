@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from .leaf_margin_bounds import Bounds, LeafMargin
+from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
 from .potentials import U
 
 _BATCH = 4096
@@ -29,7 +29,7 @@ _SMALLEST = 1e-7
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Outcome:
+class SearchOutcome:
     """Result of branch and bound over a region of joint space, or over a cell.
 
     Attributes
@@ -58,13 +58,13 @@ class Outcome:
 
 
 def bound_leaf_margin(
-    problem: LeafMargin,
+    problem: LeafMarginProblem,
     low: Array,
     high: Array,
     goal: float | None,
     seconds: float,
     report: Callable[[str, float], None],
-) -> Outcome:
+) -> SearchOutcome:
     """Bound the leaf margin from below on a union of boxes.
 
     Boxes are halved at a number that both halves share, so the halves leave no gap.
@@ -100,7 +100,7 @@ class _Search:
     """State of branch and bound: the undecided boxes, and the minimum bound of all others."""
 
     def __init__(
-        self, problem: LeafMargin, low: Array, high: Array, goal: float | None
+        self, problem: LeafMarginProblem, low: Array, high: Array, goal: float | None
     ) -> None:
         self.problem, self.goal = problem, goal
         self.low, self.high = low.copy(), high.copy()
@@ -169,7 +169,7 @@ class _Search:
         lows = np.concatenate([low[whole], low[rows], second])
         return lows, np.concatenate([high[whole], first, high[rows]])
 
-    def _enough(self, found: Bounds, Q: Array, half: Array) -> float:
+    def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
         """Return the bound from which a box counts as decided.
 
         The search stops if the leaf margin at a centre is below the goal, or 0 without a goal.
@@ -201,7 +201,7 @@ class _Search:
         return np.asarray(~ready)
 
     def _settle(
-        self, found: Bounds, done: NDArray[np.bool_], Q: Array, half: Array
+        self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
@@ -215,7 +215,7 @@ class _Search:
             why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> SearchOutcome:
         """Return the minimum bounds over all boxes, decided or not."""
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -233,7 +233,7 @@ class _Search:
             )
             if self.reason.startswith("stopped"):
                 worst = self._named(worst)
-        return Outcome(bound, sigma, self.boxes, *worst, self.reason)
+        return SearchOutcome(bound, sigma, self.boxes, *worst, self.reason)
 
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Name an arm angle as the reason if it may be singular in the smallest undecided box."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..inverse_function.chart import Points
-from .branch_and_bound import Outcome
+from .branch_and_bound import SearchOutcome
 from .cell_bounds import CellBounds
 from .cells import CellProof
 from .leaf_margin_bounds import inverses
@@ -33,7 +33,7 @@ def bound_cell(
     limit: float,
     seconds: float,
     report: Callable[[str, float], None],
-) -> Outcome:
+) -> SearchOutcome:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
     Parameters
@@ -53,7 +53,7 @@ def bound_cell(
         The bounds are 0 and −inf if the search stopped before its goal.
     """
     end = thread_time() + seconds
-    search = _Search(problem, max(leaf, 0.0), limit)
+    search = _CellSearch(problem, max(leaf, 0.0), limit)
     while len(search.low) and not search.reason:
         if thread_time() > end:
             search.stop(-1, search.low, search.high, f"stopped after {seconds:g} s")
@@ -63,7 +63,7 @@ def bound_cell(
     return search.outcome()
 
 
-class _Search:
+class _CellSearch:
     """State of branch and bound: the undecided boxes, and the minimum margins of all others."""
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -174,12 +174,12 @@ class _Search:
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> SearchOutcome:
         """Return the margins proved on the whole cell, or where and why the search stopped."""
         leaf, sigma, limit = (
             (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         )
-        return Outcome(leaf, sigma, self.boxes, *self.at, self.reason, limit)
+        return SearchOutcome(leaf, sigma, self.boxes, *self.at, self.reason, limit)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:

@@ -44,7 +44,7 @@ _BATCH = 2048
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Bounds:
+class LeafMarginBounds:
     """Bounds on the leaf margin and σ_min(J) over K boxes of joint space.
 
     Attributes
@@ -67,7 +67,7 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class LeafMargin:
+class LeafMarginProblem:
     """The leaf margin of potentials on a task, prepared to be bounded over boxes inside one region.
 
     Attributes
@@ -91,7 +91,7 @@ class LeafMargin:
     eps: float
     beta: float
 
-    def bounds(self, Q: Array, half: Array) -> Bounds:
+    def bounds(self, Q: Array, half: Array) -> LeafMarginBounds:
         """Bound the leaf margin in boxes Q ± half, (K, n) each.
 
         The bounds are computed in C if there is a compiler.
@@ -110,14 +110,14 @@ class LeafMargin:
         return np.any([np.zeros(len(Q), bool), *found], axis=0)
 
 
-def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
+def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem:
     """Prepare the leaf margin of potentials for bounds inside a box of joint space.
 
     The middle link of the chain is the one expected to need the fewest boxes.
     """
     features, chain = features_of(field, task.n, box), chain_of(task)
 
-    def needed(one: LeafMargin) -> float:
+    def needed(one: LeafMarginProblem) -> float:
         return _perron_root(one, box.center, box.half_width / 8)
 
     middles = range(len(chain.p) + 1)
@@ -129,13 +129,15 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
     )
 
 
-def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
+def _perron_root(problem: LeafMarginProblem, q: Array, half: Array) -> float:
     """Evaluate the spectral radius of the bound D on one box; below 1, J_V is regular there."""
     D = _expansion(problem, q[None], half[None]).D[0]
     return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
 
 
-def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMargin:
+def _prepared(
+    task: Task, chain: Chain, features: Features, box: Box
+) -> LeafMarginProblem:
     S = np.abs(chain.S[:, : chain.n])
     theta, eta = chain.S[:, : chain.n] @ box.center + chain.o, S @ box.half_width
     eps = relative_rounding(chain)
@@ -147,22 +149,22 @@ def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMar
     )
     t = tool_reach(chain) + float((np.abs(theta) + eta)[~chain.revolute].sum())
     beta = float(frame_change(task.kind, np.array(t))) * (1 + 1e-9)
-    return LeafMargin(chain, features, round_, eps, beta)
+    return LeafMarginProblem(chain, features, round_, eps, beta)
 
 
 # ---- NumPy -------------------------------------------------------------------------------------
 
 
-def in_numpy(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
+def in_numpy(problem: LeafMarginProblem, Q: Array, half: Array) -> LeafMarginBounds:
     """Bound the leaf margin in boxes Q ± half, (K, n) each, in NumPy."""
     parts = [
         _batch(problem, Q[i : i + _BATCH], half[i : i + _BATCH])
         for i in range(0, len(Q), _BATCH)
     ]
-    return Bounds(
+    return LeafMarginBounds(
         *(
             np.concatenate([getattr(part, name) for part in parts])
-            for name in Bounds.__dataclass_fields__
+            for name in LeafMarginBounds.__dataclass_fields__
         )
     )
 
@@ -197,7 +199,7 @@ class Expansion:
 
 
 @np.errstate(all="ignore")
-def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
+def _batch(problem: LeafMarginProblem, Q: Array, half: Array) -> LeafMarginBounds:
     return margins(
         _expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta
     )
@@ -257,11 +259,11 @@ class Graphs:
 @np.errstate(all="ignore")
 def margins(
     at: Expansion, half: Array, n: int, eps: float, beta: float | Array
-) -> Bounds:
+) -> LeafMarginBounds:
     """Bound the leaf margin in boxes from the first-order expansion of J_V there.
 
     half (K, k) are the half-widths of the boxes in the k variables of the expansion; ``eps`` and
-    ``beta`` are those of :class:`LeafMargin`.
+    ``beta`` are those of :class:`LeafMarginProblem`.
     """
     at = _along_axes(at)
     found = graphs(at, half, n, eps)
@@ -284,7 +286,7 @@ def margins(
     share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
     split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
     center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
-    return Bounds(
+    return LeafMarginBounds(
         np.where(good, bound, 0.0), center, np.where(found.regular, sigma, 0.0), split
     )
 
@@ -449,7 +451,7 @@ def _along_axes(at: Expansion) -> Expansion:
 
 
 @np.errstate(all="ignore")
-def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
+def _expansion(problem: LeafMarginProblem, Q: Array, half: Array) -> Expansion:
     """Expand the augmented Jacobian J_V around the centres of boxes Q ± half, (K, n) each.
 
     The result holds its inverse, its slopes along each joint, and bounds of the remainder."""
@@ -493,7 +495,7 @@ def enclosed(D: Array, F: Array, eps: float) -> tuple[Array, Array, NDArray[np.b
 
 
 def _potentials(
-    problem: LeafMargin, Q: Array, half: Array
+    problem: LeafMarginProblem, Q: Array, half: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Evaluate Vᵀ (K, r, n), its derivatives (K, r, n, n), and bounds, at the centres of boxes.
 
@@ -607,7 +609,7 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 
 
 class _Problem(ctypes.Structure):
-    """C struct of leaf_margin_bounds.c that holds one :class:`LeafMargin`."""
+    """C struct of leaf_margin_bounds.c that holds one :class:`LeafMarginProblem`."""
 
     _fields_ = (
         [(name, ctypes.c_int) for name in ("P", "k", "n", "N", "r", "Z", "F", "F3")]
@@ -654,7 +656,9 @@ def _library() -> ctypes.CDLL | None:
     return kernel(__package__, "leaf_margin_bounds.c", slower=slower)
 
 
-def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> Bounds:
+def _in_c(
+    problem: LeafMarginProblem, library: ctypes.CDLL, Q: Array, half: Array
+) -> LeafMarginBounds:
     chain, parts, n = problem.chain, problem.features, problem.chain.n
     S = chain.S
     row, column = np.nonzero(S)
@@ -706,10 +710,10 @@ def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> B
         None if arms is None else ctypes.c_void_p(arms.ctypes.data),
     )
     del held  # alive until here
-    return Bounds(bound, center, sigma, split)
+    return LeafMarginBounds(bound, center, sigma, split)
 
 
-def _arm_angles(problem: LeafMargin, Q: Array, half: Array) -> Array:
+def _arm_angles(problem: LeafMarginProblem, Q: Array, half: Array) -> Array:
     """Lay out the arm angles' V, dV, rest and rounding (K, r (n² + 2 n + 1)) for the C kernel."""
     r, n, K = len(problem.features.G), Q.shape[1], len(Q)
     out = np.zeros((K, r, n * n + 2 * n + 1))

@@ -23,11 +23,11 @@ from ..redundancy.augmented import is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import fast_kinematics
 from ..robot.task import Task
-from .fast_loop import Bounds, Law, Loop, checked, failure
+from .fast_loop import FastLoop, Law, StepLimits, checked, failure
 from .fast_loop import speeds as speeds
 
 
-def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
+def python_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:
     """Return a function without arguments that creates the fast functions, in Python.
 
     It is called once per thread, so that each thread has separate working memory.
@@ -58,7 +58,7 @@ def control_law(task: Task, potentials: Potentials) -> Law:
 
     solved = checked_solve(task, memory, J_V, rhs, evaluate)
 
-    def solved_within(q: Array, bounds: Bounds, dt: float) -> Array:
+    def solved_within(q: Array, bounds: StepLimits, dt: float) -> Array:
         """Solve ``J_V x = rhs`` with damping, and shorten x to the speed limits."""
         nonlocal used, slowed
         damping, most = bounds.damping, bounds.velocity_limit * dt
@@ -93,7 +93,7 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        bounds: Bounds | None,
+        bounds: StepLimits | None,
     ) -> Array:
         evaluate(q)
         error(target)

@@ -27,7 +27,7 @@ from ..robot.chain_formulas import Placement
 from ..robot.task import Task
 from ..threads import PerThread
 from .control_step import python_loops
-from .fast_loop import Loop
+from .fast_loop import FastLoop
 from .on_leaf import solve
 from .pseudoinverse import at_rows, redundant
 from .strategy import Step, described
@@ -93,7 +93,7 @@ class RepeatableInverse:
         potentials: Potentials,
         *,
         region: Bounded | None = None,
-        loops: Callable[[Task, Potentials], Callable[[], Loop]] = python_loops,
+        loops: Callable[[Task, Potentials], Callable[[], FastLoop]] = python_loops,
     ) -> None:
         potentials = require_type(
             potentials,
