@@ -1,4 +1,4 @@
-"""Compilation of C to shared libraries, cached by source in a private folder of the user."""
+"""Compilation of C to shared libraries, cached by source in a private folder, and C structs."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import RepctlError
 
@@ -159,6 +163,37 @@ def kernel(
         if slower:
             warnings.warn(f"{slower}: {error}", UserWarning, stacklevel=5)
         return None
+
+
+def c_struct(
+    *first: tuple[str, Any], ints: str = "", doubles: str = "", pointers: str = ""
+) -> type[ctypes.Structure]:
+    """Declare a C struct: its first members, then ints, doubles and pointers, names in a text."""
+    members = [*first, *((name, ctypes.c_int) for name in ints.split())]
+    members += [(name, ctypes.c_double) for name in doubles.split()]
+    members += [(name, ctypes.c_void_p) for name in pointers.split()]
+    return type("CStruct", (ctypes.Structure,), {"_fields_": members})
+
+
+def filled(
+    struct: type[ctypes.Structure],
+    ints: Mapping[str, ArrayLike],
+    reals: Mapping[str, ArrayLike],
+    scalars: Mapping[str, Any],
+) -> tuple[Any, list[NDArray[np.generic]]]:
+    """Create a C struct with pointers to arrays.
+
+    Returns the struct, and the list of these arrays, which must live as long as the struct.
+    """
+    held: dict[str, NDArray[np.generic]] = {}
+    held |= {
+        name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()
+    }
+    held |= {
+        name: np.ascontiguousarray(values, float) for name, values in reals.items()
+    }
+    pointers = {name: values.ctypes.data for name, values in held.items()}
+    return struct(**scalars, **pointers), list(held.values())
 
 
 def _vector_units() -> str:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..c_library import kernel
+from ..c_library import c_struct, filled, kernel
 from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
@@ -19,14 +18,8 @@ _MOST = 32
 """Maximum number of joints that chart_solve.c supports."""
 
 
-class _Chain(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int) for name in ("P", "n", "m", "kind")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in ("revolute", "rows", "R", "p", "axis", "S", "offset")
-        ),
-    ]
+_CHAIN = c_struct(ints="P n m kind", pointers="revolute rows R p axis S offset")
+"""The struct Chain of chart_solve.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +28,8 @@ class CompiledChain:
 
     m: int
     library: ctypes.CDLL
-    chain: _Chain
-    memory: tuple[Any, ...]
+    chain: ctypes.Structure
+    memory: list[Any]
 
     def placed(self, Q: Array) -> tuple[Array, Array, Array]:
         """Evaluate positions (K, 3), rotations (K, 3, 3) and J (K, m, n) at Q (K, n)."""
@@ -120,13 +113,12 @@ def _made(task: Task) -> CompiledChain | None:
     if library is None or model.njoints - 1 > _MOST or task.coordinates is not None:
         return None
     joints = joint_chain(task)
-    P, n = len(joints.axes), task.n
-    arrays: list[NDArray[Any]] = [
-        joints.revolute.astype(np.intc),
-        np.array(task.rows, np.intc),
-        *(np.array(x, order="C") for x in (joints.R, joints.p, joints.axes)),
-        *(np.array(x, order="C") for x in (joints.S, joints.offset)),
-    ]
     kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
-    chain = _Chain(P, n, task.m, kind, *(x.ctypes.data for x in arrays))
-    return CompiledChain(task.m, library, chain, tuple(arrays))
+    chain, memory = filled(
+        _CHAIN,
+        {"revolute": joints.revolute, "rows": task.rows},
+        {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}
+        | {"axis": joints.axes},
+        {"P": len(joints.axes), "n": task.n, "m": task.m, "kind": kind},
+    )
+    return CompiledChain(task.m, library, chain, memory)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import VECTOR_FLAGS, kernel
-from .c_struct import Space, filled, space_of
+from ..c_library import VECTOR_FLAGS, c_struct, filled, kernel
+from .taylor import SPACE, space_of
 from .taylor_chain import basis
 
 _SOURCES = "taylor.c", "arm_angle.c"
@@ -18,20 +18,12 @@ _MOST = 8
 """Largest number of joints for which the models fit on the stack of a thread."""
 
 
-class _Arm(ctypes.Structure):
-    """The struct Arm of arm_angle.c."""
-
-    _fields_ = [
-        ("space", Space),
-        *((name, ctypes.c_int) for name in ("P", "stereographic")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in (
-                *("R", "p", "a", "bases", "before", "revolute", "carries"),
-                *("S", "o", "joint", "place", "direction"),
-            )
-        ),
-    ]
+_ARM = c_struct(
+    ("space", SPACE),
+    ints="P stereographic",
+    pointers="R p a bases before revolute carries S o joint place direction",
+)
+"""The struct Arm of arm_angle.c."""
 
 
 def gradients_in_c(
@@ -51,7 +43,7 @@ def gradients_in_c(
     if library is None:
         return None
     arm, arrays = filled(
-        _Arm,
+        _ARM,
         {
             "before": chain.before,
             "revolute": chain.revolute,

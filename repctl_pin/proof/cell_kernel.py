@@ -11,52 +11,30 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import VECTOR_FLAGS, kernel
+from ..c_library import VECTOR_FLAGS, c_struct, filled, kernel
 from ..inverse_function.monomials import Monomials
-from .c_struct import Space, filled, space_of
 from .cell_bounds import CellBounds
 from .chain import FREE
 from .commutator import slides_of, tips
-from .leaf_margin_bounds import _Problem
-from .taylor import ORDER
+from .leaf_margin_bounds import PROBLEM
+from .taylor import ORDER, SPACE, space_of
 from .taylor_chain import TURNED, basis
 
 SOURCES = ("leaf_margin_bounds.c", "taylor.c", "cell_bounds.c")
 
 
-class _Cell(ctypes.Structure):
-    """The struct Cell of cell_bounds.c."""
+_CELL = c_struct(
+    ("chain", ctypes.c_void_p),
+    ("space", SPACE),
+    ints="w terms F turning angled spun turned slides",
+    doubles="tool columns",
+    pointers="parent variable used fourth parts rest blur near lower upper farthest "
+    "o a d R0 D Omega angle spin bases tips",
+)
+"""The struct Cell of cell_bounds.c."""
 
-    _fields_ = [
-        ("chain", ctypes.c_void_p),
-        ("space", Space),
-        *(
-            (name, ctypes.c_int)
-            for name in (
-                *("w", "terms", "F", "turning", "angled", "spun"),
-                *("turned", "slides"),
-            )
-        ),
-        *((name, ctypes.c_double) for name in ("tool", "columns")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in (
-                *("parent", "variable", "used", "fourth", "parts", "rest", "blur"),
-                *("near", "lower", "upper", "farthest"),
-                *("o", "a", "d", "R0", "D", "Omega", "angle", "spin", "bases"),
-                "tips",
-            )
-        ),
-    ]
-
-
-class _Out(ctypes.Structure):
-    """The struct Out of cell_bounds.c."""
-
-    _fields_ = [
-        (name, ctypes.c_void_p)
-        for name in ("leaf", "sigma", "limit", "Q", "reach", "away", "split")
-    ]
+_OUT = c_struct(pointers="leaf sigma limit Q reach away split")
+"""The struct Out of cell_bounds.c."""
 
 
 def library() -> ctypes.CDLL | None:
@@ -74,7 +52,7 @@ class Kernel:
         chain = proof.chain
         row, column = np.nonzero(chain.S)
         self._chain = filled(
-            _Problem,
+            PROBLEM,
             {
                 "revolute": chain.revolute,
                 "level": chain.level,
@@ -95,7 +73,7 @@ class Kernel:
         monomials = Monomials(k, max(proof.chart.monomials.degree, ORDER))
         self._space = space_of(k)
         self._cell = filled(
-            _Cell,
+            _CELL,
             {
                 "parent": monomials.parent,
                 "variable": monomials.variable,
@@ -134,7 +112,7 @@ class Kernel:
         Q, reach, away = np.full((3, K, n), np.nan)
         split = np.zeros(K, np.int32)
         arrays = (leaf, sigma, limit, Q, reach, away, split)
-        out = _Out(*(array.ctypes.data for array in arrays))
+        out = _OUT(*(array.ctypes.data for array in arrays))
         Uc, half = np.ascontiguousarray(Uc, float), np.ascontiguousarray(half, float)
         done = self._run(
             ctypes.byref(self._cell[0]),

@@ -28,12 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import kernel
+from ..c_library import c_struct, filled, kernel
 from ..potentials.basis import Potentials
 from ..regions.box import Box
 from ..robot.task import Task
 from .arm_angle import gradient_bounds
-from .c_struct import filled
 from .chain import Chain, chain_of, frame_change, tool_reach
 from .potentials import PRODUCT, SINE, Features, features_of
 from .remainder import relative_rounding, remainders, screw_sizes
@@ -608,46 +607,13 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 # ---- C -----------------------------------------------------------------------------------------
 
 
-class _Problem(ctypes.Structure):
-    """C struct of leaf_margin_bounds.c that holds one :class:`LeafMarginProblem`."""
-
-    _fields_ = (
-        [(name, ctypes.c_int) for name in ("P", "k", "n", "N", "r", "Z", "F", "F3")]
-        + [(name, ctypes.c_double) for name in ("eps", "beta")]
-        + [
-            (name, ctypes.c_void_p)
-            for name in (
-                *(
-                    "R",
-                    "p",
-                    "a",
-                    "shift",
-                    "reach",
-                    "revolute",
-                    "level",
-                    "first",
-                    "column",
-                    "S",
-                    "o",
-                ),
-                *(
-                    "Zq",
-                    "z0",
-                    "kind",
-                    "parent",
-                    "variable",
-                    "third",
-                    "G",
-                    "C",
-                    "C3",
-                    "T",
-                    "T4",
-                    "E",
-                    "round",
-                ),
-            )
-        ]
-    )
+PROBLEM = c_struct(
+    ints="P k n N r Z F F3",
+    doubles="eps beta",
+    pointers="R p a shift reach revolute level first column S o "
+    "Zq z0 kind parent variable third G C C3 T T4 E round",
+)
+"""The struct Problem of leaf_margin_bounds.c, which holds one :class:`LeafMarginProblem`."""
 
 
 def _library() -> ctypes.CDLL | None:
@@ -694,7 +660,7 @@ def _in_c(
     sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
     sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
     scalars = sizes | {"eps": problem.eps, "beta": problem.beta}
-    struct, held = filled(_Problem, ints, reals, scalars)
+    struct, held = filled(PROBLEM, ints, reals, scalars)
     Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
     bound, center, sigma = np.zeros((3, len(Q)))
     split = np.zeros(len(Q), np.int32)

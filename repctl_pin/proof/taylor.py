@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
+from ..c_library import c_struct, filled
 
 ORDER = 3
 _ROUND = 2e-14
@@ -22,6 +23,9 @@ _ROUND = 2e-14
 
 _ENTIRE = 24
 """Number of terms of the power series in :func:`entire`; enough for z below π²."""
+
+SPACE = c_struct(ints="k M", pointers="left right first starts")
+"""The struct Space of taylor.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,14 @@ def products(k: int) -> Products:
     made, left, right = np.array(sorted(rows), np.int32).T
     first = np.searchsorted(made, np.arange(monomials.size)).astype(np.int32)
     return Products(left, right, first, monomials.starts.astype(np.int32))
+
+
+def space_of(k: int) -> tuple[Any, list[NDArray[np.generic]]]:
+    """Create the struct Space of models in k variables, and the arrays that it points to."""
+    pairs = products(k)
+    ints = {name: getattr(pairs, name) for name in ("left", "right", "starts")}
+    ints["first"] = np.append(pairs.first, len(pairs.left))
+    return filled(SPACE, ints, {}, {"k": k, "M": int(pairs.starts[-1])})
 
 
 @dataclass(frozen=True, eq=False)
