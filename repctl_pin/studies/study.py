@@ -149,8 +149,6 @@ def study(
     problem = robot if isinstance(robot, Problem) else Problem(robot)
     task = problem.task
     _ = problem.cycle  # refuses a problem without a path
-    task = problem.task
-    _ = problem.cycle  # refuses a problem without a path
     degree, long = choose_degree(task, degree)
     for note in long:
         say(f"note: {note}")
