@@ -117,7 +117,10 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
     features, chain = features_of(field, task.n, box), chain_of(task)
 
     def needed(one: LeafMarginProblem) -> float:
-        return _perron_root(one, box.center, box.half_width / 8)
+        """Evaluate the spectral radius of the bound D on a box; below 1, J_V is regular there."""
+        D = _expansion(one, box.center[None], box.half_width[None] / 8).D[0]
+        finite = np.isfinite(D).all()
+        return float(np.abs(np.linalg.eigvals(D)).max()) if finite else np.inf
 
     middles = range(len(chain.p) + 1)
     made = [_prepared(task, chain.seen_from(k, 0.5), features, box) for k in middles]
@@ -126,12 +129,6 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
     return min(
         [best, *(_prepared(task, end, features, box) for end in ends)], key=needed
     )
-
-
-def _perron_root(problem: LeafMarginProblem, q: Array, half: Array) -> float:
-    """Evaluate the spectral radius of the bound D on one box; below 1, J_V is regular there."""
-    D = _expansion(problem, q[None], half[None]).D[0]
-    return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
 
 
 def _prepared(
