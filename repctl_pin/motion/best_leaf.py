@@ -23,8 +23,8 @@ from ..redundancy import leaf_margin, nullspace
 from ..robot.chain_formulas import Placement
 from ..robot.length import arm_length, joint_scale
 from ..robot.task import Task
-from ..strategies import Bounded, Inverse, Pseudoinverse, RepeatableInverse
-from ..strategies.strategy import AN_INVERSE, Batched
+from ..strategies import Bounded, Pseudoinverse, RepeatableInverse
+from ..strategies.strategy import AN_INVERSE, Inverse
 from .fast_starts import fast_starts
 from .follow import follow
 from .joint_motion import violations_of
@@ -237,7 +237,7 @@ def best_leaf(
     if region is not None:
         require_type(region, Bounded, "region", "a region, such as design.region")
     if desired is not None:
-        require_type(desired, Batched, "desired", AN_INVERSE)
+        require_type(desired, Inverse, "desired", AN_INVERSE)
     G_d = desired or Pseudoinverse(task)
     start = solve_ik(task, task.check(q0, "the start"), target)
 
