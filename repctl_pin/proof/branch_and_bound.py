@@ -85,7 +85,7 @@ def bound_leaf_margin(
     """
     search = _Search(problem, low, high, goal)
     end, whole = thread_time() + seconds, search.volume()
-    while search.open() and not search.reason:
+    while len(search.low) and not search.reason:
         if thread_time() > end:
             search.reason = f"stopped after {seconds:g} s"
         elif len(search.low) > _MOST:
@@ -110,10 +110,6 @@ class _Search:
         self.worst = ((low[0] + high[0]) / 2, (high[0] - low[0]) / 2)
         self.at_least_bound = self.worst
         self.boxes, self.reason = 0, ""
-
-    def open(self) -> int:
-        """Return the number of undecided boxes."""
-        return len(self.low)
 
     def volume(self) -> float:
         """Compute the total volume of the undecided boxes."""

@@ -1,4 +1,4 @@
-"""C kernel of the bounds over boxes of poses.
+"""Bounds on the margins of a cell's function F over boxes of poses, and their C kernel.
 
 Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and taylor.c.
 """
@@ -6,14 +6,15 @@ Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and tay
 from __future__ import annotations
 
 import ctypes
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
 from ..c_library import VECTOR_FLAGS, c_struct, filled, kernel
 from ..inverse_function.monomials import Monomials
-from .cell_bounds import CellBounds
 from .chain import FREE
 from .commutator import slides_of, tips
 from .leaf_margin_bounds import PROBLEM
@@ -35,6 +36,29 @@ _CELL = c_struct(
 
 _OUT = c_struct(pointers="leaf sigma limit Q reach away split")
 """The struct Out of cell_bounds.c."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class CellBounds:
+    """Bounds on the margins of F over K boxes of poses.
+
+    Attributes
+    ----------
+    leaf_margin, sigma_min, limit_margin : (K,) arrays
+        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ n̂_ref)``, of σ_min(J), and of the
+        distance to the joint limits, rad or m; 0, 0 and −inf where F was not shown to exist.
+    away : (K, n) array
+        Approximate distance of F from q_ref at the centre of each box, rad or m.
+    split : (K,) array of int
+        Index of the coordinate along which to halve each box.
+    """
+
+    leaf_margin: Array
+    sigma_min: Array
+    limit_margin: Array
+    away: Array
+    split: NDArray[np.int32]
 
 
 def library() -> ctypes.CDLL | None:

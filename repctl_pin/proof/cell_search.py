@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..inverse_function.chart import Points
 from .branch_and_bound import SearchOutcome
-from .cell_bounds import CellBounds
+from .cell_kernel import CellBounds
 from .cells import CellProof
 from .leaf_margin_bounds import inverses
 
@@ -49,7 +49,7 @@ def bound_cell(
 
     Returns
     -------
-    Outcome
+    SearchOutcome
         The bounds are 0 and −inf if the search stopped before its goal.
     """
     end = thread_time() + seconds

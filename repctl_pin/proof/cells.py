@@ -22,8 +22,7 @@ from ..arguments import Array
 from ..inverse_function.cell import Cell
 from ..inverse_function.chart import Chart
 from ..inverse_function.sector import Sector
-from .cell_bounds import CellBounds
-from .cell_kernel import Kernel, library
+from .cell_kernel import CellBounds, Kernel, library
 from .cell_poses import Poses
 from .chain import Chain, chain_of, frame_change, tool_reach
 from .chart_bounds import Polynomials
