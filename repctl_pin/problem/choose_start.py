@@ -10,17 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array
 from ..errors import InputError, RepctlError, SingularityError, unknown
-from ..motion import (
-    ClosedPath,
-    Motion,
-    TaskPath,
-    check_reach,
-    closed_path,
-    follow,
-    reach_start,
-)
+from ..motion import Motion, check_reach, follow, reach_start
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
+from ..paths import ClosedPath, TaskPath, closed_path
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
 from ..strategies import Pseudoinverse

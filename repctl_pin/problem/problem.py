@@ -23,8 +23,9 @@ from ..arguments import (
     row,
 )
 from ..errors import InputError
-from ..motion import ClosedPath, Motion, TaskPath, closed_path, follow
+from ..motion import Motion, follow
 from ..motion.spec import parse_path
+from ..paths import ClosedPath, TaskPath, closed_path
 from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
 from ..robot.robot import Robot
