@@ -41,21 +41,21 @@ if TYPE_CHECKING:
     from .motion import Motion as Motion
     from .motion import Run as Run
     from .motion import Status as Status
-    from .motion import TaskPath as TaskPath
     from .motion import TimedMotion as TimedMotion
-    from .motion import Waypoints as Waypoints
     from .motion import approach as approach
     from .motion import best_leaf as best_leaf
-    from .motion import circle as circle
-    from .motion import figure_eight as figure_eight
     from .motion import follow as follow
     from .motion import least_closed_motion as least_closed_motion
-    from .motion import polygon as polygon
-    from .motion import read_waypoints as read_waypoints
     from .motion import solve_ik as solve_ik
     from .motion import timed as timed
-    from .motion import waypoints as waypoints
     from .motion import write_motion as write_motion
+    from .paths import TaskPath as TaskPath
+    from .paths import Waypoints as Waypoints
+    from .paths import circle as circle
+    from .paths import figure_eight as figure_eight
+    from .paths import polygon as polygon
+    from .paths import read_waypoints as read_waypoints
+    from .paths import waypoints as waypoints
     from .potentials import CustomPotentials as CustomPotentials
     from .potentials import Fourier as Fourier
     from .potentials import Joined as Joined
@@ -115,10 +115,10 @@ _DOOR = {
     ),
     "proof": "Proof prove",
     "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
+    "paths": "TaskPath Waypoints circle figure_eight polygon read_waypoints waypoints",
     "motion": (
-        "BestLeaf Governor LeafLock Limits Motion Run Status TaskPath TimedMotion Waypoints "
-        "approach best_leaf circle figure_eight follow least_closed_motion polygon read_waypoints "
-        "solve_ik timed waypoints write_motion"
+        "BestLeaf Governor LeafLock Limits Motion Run Status TimedMotion approach best_leaf follow "
+        "least_closed_motion solve_ik timed write_motion"
     ),
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .arguments import MOST_NODES, as_int, flag, positive, require_type
+from .arguments import MOST_NODES, as_int, flag, freeze, positive, require_type
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -69,20 +69,20 @@ class FitOptions:
     def __post_init__(self) -> None:
         for name in ("samples", "held_out"):
             if getattr(self, name) is not None:
-                self._set(name, as_int(getattr(self, name), name, 1))
-        self._set("seed", as_int(self.seed, "seed"))
-        self._set("batch", as_int(self.batch, "batch", 1, MOST_NODES))
-        self._set("stream", flag(self.stream, "stream"))
-        self._set("restarts", as_int(self.restarts, "restarts", 0, _MOST_RESTARTS))
-        self._set("tolerance", positive(self.tolerance, "the tolerance"))
+                freeze(self, **{name: as_int(getattr(self, name), name, 1)})
+        freeze(
+            self,
+            seed=as_int(self.seed, "seed"),
+            batch=as_int(self.batch, "batch", 1, MOST_NODES),
+            stream=flag(self.stream, "stream"),
+            restarts=as_int(self.restarts, "restarts", 0, _MOST_RESTARTS),
+            tolerance=positive(self.tolerance, "the tolerance"),
+        )
         if self.executor is not None and not callable(
             getattr(self.executor, "submit", None)
         ):
             what = "a concurrent.futures.Executor or a Dask client"
             require_type(self.executor, Executor, "executor", what)
-
-    def _set(self, name: str, value: object) -> None:
-        object.__setattr__(self, name, value)
 
     def require_only(self, names: tuple[str, ...], by: str) -> None:
         """Raise InputError if an option other than ``names`` differs from its default.

@@ -12,7 +12,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.design import nearest_in_family
-from repctl_pin.motion import rose
+from repctl_pin.paths import rose
 
 A_TASK, AN_INVERSE = (
     r"task must be a task, such as rp\.",

@@ -13,7 +13,7 @@ from ..arguments import Array
 from ..inverse_function import InverseFunction, Sector
 from ..inverse_function.chart import Chart
 from ..robot.task import Task
-from .kinematics import Chain
+from .kinematics import ChainExpressions
 from .potentials import cell_tables
 from .text import filled, row, table
 
@@ -52,7 +52,7 @@ def function_code(function: InverseFunction, name: str) -> str:
 def _lanes(chart: Chart, name: str, lanes: int) -> str:
     """Write the C code of Newton's method at ``lanes`` poses, which starts from the polynomials."""
     task = chart.cell.task
-    chain = Chain(task, lanes=True)
+    chain = ChainExpressions(task, lanes=True)
     rows, columns = elimination_order(chart)
     row_of, column_of = np.argsort(rows).tolist(), np.argsort(columns).tolist()
     angle, here, whole = chain.lane_code(row_of, column_of)
@@ -210,7 +210,9 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
     )
 
 
-def _filled(chain: Chain, row_of: Sequence[int], column_of: Sequence[int]) -> Array:
+def _filled(
+    chain: ChainExpressions, row_of: Sequence[int], column_of: Sequence[int]
+) -> Array:
     """Find the entries of J_V, in the order of elimination, that are not always 0: (n, n)."""
     filled = np.ones((len(row_of), len(column_of)), bool)
     for a, entries in enumerate(chain.J):

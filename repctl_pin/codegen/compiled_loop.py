@@ -18,7 +18,7 @@ from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
 from ..robot.task import Task
 from ..strategies.control_step import python_loops
-from ..strategies.fast_loop import Bounds, Law, Loop, checked, failure
+from ..strategies.fast_loop import FastLoop, Law, StepLimits, checked, failure
 from ..strategies.repeatable import RepeatableInverse
 from .source import write_source
 from .text import filled
@@ -29,7 +29,7 @@ _TWIST, GIVEN_LEAF, _BOUNDED = 1, 2, 4
 _OK, _SINGULAR = 0, 1
 
 
-def compiled_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
+def compiled_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:
     """Create a factory of the C functions of a control step; each call makes those of one thread.
 
     Without a C compiler, a warning is given and the functions are in Python.
@@ -86,8 +86,8 @@ def call_memory(task: Task) -> tuple[dict[str, Array], ctypes.c_void_p]:
     return dict(zip(sizes, parts, strict=True)), ctypes.c_void_p(memory.ctypes.data)
 
 
-def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
-    """Create the :class:`Loop` of a shared library, for one thread.
+def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> FastLoop:
+    """Create the :class:`FastLoop` of a shared library, for one thread.
 
     The library is loaded twice. Calls of ``held``, for one configuration, keep Python's global
     interpreter lock; calls of ``released``, for batches, release it.
@@ -124,7 +124,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> Loop:
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        bounds: Bounds | None,
+        bounds: StepLimits | None,
     ) -> Array:
         given = 0
         q_in[:] = q

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from operator import mul
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array
+from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 from .expressions import Expression, Graph, assignments
 
@@ -16,7 +16,7 @@ Vector = list[Expression]
 Matrix = list[Vector]
 
 
-class Chain:
+class ChainExpressions:
     """Kinematics of a task's chain as expressions in ``q[0]`` … ``q[n − 1]``.
 
     Attributes
@@ -54,20 +54,19 @@ class Chain:
                 self._weighted(row, q) + self.graph.number(offset)
                 for row, offset in rows
             ]
-        model, frame = task.model, task.model.frames[task._frame_id]
+        chain = joint_chain(task)
+        *places, frame = zip(chain.R, chain.p, strict=True)
         self.p = self._numbers(np.zeros(3))
         self.R = [self._numbers(row) for row in np.eye(3)]
         axes: list[
             tuple[bool, Vector, Vector]
         ] = []  # revolute or not, axis, and position
         turned = np.eye(3)  # from the joint's axes to axes with z along the joint
-        for j, (angle, (turns, axis)) in enumerate(
-            zip(joints, _joints(task), strict=True), 1
+        for angle, turns, axis, (rotation, translation) in zip(
+            joints, chain.revolute, chain.axes, places, strict=True
         ):
-            assert model.parents[j] == j - 1, "the joints of a task are a chain"
             B = _z_along(axis)
-            place = model.jointPlacements[j]
-            self._fixed(turned.T @ place.rotation @ B, turned.T @ place.translation)
+            self._fixed(turned.T @ rotation @ B, turned.T @ translation)
             axes.append((turns, [row[2] for row in self.R], self.p))
             if turns:
                 self._turn(angle)
@@ -76,9 +75,7 @@ class Chain:
                     p + z * angle for p, z in zip(self.p, axes[-1][1], strict=True)
                 ]
             turned = B
-        self._fixed(
-            turned.T @ frame.placement.rotation, turned.T @ frame.placement.translation
-        )
+        self._fixed(turned.T @ frame[0], turned.T @ frame[1])
         columns = [self._column(*axis) for axis in axes]
         J = [[column[i] for column in columns] for i in range(6)]
         if task.kind == "axis":  # ω along the frame's own x and y
@@ -177,20 +174,6 @@ class Chain:
             assignments(part, " " * 12) for part in (angles, here, here | A)
         )
         return angle, place, whole
-
-
-def _joints(task: Task) -> list[tuple[bool, Array]]:
-    """Find for every joint whether it is revolute, and its axis (3,) in its own frame."""
-    model, data = task.model, task.model.createData()
-    pin.computeJointJacobians(model, data, np.zeros(model.nq))
-    found = []
-    for j in range(1, model.njoints):
-        S = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[
-            :, model.joints[j].idx_v
-        ]
-        turns = bool(np.linalg.norm(S[3:]) > 0.5)
-        found.append((turns, S[3:] if turns else S[:3]))
-    return found
 
 
 def _z_along(axis: Array) -> Array:

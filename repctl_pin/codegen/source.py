@@ -15,7 +15,7 @@ from ..strategies.repeatable import RepeatableInverse
 from .cell_function import function_code
 from .expressions import Graph, assignments
 from .governor import governor_source
-from .kinematics import Chain
+from .kinematics import ChainExpressions
 from .potentials import potential_functions
 from .text import comment, filled, integer, row, table
 
@@ -93,7 +93,7 @@ def write_source(
     kind = task.kind if task.kind in ("pose", "axis") else "position"
     rotation = "rotation_free.c" if kind == "position" else "rotation.c"
     stays = isinstance(kept, Cell)
-    parts = Chain(task).code() | {
+    parts = ChainExpressions(task).code() | {
         "about": about(control, kept),
         "n": task.n,
         "m": task.m,

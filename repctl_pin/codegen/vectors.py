@@ -23,6 +23,8 @@ EDGE = 1e-9
 
 _DT = 1e-3
 _GAINS = (20.0, None, 500.0, 0.0)
+_COUNT = 48
+"""Number of test vectors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +53,14 @@ def vectors(
     inverse: RepeatableInverse,
     region: Bounded | None,
     start: Array,
-    count: int = 48,
-    seed: int = 0,
 ) -> list[Vector]:
     """Sample test vectors at configurations in and near the region, or near the start without one.
 
     Optional inputs are given in some vectors and None in others, and a few vectors are invalid.
     """
-    task, rng = inverse.task, np.random.default_rng(seed)
-    near_start = start + rng.uniform(-0.2, 0.2, (count, task.n))
-    Q = region.random(count, seed)[:count] if isinstance(region, Region) else near_start
+    task, rng = inverse.task, np.random.default_rng(0)
+    near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
+    Q = region.random(_COUNT, 0)[:_COUNT] if isinstance(region, Region) else near_start
     found = []
     for k, q in enumerate(Q):
         if k % 6 == 5:  # further outside

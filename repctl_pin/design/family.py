@@ -25,7 +25,7 @@ from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..regions import Region
 from ..regions.region import A_REGION
-from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from ..strategies.strategy import AN_INVERSE, Inverse
 
 _SCAN = 48
 _FLAT = 1e-9
@@ -172,7 +172,7 @@ def nearest_in_family(
     >>> found.unique
     True
     """
-    require_type(desired, Batched, "desired", AN_INVERSE)
+    require_type(desired, Inverse, "desired", AN_INVERSE)
     require_type(region, Region, "region", A_REGION)
     function(family, "family", "a function k → inverse")
     samples, seed = as_int(samples, "samples", 1, MOST_NODES), as_int(seed, "seed")
@@ -190,7 +190,7 @@ def nearest_in_family(
 
     def member(k: float) -> Inverse:
         made = family(k)
-        require_type(made, Batched, f"the family at k = {k:g}", AN_INVERSE)
+        require_type(made, Inverse, f"the family at k = {k:g}", AN_INVERSE)
         return made
 
     def cost(angle: float) -> float:

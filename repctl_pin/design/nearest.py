@@ -17,7 +17,7 @@ from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
 from ..potentials.polynomial import Polynomial
 from ..regions import Region
 from ..regions.region import A_REGION
-from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from ..strategies.strategy import AN_INVERSE, Inverse
 from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
@@ -96,7 +96,7 @@ def nearest_repeatable(
     (True, True)
     >>> qdot = found.inverse.velocity(q0, [0.1, 0.0])  # rad/s
     """
-    require_type(desired, Batched, "desired", AN_INVERSE)
+    require_type(desired, Inverse, "desired", AN_INVERSE)
     require_type(region, Region, "region", A_REGION)
     if potentials is not None:
         require_type(potentials, PotentialBasis, "potentials", A_BASIS)

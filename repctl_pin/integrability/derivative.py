@@ -17,7 +17,7 @@ from ..robot.length import joint_scale
 from ..robot.task import Task
 from ..strategies.pseudoinverse import Pseudoinverse
 from ..strategies.repeatable import RepeatableInverse
-from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from ..strategies.strategy import AN_INVERSE, Inverse
 
 _EPS = np.finfo(float).eps
 _LEVELS = 6
@@ -122,7 +122,7 @@ def inside_limits(task: Task, Q: Array) -> Array:
 
 def require_inverse(strategy: Inverse) -> Inverse:
     """Check that a strategy is an inverse, with a G(q), and return it."""
-    require_type(strategy, Batched, "strategy", AN_INVERSE)
+    require_type(strategy, Inverse, "strategy", AN_INVERSE)
     return strategy
 
 

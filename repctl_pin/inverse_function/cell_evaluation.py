@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..redundancy import leaf_margin
 from ..robot.bodies import bodies_of
-from ..strategies.strategy import Batched
+from ..strategies.strategy import Inverse
 from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
@@ -168,7 +168,7 @@ class Speeds:
         return np.asarray(self.own / self.desired_square, float)
 
 
-def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
+def speeds(desired: Inverse, chart: Chart, at: Points) -> Speeds:
     """Evaluate the joint speeds of the function s = 0 of a chart at configurations on it."""
     K = len(at.U)
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
@@ -187,7 +187,7 @@ def speeds(desired: Batched, chart: Chart, at: Points) -> Speeds:
     )
 
 
-def _joint_speeds(desired: Batched, chart: Chart, at: Points) -> tuple[Array, Array]:
+def _joint_speeds(desired: Inverse, chart: Chart, at: Points) -> tuple[Array, Array]:
     """Evaluate ∂F C and G_d E C (K, n, k + l) of the function s = 0 at configurations on it."""
     cell = chart.cell
     dF, _ = chart.derivative(at, np.zeros((len(at.U), cell.task.r, cell.k)))
@@ -213,7 +213,7 @@ class SpeedRatio:
 
     Attributes
     ----------
-    desired : Batched
+    desired : Inverse
         G_d.
     chart : Chart
         Chart of the function.
@@ -221,7 +221,7 @@ class SpeedRatio:
         True if the ratio is that for the worst direction of ẋ, instead of the rms over directions.
     """
 
-    desired: Batched
+    desired: Inverse
     chart: Chart
     direction: bool
 
@@ -284,7 +284,7 @@ class _Sampled:
 
 
 def _sampled(
-    desired: Batched, candidate: CandidateFunction, U: Array, side: float
+    desired: Inverse, candidate: CandidateFunction, U: Array, side: float
 ) -> _Sampled:
     """Evaluate a candidate function at poses U (K, k).
 
@@ -318,7 +318,7 @@ def _sampled(
 
 
 def evaluate_cell(
-    desired: Batched, chart: Chart, count: int, seed: int, *, quick: bool = False
+    desired: Inverse, chart: Chart, count: int, seed: int, *, quick: bool = False
 ) -> Evaluation:
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 
@@ -408,7 +408,7 @@ def evaluate_cell(
 
 
 def _searched(
-    desired: Batched, candidate: CandidateFunction, at: _Sampled, quick: bool
+    desired: Inverse, candidate: CandidateFunction, at: _Sampled, quick: bool
 ) -> Array:
     """Search for poses with smaller limit margins, smaller σ_min(J), and larger joint speeds.
 

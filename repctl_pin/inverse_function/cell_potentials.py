@@ -10,7 +10,7 @@ from ..arguments import Array
 from ..potentials.fast_potentials import InPlace
 from ..robot import fast_kinematics
 from .chart import Chart
-from .fast_function import in_place, monomials_at
+from .fast_function import fast_coordinates, monomials_at
 from .kinematics import placed
 
 
@@ -62,18 +62,14 @@ class CellPotentials:
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Make allocation-free functions for a control loop.
-
-        Function ``slope`` of the result evaluates the potentials at q, and writes Vᵀ into the array
-        ``V_T`` (r, n). Function ``gap`` then writes c − h into the array ``e`` (r,).
-        """
+        """Make functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
         chart, task = self.chart, self.chart.cell.task
         n, m, r, k, N = task.n, task.m, task.r, chart.cell.k, chart.monomials.size
         J = np.zeros((m, n))
-        jacobian = fast_kinematics.in_place(task, J, np.zeros(m)).jacobian
+        jacobian, *_ = fast_kinematics.in_place(task, J, np.zeros(m))
         here = task._data.oMf[task._frame_id]
         p, R = here.translation, here.rotation
-        cell = in_place(chart.cell)
+        cell = fast_coordinates(chart.cell)
         locate, pull, shift = cell.locate, cell.pull, cell.shift
         along, wrapped = chart.cell.along, chart.cell._wrapped
         T, monomials = monomials_at(chart.monomials, cell.u)
@@ -132,4 +128,4 @@ class CellPotentials:
         def gap(leaf: Array) -> None:
             subtract(leaf, h, e)
 
-        return InPlace(slope, gap)
+        return slope, gap

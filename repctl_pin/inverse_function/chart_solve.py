@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import ctypes
-import functools
 import weakref
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import c_struct, filled, kernel
 from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
@@ -21,14 +18,8 @@ _MOST = 32
 """Maximum number of joints that chart_solve.c supports."""
 
 
-class _Chain(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int) for name in ("P", "n", "m", "kind")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in ("revolute", "rows", "R", "p", "axis", "S", "offset")
-        ),
-    ]
+_CHAIN = c_struct(ints="P n m kind", pointers="revolute rows R p axis S offset")
+"""The struct Chain of chart_solve.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +28,8 @@ class CompiledChain:
 
     m: int
     library: ctypes.CDLL
-    chain: _Chain
-    memory: tuple[Any, ...]
+    chain: ctypes.Structure
+    memory: list[Any]
 
     def placed(self, Q: Array) -> tuple[Array, Array, Array]:
         """Evaluate positions (K, 3), rotations (K, 3, 3) and J (K, m, n) at Q (K, n)."""
@@ -117,27 +108,17 @@ def compiled_chain(task: Task) -> CompiledChain | None:
     return _known[task]
 
 
-@functools.cache
-def _library() -> ctypes.CDLL | None:
-    try:
-        code = (files(__package__) / "chart_solve.c").read_text(encoding="utf-8")
-        return ctypes.CDLL(loaded_library(code))
-    except NoCompilerError:
-        return None
-
-
 def _made(task: Task) -> CompiledChain | None:
-    library, model = _library(), task.model
+    library, model = kernel(__package__, "chart_solve.c"), task.model
     if library is None or model.njoints - 1 > _MOST or task.coordinates is not None:
         return None
     joints = joint_chain(task)
-    P, n = len(joints.axes), task.n
-    arrays: list[NDArray[Any]] = [
-        joints.revolute.astype(np.intc),
-        np.array(task.rows, np.intc),
-        *(np.array(x, order="C") for x in (joints.R, joints.p, joints.axes)),
-        *(np.array(x, order="C") for x in (joints.S, joints.offset)),
-    ]
     kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
-    chain = _Chain(P, n, task.m, kind, *(x.ctypes.data for x in arrays))
-    return CompiledChain(task.m, library, chain, tuple(arrays))
+    chain, memory = filled(
+        _CHAIN,
+        {"revolute": joints.revolute, "rows": task.rows},
+        {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}
+        | {"axis": joints.axes},
+        {"P": len(joints.axes), "n": task.n, "m": task.m, "kind": kind},
+    )
+    return CompiledChain(task.m, library, chain, memory)

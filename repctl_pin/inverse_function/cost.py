@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
-from ..strategies.strategy import Batched
+from ..strategies.strategy import Inverse
 from .chart import Chart, Points
 from .margins import Margin
 from .monomials import Monomials
@@ -107,7 +107,7 @@ class Cost:
 
     def __init__(
         self,
-        desired: Batched,
+        desired: Inverse,
         chart: Chart,
         terms: Monomials,
         U: Array,

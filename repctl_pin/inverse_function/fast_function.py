@@ -6,7 +6,6 @@ The functions are closures over preallocated memory, see :mod:`repctl_pin.strate
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +19,7 @@ from ..robot.task import Task
 from ..solvers import newton
 from .cell import TURNED, Cell
 from .chart import Chart
-from .fast_sector import closures
+from .fast_sector import FastCoordinates, sector_coordinates
 from .monomials import Monomials
 from .sector import Sector
 
@@ -31,36 +30,10 @@ _ENOUGH = 1e-6
 """Largest entry of the last Newton step, rad or m; the error after it is at rounding level."""
 
 
-@dataclass(frozen=True, eq=False)
-class InPlace:
-    """Functions that convert placements to coordinates u of a cell; for one thread.
-
-    Attributes
-    ----------
-    u : (k,) array
-        Output array of ``locate``: the coordinates.
-    locate : function (p, R) → float
-        Write the coordinates of a placement into ``u``. Return the deviation of the placement from
-        the cell in the coordinates of width 0, m or rad.
-    pull : function (D, X) → None
-        Write ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement of the last call of ``locate``.
-        X must be 0 before the first call.
-    shift : (n,) array or None
-        Output array of ``locate``: the term that the symmetries of a sector add to F; D then has
-        k + l columns. None without symmetries.
-    """
-
-    u: Array
-    locate: Callable[[Array, Array], float]
-    pull: Callable[[Array, Array], None]
-    shift: Array | None = None
-
-
-def in_place(cell: Cell) -> InPlace:
+def fast_coordinates(cell: Cell) -> FastCoordinates:
     """Make the functions that convert placements to coordinates of a cell."""
     if isinstance(cell, Sector):
-        own, shift, place, slope = closures(cell)
-        return InPlace(own, place, slope, shift if cell.removed else None)
+        return sector_coordinates(cell)
     p_0, R_0T = cell.placement.translation.copy(), cell.placement.rotation.T.copy()
     R_0 = R_0T.T
     m, on = cell.task.m, np.flatnonzero(cell.widths > 0)
@@ -118,10 +91,12 @@ def in_place(cell: Cell) -> InPlace:
         X[:, 3:] = X[:, 3:].dot(np.array([[d / det, -b / det], [-c / det, a / det]]))
 
     if cell.task.kind == "axis":
-        return InPlace(u, locate_axis, pull_axis)
+        return FastCoordinates(u, locate_axis, pull_axis)
     if cell.task.kind == "pose":
-        return InPlace(u, locate_pose, pull_pose if cell.rotation.any() else pull)
-    return InPlace(u, locate_point, pull)
+        return FastCoordinates(
+            u, locate_pose, pull_pose if cell.rotation.any() else pull
+        )
+    return FastCoordinates(u, locate_point, pull)
 
 
 def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], None]]:
@@ -184,9 +159,9 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     memory = np.zeros(n * n + n)
     J_V, rhs = memory[: n * n].reshape((n, n), order="F"), memory[n * n :]
     upper, lower, bottom = J_V[:m], J_V[m:], rhs[m:]
-    jacobian = fast_kinematics.in_place(task, upper, rhs[:m]).jacobian
+    jacobian, *_ = fast_kinematics.in_place(task, upper, rhs[:m])
     aim, error = _errors(task, upper, rhs[:m])
-    coordinates = in_place(chart.cell)
+    coordinates = fast_coordinates(chart.cell)
     u, locate, shift = coordinates.u, coordinates.locate, coordinates.shift
     T, monomials = monomials_at(chart.monomials, u)
     C_T = np.asfortranarray(
@@ -241,7 +216,8 @@ def _errors(
     The error is that at the configuration at which the Jacobian J was last evaluated.
     """
     if task.kind not in ("pose", "axis"):
-        write, goal = fast_kinematics.in_place(task, J, e).error, [pin.SE3.Identity()]
+        _, write, _ = fast_kinematics.in_place(task, J, e)
+        goal = [pin.SE3.Identity()]
 
         def aim_at(target: pin.SE3, p: Array, R: Array) -> None:
             goal[0] = target

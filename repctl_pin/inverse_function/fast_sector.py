@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
@@ -12,18 +13,36 @@ from .sector import Sector
 
 _EDGE = 1e-9
 
-Located = tuple[
-    Array, Array, Callable[[Array, Array], float], Callable[[Array, Array], None]
-]
+
+@dataclass(frozen=True, eq=False)
+class FastCoordinates:
+    """Functions that convert placements to coordinates u of a cell; for one thread.
+
+    Attributes
+    ----------
+    u : (k,) array
+        Output array of ``locate``: the coordinates.
+    locate : function (p, R) → float
+        Write the coordinates of a placement into ``u``. Return the deviation of the placement from
+        the cell in the coordinates of width 0, m or rad.
+    pull : function (D, X) → None
+        Write ``X = D ∂u/∂x`` (r, m) for D (r, k), at the placement of the last call of ``locate``.
+        X must be 0 before the first call.
+    shift : (n,) array or None
+        Output array of ``locate``: the term that the symmetries of a sector add to F; D then has
+        k + l columns. None without symmetries.
+    """
+
+    u: Array
+    locate: Callable[[Array, Array], float]
+    pull: Callable[[Array, Array], None]
+    shift: Array | None = None
 
 
-def closures(cell: Sector) -> Located:
-    """Make the arrays and functions of :class:`InPlace` for a sector: u, shift, locate, pull.
+def sector_coordinates(cell: Sector) -> FastCoordinates:
+    """Make the functions that convert placements to coordinates of a sector.
 
-    ``locate(p, R)`` writes the coordinates of a placement into u (k,), and the term that the
-    symmetries add to F into shift (n,). It returns the deviation in the coordinates of width 0, m
-    or rad, or infinity outside the range of a symmetric coordinate. ``pull(D, X)`` writes
-    ``X = D ∂u/∂x`` for D (r, k + l).
+    ``locate`` returns infinity outside the range of a symmetric coordinate.
     """
     m, (rho, z), B = cell.task.m, cell.middle, np.ascontiguousarray(cell.directions)
     origin, C = cell.axis[0].copy(), np.ascontiguousarray(B @ cell.placement.rotation)
@@ -79,7 +98,7 @@ def closures(cell: Sector) -> Located:
             if g is not None:
                 out[3:] = frame[0].dot(g) if pose else g[:2]
 
-    return u, shift, locate, pull
+    return FastCoordinates(u, locate, pull, shift if cell.removed else None)
 
 
 def _back(c: float, s: float) -> Array:

@@ -22,7 +22,7 @@ from ..arguments import (
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..fit_options import FitOptions, fit_options
-from ..strategies.strategy import AN_INVERSE, Batched, Inverse
+from ..strategies.strategy import AN_INVERSE, Inverse
 from .cell import Cell
 from .cell_arguments import LEAST_WIDTH
 from .cell_design import CellDesign
@@ -207,7 +207,7 @@ def nearest_inverse_function(
 
 def _require_one_task(desired: Inverse, cell: Cell) -> None:
     """Check that the desired inverse and the cell are for one redundant task; else InputError."""
-    require_type(desired, Batched, "desired", AN_INVERSE)
+    require_type(desired, Inverse, "desired", AN_INVERSE)
     require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
     if desired.task.as_dict() != cell.task.as_dict():
         raise InputError(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arguments import Array
-from ..strategies.strategy import Batched
+from ..strategies.strategy import Inverse
 from .chart import Chart
 from .cost import Cost, Descent, Penalty, descend
 from .margins import CandidateFunction, Margin, searched
@@ -115,7 +115,7 @@ class PenaltyMethod:
 
     def __init__(
         self,
-        desired: Batched,
+        desired: Inverse,
         chart: Chart,
         nodes: Array,
         constraints: Sequence[ActiveConstraint],

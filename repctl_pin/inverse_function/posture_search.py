@@ -14,7 +14,7 @@ from ..redundancy.inverses import inverse_condition_number
 from ..robot.bodies import bodies_of
 from ..robot.random_configurations import random_configurations
 from ..solvers import newton_rows
-from ..strategies.strategy import Batched
+from ..strategies.strategy import Inverse
 from .cell import Cell
 from .kinematics import bases, placed
 from .reference import SINGULAR, rays
@@ -106,7 +106,7 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
     return task.check(Q[0], f"the posture, brought to {cell.where(u)},")
 
 
-def searched(desired: Batched, cell: Cell, seed: int = 0) -> list[Candidate]:
+def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return the best four, the best first.
 
     If some candidates are free of collisions, the others are dropped. From each remaining one, the
@@ -193,7 +193,7 @@ class Candidate:
     speed: float
 
 
-def judged(desired: Batched, cell: Cell, Q: Array) -> list[Candidate]:
+def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     """Evaluate configurations Q (L, n) in the middle of a cell by rays to its corners.
 
     If some of them are free of collisions, those with collisions are left out.

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..redundancy import nullspace
-from ..strategies.strategy import Batched
+from ..strategies.strategy import Inverse
 from .cell import Cell
 from .chart import Chart
 from .kinematics import null_bases, placed
@@ -47,7 +47,7 @@ class Rays:
 
 
 def rays(
-    desired: Batched, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16
+    desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int = 16
 ) -> Rays:
     """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 

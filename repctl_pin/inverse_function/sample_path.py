@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array, as_int, require_type
-from ..motion import TaskPath
+from ..paths import TaskPath
 from .cell import Cell
 
 _WAVES = 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import Array, percentage
 from ..robot.task import Task
-from ..strategies.strategy import Batched
+from ..strategies.strategy import Inverse
 from .chart import Chart
 from .kinematics import placed
 from .margins import CandidateFunction, Margin, searched
@@ -226,7 +226,7 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     return np.minimum(upper - lower - (high - low), 2 * np.pi)
 
 
-def reduced(sector: Sector, desired: Batched) -> Sector:
+def reduced(sector: Sector, desired: Inverse) -> Sector:
     """Remove from the coordinates of a sector those along which arm and G_d are symmetric.
 
     G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
@@ -242,7 +242,7 @@ def reduced(sector: Sector, desired: Batched) -> Sector:
     return sector.without(kept)
 
 
-def _rates(sector: Sector, desired: Batched, Q: Array) -> Array:
+def _rates(sector: Sector, desired: Inverse, Q: Array) -> Array:
     """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m)."""
     p, R, J = placed(sector.task, Q)
     return desired.batch(Q, J) @ sector._all_twists(sector._measured(p, R), R)

@@ -1,16 +1,5 @@
 """Motions of a strategy on closed paths: integration, limits, timing and files."""
 
-from ..paths import pieces as pieces  # registers the pickling of paths
-from ..paths.polyline import Waypoints as Waypoints
-from ..paths.polyline import polygon as polygon
-from ..paths.polyline import waypoints as waypoints
-from ..paths.shapes import circle as circle
-from ..paths.shapes import figure_eight as figure_eight
-from ..paths.shapes import rose as rose
-from ..paths.task_path import ClosedPath as ClosedPath
-from ..paths.task_path import TaskPath as TaskPath
-from ..paths.task_path import closed_path as closed_path
-from ..paths.waypoint_file import read_waypoints as read_waypoints
 from ..robot.length import elbow as elbow
 from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
@@ -33,7 +22,6 @@ from .run import Run as Run
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik
-from .spec import parse_path as parse_path
 from .timing import TimedMotion as TimedMotion
 from .timing import approach as approach
 from .timing import timed as timed

@@ -5,14 +5,13 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import c_struct, filled, kernel
 from ..potentials.polynomial import PolynomialMap
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot.joint_chain import joint_chain
@@ -31,23 +30,13 @@ _AT_ONCE = 50_000
 """Number of steps per call of the C function; Ctrl-C is handled between calls."""
 
 
-class _Law(ctypes.Structure):
-    """Input of the C function: the struct Law of runge_kutta.c."""
-
-    _fields_ = (
-        [
-            (name, ctypes.c_int)
-            for name in ("P", "n", "m", "stages", "steps", "r", "degree")
-        ]
-        + [(name, ctypes.c_double) for name in ("gain", "sufficient")]
-        + [
-            (name, ctypes.c_void_p)
-            for name in (
-                *("R", "p", "axes", "revolute", "rows", "S", "offset", "posture"),
-                *("tensor", "center", "nodes", "weights", "xdot", "h", "most"),
-            )
-        ]
-    )
+_LAW = c_struct(
+    ints="P n m stages steps r degree",
+    doubles="gain sufficient",
+    pointers="R p axes revolute rows S offset posture "
+    "tensor center nodes weights xdot h most",
+)
+"""Input of the C function: the struct Law of runge_kutta.c."""
 
 
 def compiled_steps(
@@ -78,7 +67,7 @@ def compiled_steps(
     parts = _parts_of(strategy)
     if parts is None or task.kind == "axis" or task.n > _MOST:
         return None
-    library = _library()
+    library = kernel(__package__, "runge_kutta.c")
     if library is None:
         return None
     chain = joint_chain(task)
@@ -98,26 +87,17 @@ def compiled_steps(
         "h": h,
         "most": most,
     }
-    held: dict[str, Any] = {
-        k: np.ascontiguousarray(v, float) for k, v in (reals | motion).items()
-    }
-    held |= {
-        "revolute": chain.revolute.astype(np.intc),
-        "rows": task.rows.astype(np.intc),
-    }
+    ints = {"revolute": chain.revolute, "rows": task.rows}
     sizes = {"P": len(chain.axes), "n": task.n, "m": task.m}
-    sizes |= {"stages": len(tableau[0]), "steps": len(held["h"])}
-    law = _Law(
-        **sizes, **scalars, **{name: array.ctypes.data for name, array in held.items()}
-    )
-
+    sizes |= {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
+    law, held = filled(_LAW, ints, reals | motion, sizes | scalars)
     return functools.partial(_run, library, law, held)
 
 
 def _run(
     library: ctypes.CDLL,
-    law: _Law,
-    held: dict[str, Any],  # the memory to which law points
+    law: ctypes.Structure,
+    held: list[Any],  # the memory to which law points
     step: int,
     end: int,
     Q: Array,
@@ -154,12 +134,3 @@ def _on_leaf(
     scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
     scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
     return scalars, {"tensor": tensor.tensor, "center": tensor.center}
-
-
-@functools.cache
-def _library() -> ctypes.CDLL | None:
-    try:
-        code = (files(__package__) / "runge_kutta.c").read_text(encoding="ascii")
-        return ctypes.CDLL(loaded_library(code))
-    except (NoCompilerError, OSError):
-        return None

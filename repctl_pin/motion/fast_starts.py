@@ -29,7 +29,7 @@ _APART = 0.3
 
 
 def fast_starts(
-    task: Task, path: TaskPath, count: int, *, margin: float = 0.0, seed: int = 0
+    task: Task, path: TaskPath, count: int, *, margin: float, seed: int
 ) -> list[Array]:
     """Find starts (n,) from which J⁺ follows one cycle of a path with low joint speed.
 

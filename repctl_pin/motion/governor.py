@@ -9,13 +9,11 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_numbers, moved, positive, require_type, row, shown
 from ..errors import InputError, SingularityError
 from ..robot.chain_formulas import Placement, as_placement, is_rotation
-from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from .governor_law import (
     BRAKING,
     TINY,
-    Bounds,
-    Goal,
+    CommandLimits,
     Now,
     approach_speed,
     fastest,
@@ -119,7 +117,11 @@ class Governor:
             "inverse",
             "a repeatable inverse, such as design.inverse or found.function.inverse",
         )
-        self._task = task = _own_joints(inverse.task)
+        self._task = task = inverse.task
+        if task.coordinates is not None:
+            raise InputError(
+                "the governor's limits are of the robot's own joints; use the original task"
+            )
         dt = positive(dt, "dt", "s")
         kept = joint_limits(task, limits)
         for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
@@ -144,7 +146,7 @@ class Governor:
                 f"margin = {margin:g} leaves no range of {name!r}; give a smaller one"
             )
         self._margin, self._stride = margin, max(int(STRIDE / dt + 0.5), 1)
-        self._bounds = Bounds(
+        self._bounds = CommandLimits(
             kept.velocity,
             kept.acceleration,
             jerks,
@@ -282,9 +284,7 @@ class Governor:
         if target is not None:
             return self._approach(now, target)
         rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
-        return self._drive(
-            now, Goal(frame_twist(now.task, now.place, rate), 1.0, False)
-        )
+        return self._drive(now, frame_twist(now.task, now.place, rate), 1.0)
 
     def _approach(self, now: Now, target: pin.SE3) -> Status:
         """Plan the next motion towards a target, or the stop at it, and return the status."""
@@ -317,8 +317,8 @@ class Governor:
         self._exhausted = (
             planner.solver.left < 0
         )  # by the landing: the next tick is for a stride
-        goal = Goal(way, approach_speed(1.0, a, 2 * self._bounds.stride), True)
-        status = self._drive(now, goal)
+        speed = approach_speed(1.0, a, 2 * self._bounds.stride)
+        status = self._drive(now, way, speed, lands=True)
         slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
         self._stuck = self._stuck + 1 if slow and status in _BLOCKED else 0
         return status
@@ -361,13 +361,19 @@ class Governor:
         self._stuck = 0
         return False
 
-    def _drive(self, now: Now, goal: Goal) -> Status:
-        """Plan the fastest motion towards the goal within all limits; return the tick's status."""
-        if not goal.way.any():
-            return self._reached(now, goal.way)
-        most = fastest(self._bounds, now, goal.way)
-        speed = min(goal.speed, min(most) * self._pace)
-        later = next_rate(self._bounds, now, goal.way * speed)
+    def _drive(
+        self, now: Now, way: Array, asked: float, *, lands: bool = False
+    ) -> Status:
+        """Plan the fastest motion along a displacement (6,) of the frame within all limits.
+
+        ``asked`` is the requested speed, as a multiple of the displacement per s; ``lands`` says
+        that it ends at a target. Returns the tick's status.
+        """
+        if not way.any():
+            return self._reached(now, way)
+        by_speed, by_limit = fastest(self._bounds, now, way)
+        speed = min(asked, min(by_speed, by_limit) * self._pace)
+        later = next_rate(self._bounds, now, way * speed)
         cause = self._planner.go_on(now, later)
         if cause is Status.SLOWED:
             self._planner.go_on(now, (now.later + later) / 2)
@@ -378,9 +384,9 @@ class Governor:
         self._pace = min(_FASTER * self._pace, 1.0)
         if self._pace < 1:
             return self._cause
-        if most.by_limit < min(most.by_speed, goal.speed):
+        if by_limit < min(by_speed, asked):
             return Status.LIMIT
-        return Status.SLOWED if goal.lands else self._reached(now, goal.way)
+        return Status.SLOWED if lands else self._reached(now, way)
 
     def _reached(self, now: Now, twist: Array) -> Status:
         """Compare the frame's twist with the requested one: OK if equal, else SLOWED."""
@@ -390,15 +396,6 @@ class Governor:
             if (away <= _REACHED * self._bounds.velocity).all()
             else Status.SLOWED
         )
-
-
-def _own_joints(task: Task) -> Task:
-    """Return a task; raise InputError if it has joint coordinates other than the robot's."""
-    if task.coordinates is not None:
-        raise InputError(
-            "the governor's limits are of the robot's own joints; use the original task"
-        )
-    return task
 
 
 def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:

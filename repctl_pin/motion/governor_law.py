@@ -30,7 +30,7 @@ _EDGE = 1e-12
 """Tolerance for rounding errors of a joint position, rad or m."""
 
 
-class Bounds(NamedTuple):
+class CommandLimits(NamedTuple):
     """Limits of the commanded joints, and the time steps of the governor.
 
     Attributes
@@ -86,32 +86,6 @@ class Now(NamedTuple):
         """Compute q̇ = G ẋ (n,) for a twist (6,) of the frame."""
         return self.G @ task_rate(self.task, self.place, twist)
 
-    def joint_rates_ahead(self, twist: Array) -> Array:
-        """Compute q̇ = G ẋ (n,) for a twist (6,), with G two strides ahead."""
-        return self.G_ahead @ task_rate(self.task, self.place, twist)
-
-
-class Goal(NamedTuple):
-    """Motion to plan: along a displacement of the frame, at a speed, and to a target or not.
-
-    ``way`` (6,) is the displacement, ``speed`` the multiple of it per s, and ``lands`` is True if
-    it ends at a target.
-    """
-
-    way: Array
-    speed: float
-    lands: bool
-
-
-class Fastest(NamedTuple):
-    """Maximum speeds along a displacement, as multiples of it per s.
-
-    ``by_speed`` keeps the speed limits, ``by_limit`` allows a stop before the joint limits.
-    """
-
-    by_speed: float
-    by_limit: float
-
 
 def task_rate(task: Task, place: pin.SE3, twist: Array) -> Array:
     """Extract the task velocity ẋ (m,) from the twist (6,) of a frame at a placement."""
@@ -130,7 +104,7 @@ def frame_twist(task: Task, place: pin.SE3, rate: Array) -> Array:
     return twist
 
 
-def free_acceleration(bounds: Bounds, now: Now) -> Array:
+def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
     """Compute the acceleration (n,) that is available for a change of the twist.
 
     It is the limit less ``|bend|``, and at least 30 % of the limit.
@@ -139,9 +113,14 @@ def free_acceleration(bounds: Bounds, now: Now) -> Array:
     return np.asarray(np.maximum(A - np.abs(now.bend), 0.3 * A))
 
 
-def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
-    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame."""
-    g, ahead = np.abs(now.joint_rates(way)), np.abs(now.joint_rates_ahead(way))
+def fastest(bounds: CommandLimits, now: Now, way: Array) -> tuple[float, float]:
+    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame.
+
+    They are multiples of it per s: the first keeps the speed limits, the second allows a stop
+    before the joint limits.
+    """
+    rate = task_rate(now.task, now.place, way)
+    g, ahead = np.abs(now.G @ rate), np.abs(now.G_ahead @ rate)
     space = np.where(
         now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower
     )
@@ -152,10 +131,10 @@ def fastest(bounds: Bounds, now: Now, way: Array) -> Fastest:
     ]
     g = np.maximum(g, TINY)
     by_speed = float((SPEED * bounds.velocity / np.maximum(g, ahead)).min())
-    return Fastest(by_speed, float((np.array(speeds) / g).min()))
+    return by_speed, float((np.array(speeds) / g).min())
 
 
-def next_rate(bounds: Bounds, now: Now, goal: Array) -> Array:
+def next_rate(bounds: CommandLimits, now: Now, goal: Array) -> Array:
     """Choose the twist's derivative (6,) one stride later, to reach the twist ``goal`` (6,)."""
     T = bounds.stride
     gap = goal - now.twist - T / 2 * now.rate
@@ -176,7 +155,7 @@ def regularity(J: Array, G: Array) -> float:
     return float(1 / np.sqrt((J**2).sum(axis=1) * (G**2).sum(axis=0)).max())
 
 
-def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:
+def stop_time(bounds: CommandLimits, now: Now, twist: Array) -> float:
     """Estimate the minimum time, s, in which the twist decreases to 0, as a cubic in time."""
     g = np.abs(now.joint_rates(twist))
     by_acceleration = 1.5 * g / (ACCELERATION * free_acceleration(bounds, now))
@@ -185,7 +164,7 @@ def stop_time(bounds: Bounds, now: Now, twist: Array) -> float:
 
 
 def shares_used(
-    bounds: Bounds, history: Array, plan: Plan, begin: float
+    bounds: CommandLimits, history: Array, plan: Plan, begin: float
 ) -> tuple[float, float, bool]:
     """Compare the samples of a plan with the limits.
 

@@ -15,7 +15,7 @@ from .governor_law import (
     JERK,
     REGULAR,
     TINY,
-    Bounds,
+    CommandLimits,
     Now,
     fastest,
     regularity,
@@ -73,7 +73,7 @@ class Planner:
         The plan that is followed; ``tick`` ticks of it are over.
     """
 
-    def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:
+    def __init__(self, inverse: RepeatableInverse, bounds: CommandLimits) -> None:
         self._inverse, self._task, self._bounds = inverse, inverse.task, bounds
         self.solver = LeafInterpolation(inverse, MOST)
 
@@ -177,10 +177,8 @@ class Planner:
             T, longer = 2 / closing, _BRAKES
         else:
             peak = sqrt(a + closing**2 / 2)
-            if (
-                peak > fastest(bounds, now, way).by_speed
-                or np.abs(g).max() > _SHORT_WAY
-            ):
+            by_speed, _ = fastest(bounds, now, way)
+            if peak > by_speed or np.abs(g).max() > _SHORT_WAY:
                 return False
             T, longer = (2 * peak - closing) / a, _LONGER
         T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))

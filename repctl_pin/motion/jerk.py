@@ -79,10 +79,6 @@ class JerkSegment(Segment):
     x: Array
     bend: Array
 
-    def at(self, t: Array) -> Array:
-        """Find s at times (T,) from the segment's start."""
-        return self.law(t)[0]
-
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start.
 

@@ -64,7 +64,7 @@ def nodes_of(degree: int) -> Nodes:
 NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}
 
 
-class Piece(NamedTuple):
+class JointPolynomial(NamedTuple):
     """Joint polynomial ``q(t) = Σ_k C[k] u^k``, u from −1 at ``begin`` to 1 at ``end``, s."""
 
     begin: float
@@ -110,7 +110,7 @@ class Plan:
         Joint positions and velocities at the present end of the plan.
     motions, begins : lists
         Motions of the frame, and the time at which each begins, s.
-    pieces : list of Piece
+    pieces : list of JointPolynomial
         Polynomials of the joints, in order.
     time : float
         Duration, s.
@@ -120,7 +120,7 @@ class Plan:
         self.q, self.qdot, self.lands, self.time = q, qdot, lands, 0.0
         self.motions: list[FrameMotion] = []
         self.begins: list[float] = []
-        self.pieces: list[Piece] = []
+        self.pieces: list[JointPolynomial] = []
 
     def copy(self) -> Plan:
         """Copy the plan, to append to it."""
@@ -217,7 +217,7 @@ class LeafInterpolation:
                 if width < shortest:
                     return 0
                 continue
-            plan.pieces.append(Piece(begin + done, begin + end, C))
+            plan.pieces.append(JointPolynomial(begin + done, begin + end, C))
             plan.q, plan.qdot = self._end, plan.pieces[-1].derivatives(begin + end)[0]
             done, made = end, made + 1
         plan.motions.append(motion)

@@ -58,9 +58,7 @@ class LeastStart(NamedTuple):
     clearest: Motion
 
 
-def least_start(
-    task: Task, path: TaskPath, q0: ArrayLike, *, guess: Motion | None = None
-) -> LeastStart:
+def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> LeastStart:
     """Search the self-motions of a start for the start that needs minimum joint speed.
 
     The motion from that start has at least half of the largest joint-limit margin found, and no
@@ -74,15 +72,13 @@ def least_start(
         Closed path.
     q0 : (n,) array
         Start, at the path's first point.
-    guess
-        A closed motion from q0 as the initial one of the search, if one is known.
 
     Raises
     ------
     InputError, SingularityError
         If there is no closed motion from q0.
     """
-    given = least_closed_motion(task, path, q0, steps=_STEPS, guess=guess)
+    given = least_closed_motion(task, path, q0, steps=_STEPS)
     motions, walked = [given], given
     rng = np.random.default_rng(0)
     for _ in range(_ROUNDS if task.r > 1 else 1):

@@ -49,13 +49,10 @@ class OwnTimes(Segment):
 
     smooth: Any
 
-    def at(self, t: Array) -> Array:
-        """Find s at times (T,) from the segment's start."""
-        return np.clip(self.smooth(t), 0.0, self.s[-1])
-
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
-        return self.at(t), self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
+        s = np.clip(self.smooth(t), 0.0, self.s[-1])
+        return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
     def excess(self, limits: JointLimits) -> float:
         """Return 1: time is not stretched, because the smoothing makes the limits hold."""

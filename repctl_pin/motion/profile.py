@@ -84,27 +84,15 @@ class Segment:
     t: Array
     passed: Array
 
-    def at(self, t: Array) -> Array:
-        """Find s at times (T,) from the segment's start."""
-        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
-        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
-            2 * (self.s[i + 1] - self.s[i])
-        )
-        tau = t - self.t[i]
-        return self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
-
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
             2 * (self.s[i + 1] - self.s[i])
         )
-        return (
-            self.at(t),
-            self.speed[i] + push * (t - self.t[i]),
-            push,
-            np.zeros(len(t)),
-        )
+        tau = t - self.t[i]
+        s = self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
+        return s, self.speed[i] + push * tau, push, np.zeros(len(t))
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
@@ -236,9 +224,8 @@ class Profile:
         Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
         for j in np.unique(which):
             rows, run = which == j, self.runs[j]
-            Q[rows] = run.curve(
-                run.at(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
-            )
+            s, *_ = run.law(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
+            Q[rows] = run.curve(s)
         return Q
 
     def derivatives(self, clock: Array) -> Array:

@@ -28,7 +28,7 @@ FORMS = (
 )
 
 
-def parse_path(text: str | None, plane: str | None = None) -> PathMaker:
+def parse_path(text: str | None, plane: str | None) -> PathMaker:
     """Parse the name of a path, and return the function ``(task, q0) → TaskPath`` that creates it.
 
     Parameters

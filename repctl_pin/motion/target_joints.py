@@ -11,7 +11,7 @@ from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..strategies.repeatable import RepeatableInverse
 from .frame_motion import FrameMotion, straight
-from .governor_law import Bounds, frame_twist
+from .governor_law import CommandLimits, frame_twist
 
 LONGEST_STEP = 0.1
 """Maximum motion of a joint per step of the continuation, rad or m."""
@@ -53,7 +53,7 @@ class TargetJoints:
         True if ``found`` is final.
     """
 
-    def __init__(self, inverse: RepeatableInverse, bounds: Bounds) -> None:
+    def __init__(self, inverse: RepeatableInverse, bounds: CommandLimits) -> None:
         self._inverse, self._bounds = inverse, bounds
 
     def start(self, q: Array, leaf: Array) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copyreg
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -115,13 +116,7 @@ def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
         name: getattr(path, name)
         for name in ("name", "breaks", "spec", "plane", "corners", "period")
     }
-    return _unpickled, (pieces_of(path), path.placement(0.0).rotation, what)
-
-
-def _unpickled(
-    pieces: Sequence[Piece], rotation: Array, what: dict[str, Any]
-) -> TaskPath:
-    return path_of(pieces, rotation, **what)
+    return partial(path_of, **what), (pieces_of(path), path.placement(0.0).rotation)
 
 
 copyreg.pickle(TaskPath, _pickled)

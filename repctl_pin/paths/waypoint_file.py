@@ -51,9 +51,7 @@ def read_waypoints(file: str | Path) -> Waypoints:
     return _read(file_name(file))
 
 
-def waypoint_path(
-    file: str, blend: float = 0.0
-) -> Callable[[Task, ArrayLike], TaskPath]:
+def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
     Without quaternions in the file, the frame keeps its orientation at q0.

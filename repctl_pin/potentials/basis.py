@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_configurations, require_type, shown
 from ..errors import InputError
 from .maps import CurvedPotentials as CurvedPotentials
-from .maps import CurvedSumMap, CustomMap, SumMap, coefficients, common_joints
+from .maps import CurvedSumMap, SumMap, coefficients, common_joints
 from .maps import Potentials as Potentials
 from .maps import check_joints as check_joints
 
@@ -69,6 +69,28 @@ class PotentialBasis(ABC):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.size} potentials>"
+
+
+class CustomMap:
+    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis."""
+
+    def __init__(self, basis: PotentialBasis, A: Array) -> None:
+        self.basis, self.A, self.n = basis, A, basis.n
+
+    def __repr__(self) -> str:
+        return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return self.basis.gradients(Q) @ self.A
 
 
 class Joined(PotentialBasis):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from scipy.linalg.blas import ddot, dgemv
@@ -16,20 +15,9 @@ MOST_ENTRIES = 50_000
 """Maximum number of entries of a dense tensor; for more, Horner's rule is faster and smaller."""
 
 
-@dataclass(frozen=True)
-class InPlace:
-    """Functions that evaluate r potentials into preallocated arrays, for one thread.
-
-    Attributes
-    ----------
-    slope : function q → None
-        Writes Vᵀ = ∂h/∂q (r, n) at q.
-    gap : function c → None
-        Writes c − h (r,), with h at the q of the last call of ``slope``.
-    """
-
-    slope: Callable[[Array], None]
-    gap: Callable[[Array], None]
+InPlace: TypeAlias = tuple[Callable[[Array], None], Callable[[Array], None]]
+"""Two functions, for one thread: ``slope(q)`` writes Vᵀ = ∂h/∂q, and ``gap(c)`` writes c − h, with
+h at the q of the last call of ``slope``."""
 
 
 @runtime_checkable
@@ -41,10 +29,9 @@ class FastPotentials(Potentials, Protocol):
 
 
 def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
-    """Create functions that evaluate potentials into arrays V_T (r, n) and e (r,).
+    """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,).
 
-    ``slope`` writes Vᵀ into V_T, ``gap`` writes c − h into e. Potentials with a method ``in_place``
-    create them; for all others, :func:`plain` does.
+    Potentials with a method ``in_place`` create them; for all others, :func:`plain` does.
     """
     return (
         potentials.in_place(V_T, e)
@@ -68,7 +55,7 @@ def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
         with np.errstate(over="ignore", invalid="ignore"):
             np.subtract(leaf, potentials.value(here), e)
 
-    return InPlace(slope, gap)
+    return slope, gap
 
 
 def spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
@@ -177,4 +164,4 @@ class Homogeneous:
             for i, row in rows:
                 e[i] = leaf.item(i) - ddot(row, z) / degree
 
-        return InPlace(slope, gap)
+        return slope, gap

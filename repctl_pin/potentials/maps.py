@@ -37,16 +37,6 @@ class CurvedPotentials(Potentials, Protocol):
         """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
 
 
-class _Basis(Protocol):
-    """Basis h_1 … h_N of potentials, evaluated at many configurations at once."""
-
-    def values(self, Q: Array) -> Array:
-        """Evaluate the potentials at every row of Q (K, n): (K, N)."""
-
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate the gradients at every row of Q (K, n): (K, n, N)."""
-
-
 def joints_of(potentials: object) -> int | None:
     """Return the number of joints of potentials or of a basis; None if it takes any number."""
     return getattr(potentials, "n", None)
@@ -92,28 +82,6 @@ def coefficients(A: ArrayLike, size: int) -> Array:
     """
     (A,) = as_matrices(("the coefficients", A, f"{size} r"), exact=True)
     return A
-
-
-class CustomMap:
-    """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis."""
-
-    def __init__(self, basis: _Basis, A: Array) -> None:
-        self.basis, self.A, self.n = basis, A, joints_of(basis)
-
-    def __repr__(self) -> str:
-        return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
-
-    def value(self, q: Array) -> Array:
-        """Evaluate h(q): (r,)."""
-        return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        return self.gradients(np.asarray(q, float)[None])[0]
-
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
-        return self.basis.gradients(Q) @ self.A
 
 
 class SumMap:

@@ -12,7 +12,8 @@ from ..arguments import Array, percentage
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import SingularityError
 from ..fit_options import FitOptions
-from ..motion import Motion, TaskPath, follow
+from ..motion import Motion, follow
+from ..paths import TaskPath
 from ..paths.task_path import Cycle
 from ..regions import Region, Tube
 from ..robot.task import Task

@@ -10,17 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array
 from ..errors import InputError, RepctlError, SingularityError, unknown
-from ..motion import (
-    ClosedPath,
-    Motion,
-    TaskPath,
-    check_reach,
-    closed_path,
-    follow,
-    reach_start,
-)
+from ..motion import Motion, check_reach, follow, reach_start
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
+from ..paths import ClosedPath, TaskPath, closed_path
 from ..robot.bodies import bodies_of
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
@@ -39,7 +32,7 @@ _LOOKS = 12
 """Number of points per cycle at which collisions are checked when a start is chosen."""
 
 
-class Start(NamedTuple):
+class PathStart(NamedTuple):
     """Start configuration, and the path that begins there.
 
     Attributes
@@ -65,7 +58,7 @@ class Start(NamedTuple):
 
 def starts(
     task: Task, start: ArrayLike | str | None, draw: PathOf | None
-) -> Iterator[Start]:
+) -> Iterator[PathStart]:
     """Generate the usable starts, the best first.
 
     Parameters
@@ -85,7 +78,7 @@ def starts(
     if start is not None:
         q0, name = _named(task, start)
         if draw is None:
-            yield Start(q0, name)
+            yield PathStart(q0, name)
         else:
             yield from _reachable(task, [(q0, name)], draw, "choose another start")
         return
@@ -121,24 +114,24 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
     return task.from_robot(poses[start]), name
 
 
-def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Start:
+def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> PathStart:
     """Choose the first start at which a circle fits and no bodies collide, or else the first."""
-    best: Start | None = None
+    best: PathStart | None = None
     for q0, name in offers:
-        best = best or Start(q0, name)
+        best = best or PathStart(q0, name)
         try:
             fitting_circle(task, q0)
         except InputError:
             continue
         if bodies_of(task).distances(q0[None]).min() >= 0:
-            return Start(q0, name)
+            return PathStart(q0, name)
     assert best is not None  # there is always a start to offer
     return best
 
 
 def _reachable(
     task: Task, offers: Iterable[tuple[Array, str]], draw: PathOf, remedy: str
-) -> Iterator[Start]:
+) -> Iterator[PathStart]:
     """Generate the starts that are regular and from which the whole path can be reached.
 
     Raises
@@ -162,7 +155,7 @@ def _reachable(
             failure = failure or error
             continue
         found = True
-        yield Start(begin, name, path, moved=not np.array_equal(begin, q0))
+        yield PathStart(begin, name, path, moved=not np.array_equal(begin, q0))
     if not found:
         assert failure is not None  # there is always a start to try
         raise failure
@@ -178,14 +171,14 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
         )
 
 
-def _best_first(task: Task, found: Iterable[Start]) -> Iterator[Start]:
+def _best_first(task: Task, found: Iterable[PathStart]) -> Iterator[PathStart]:
     """Sort starts by the first cycle of J⁺ from there.
 
     First come those without violations, then those with violations, then those from which J⁺ drifts
     far or fails.
     """
-    violating: list[Start] = []
-    wild: list[Start] = []
+    violating: list[PathStart] = []
+    wild: list[PathStart] = []
     for start in found:
         assert start.path is not None
         motion = plain_cycle(task, start.path, start.q0)

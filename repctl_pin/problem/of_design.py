@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..design import Design
-from ..motion import ClosedPath
 from ..motion.fitting_circle import fitting_circle
+from ..paths import ClosedPath
 from ..paths.task_path import Cycle
 from .choose_start import SAME, PathOf
 from .problem import SAVED, Problem

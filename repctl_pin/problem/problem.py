@@ -23,14 +23,15 @@ from ..arguments import (
     row,
 )
 from ..errors import InputError
-from ..motion import ClosedPath, Motion, TaskPath, closed_path, follow
+from ..motion import Motion, follow
 from ..motion.spec import parse_path
+from ..paths import ClosedPath, TaskPath, closed_path
 from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
 from ..robot.robot import Robot
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
-from .choose_start import GIVEN, PathOf, Start, starts
+from .choose_start import GIVEN, PathOf, PathStart, starts
 from .task_choice import choose_task
 
 RegionOf = Callable[[Task, Array], Region]
@@ -207,7 +208,7 @@ class Problem:
             f"{path} from {begin}{region}>"
         )
 
-    def _begin(self, start: Start) -> None:
+    def _begin(self, start: PathStart) -> None:
         """Set the start, the path from there, and the note on a moved start."""
         moved = (
             ("the start was moved to the first point of the path",)

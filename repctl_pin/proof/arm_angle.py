@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 
 import numpy as np
 import pinocchio as pin
@@ -27,8 +29,8 @@ from ..potentials.arm_angle import ArmAngle
 from ..robot.chain_formulas import skew
 from ..robot.joint_chain import joint_axes, joint_coupling
 from .arm_angle_kernel import gradients_in_c
-from .taylor import TaylorModel, cross
-from .taylor_chain import basis
+from .taylor import TaylorModel, cross, dot
+from .taylor_chain import combined, fixed, identity, moved
 
 _BATCH = 512
 _U = 2.0**-52
@@ -73,9 +75,6 @@ class ArmAngleChain:
     direction: Array
     stereographic: bool
     weights: Array
-
-    def __repr__(self) -> str:
-        return f"<ArmAngleChain of {len(self.p)} joints>"
 
     @classmethod
     def of(cls, angle: ArmAngle, weights: Array) -> ArmAngleChain:
@@ -163,9 +162,6 @@ class GradientBounds:
     rest: Array
     size: Array
 
-    def __repr__(self) -> str:
-        return f"<GradientBounds of {len(self.size)} boxes>"
-
 
 def gradient_bounds(chain: ArmAngleChain, Q: Array, half: Array) -> GradientBounds:
     """Expand the gradient of an arm angle on boxes Q ± half, (K, n) each.
@@ -227,12 +223,14 @@ def _models(chain: ArmAngleChain, Q: Array, half: Array) -> tuple[Array, Array]:
         if chain.revolute[joint] and len(on) == 3:
             load = whole
         elif chain.revolute[joint]:
-            load = _sum([cross(points[f] - origins[joint], forces[f]) for f in on])
+            load = reduce(
+                add, [cross(points[f] - origins[joint], forces[f]) for f in on]
+            )
         elif len(on) == 3:
             continue  # the forces balance
         else:
-            load = _sum([forces[f] for f in on])
-        one = _dot(axes[joint], load)
+            load = reduce(add, [forces[f] for f in on])
+        one = dot(axes[joint], load)
         for i in np.flatnonzero(chain.S[joint]):
             part = one.scaled(chain.S[joint, i])
             P[:, i] += part.P[:, 0]
@@ -247,43 +245,27 @@ def _positions(chain: ArmAngleChain, Q: Array, half: Array) -> TaylorModel:
     P = q.P.copy()
     P[:, on, 1 + np.arange(len(on))] = half[:, on]
     theta = TaylorModel(q.k, P, q.r).combined(chain.S)
-    return theta + TaylorModel.constant(q.k, np.tile(chain.o, (len(Q), 1)))
+    return theta + fixed(theta, chain.o)
 
 
 def _points(
     chain: ArmAngleChain, theta: TaylorModel
 ) -> tuple[list[TaylorModel], list[TaylorModel], list[TaylorModel]]:
     """Compute models (K, 3) of the axes and the origins of all joints, and of the three points."""
-    K = len(theta.r)
-
-    def fixed(x: Array) -> TaylorModel:
-        return TaylorModel.constant(theta.k, np.tile(x, (K, 1)))
-
-    def applied(R: list[TaylorModel], x: Array) -> TaylorModel:
-        return R[0].scaled(x[0]) + R[1].scaled(x[1]) + R[2].scaled(x[2])
-
-    base = [fixed(x) for x in np.eye(3)], fixed(np.zeros(3))
+    base = identity(theta), fixed(theta, np.zeros(3))
     frames, axes, origins = [base], [], []  # of the base, then after each joint
     for joint, before in enumerate(chain.before):
         R, o = frames[before + 1]
-        o = o + applied(R, chain.p[joint])
-        R = [applied(R, column) for column in chain.R[joint].T]
-        axes.append(applied(R, chain.a[joint]))
+        o = o + combined(R, chain.p[joint])
+        R = [combined(R, column) for column in chain.R[joint].T]
+        axes.append(combined(R, chain.a[joint]))
         origins.append(o)
-        one = theta[:, joint : joint + 1]
-        if chain.revolute[joint]:
-            s, c = one.sine_cosine()
-            B = basis(chain.a[joint])
-            x, y, z = (applied(R, column) for column in B.T)
-            turned = [c * x + s * y, c * y - s * x, z]
-            R = [applied(turned, row) for row in B]
-        else:
-            o = o + one * axes[joint]
-        frames.append((R, o))
+        position = theta[:, joint : joint + 1]
+        frames.append(moved(chain.a[joint], chain.revolute[joint], R, o, position))
     points = []
     for joint, place in zip(chain.joint, chain.place, strict=True):
         R, o = frames[joint + 1]
-        points.append(o + applied(R, place))
+        points.append(o + combined(R, place))
     return axes, origins, points
 
 
@@ -291,26 +273,14 @@ def _forces(
     chain: ArmAngleChain, e: TaylorModel, w: TaylorModel
 ) -> tuple[TaylorModel, TaylorModel]:
     """Compute models of the forces α at the elbow and β at the wrist, (K, 3) each."""
-    a, square = cross(w, e), _dot(w, w)
-    rho, inverse, lever = square.power(0.5), square.power(-0.5), _dot(a, a).power(-1)
+    a, square = cross(w, e), dot(w, w)
+    rho, inverse, lever = square.power(0.5), square.power(-0.5), dot(a, a).power(-1)
     alpha = (rho * lever) * a
-    beta = (_dot(w, e) * inverse * lever) * a
+    beta = (dot(w, e) * inverse * lever) * a
     b = w.combined(-skew(chain.direction))  # w × r, or w × t
     along = w.combined(chain.direction[None])
     if chain.stereographic:
         turning = (rho * (rho - along)).power(-1) * b
     else:
-        turning = (along * inverse * _dot(b, b).power(-1)) * b
+        turning = (along * inverse * dot(b, b).power(-1)) * b
     return alpha, turning - beta
-
-
-def _dot(x: TaylorModel, y: TaylorModel) -> TaylorModel:
-    """Compute the model (K, 1) of x · y."""
-    return (x * y).combined(np.ones((1, 3)))
-
-
-def _sum(models: list[TaylorModel]) -> TaylorModel:
-    total = models[0]
-    for model in models[1:]:
-        total = total + model
-    return total

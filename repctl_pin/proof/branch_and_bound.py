@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from .leaf_margin_bounds import Bounds, LeafMargin
+from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
 from .potentials import U
 
 _BATCH = 4096
@@ -29,8 +29,8 @@ _SMALLEST = 1e-7
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Outcome:
-    """Result of branch and bound on the leaf margin.
+class SearchOutcome:
+    """Result of branch and bound over a region of joint space, or over a cell.
 
     Attributes
     ----------
@@ -38,11 +38,14 @@ class Outcome:
         Lower bounds of the leaf margin and of σ_min(J) over all boxes.
     boxes : int
         Number of boxes evaluated.
-    worst, half : (n,) arrays
+    worst, half : (n,) or (k,) arrays
         Centre and half-widths of the box at which the search stopped, or of the box with the
-        smallest bound.
+        smallest bound of the leaf margin.
     reason : str
         Why the search stopped before its goal; empty if it did not.
+    limit_margin : float
+        Lower bound of the distance to the joint limits over a cell, rad or m; over a region, for
+        which no search is needed, NaN.
     """
 
     leaf_margin: float
@@ -51,20 +54,17 @@ class Outcome:
     worst: Array
     half: Array
     reason: str
-
-    def __repr__(self) -> str:
-        reason = f", {self.reason}" if self.reason else ""
-        return f"<Outcome: leaf margin > {self.leaf_margin:.3g} in {self.boxes} boxes{reason}>"
+    limit_margin: float = np.nan
 
 
 def bound_leaf_margin(
-    problem: LeafMargin,
+    problem: LeafMarginProblem,
     low: Array,
     high: Array,
     goal: float | None,
     seconds: float,
     report: Callable[[str, float], None],
-) -> Outcome:
+) -> SearchOutcome:
     """Bound the leaf margin from below on a union of boxes.
 
     Boxes are halved at a number that both halves share, so the halves leave no gap.
@@ -85,7 +85,7 @@ def bound_leaf_margin(
     """
     search = _Search(problem, low, high, goal)
     end, whole = thread_time() + seconds, search.volume()
-    while search.open() and not search.reason:
+    while len(search.low) and not search.reason:
         if thread_time() > end:
             search.reason = f"stopped after {seconds:g} s"
         elif len(search.low) > _MOST:
@@ -100,7 +100,7 @@ class _Search:
     """State of branch and bound: the undecided boxes, and the minimum bound of all others."""
 
     def __init__(
-        self, problem: LeafMargin, low: Array, high: Array, goal: float | None
+        self, problem: LeafMarginProblem, low: Array, high: Array, goal: float | None
     ) -> None:
         self.problem, self.goal = problem, goal
         self.low, self.high = low.copy(), high.copy()
@@ -110,10 +110,6 @@ class _Search:
         self.worst = ((low[0] + high[0]) / 2, (high[0] - low[0]) / 2)
         self.at_least_bound = self.worst
         self.boxes, self.reason = 0, ""
-
-    def open(self) -> int:
-        """Return the number of undecided boxes."""
-        return len(self.low)
 
     def volume(self) -> float:
         """Compute the total volume of the undecided boxes."""
@@ -169,7 +165,7 @@ class _Search:
         lows = np.concatenate([low[whole], low[rows], second])
         return lows, np.concatenate([high[whole], first, high[rows]])
 
-    def _enough(self, found: Bounds, Q: Array, half: Array) -> float:
+    def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
         """Return the bound from which a box counts as decided.
 
         The search stops if the leaf margin at a centre is below the goal, or 0 without a goal.
@@ -201,7 +197,7 @@ class _Search:
         return np.asarray(~ready)
 
     def _settle(
-        self, found: Bounds, done: NDArray[np.bool_], Q: Array, half: Array
+        self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
@@ -215,7 +211,7 @@ class _Search:
             why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> SearchOutcome:
         """Return the minimum bounds over all boxes, decided or not."""
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -233,7 +229,7 @@ class _Search:
             )
             if self.reason.startswith("stopped"):
                 worst = self._named(worst)
-        return Outcome(bound, sigma, self.boxes, *worst, self.reason)
+        return SearchOutcome(bound, sigma, self.boxes, *worst, self.reason)
 
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Name an arm angle as the reason if it may be singular in the smallest undecided box."""

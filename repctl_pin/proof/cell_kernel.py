@@ -1,4 +1,4 @@
-"""C kernel of the bounds over boxes of poses.
+"""Bounds on the margins of a cell's function F over boxes of poses, and their C kernel.
 
 Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and taylor.c.
 """
@@ -6,88 +6,65 @@ Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and tay
 from __future__ import annotations
 
 import ctypes
-import warnings
-from importlib.resources import files
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arguments import Array
-from ..c_library import VECTOR_FLAGS, NoCompilerError, loaded_library
+from ..arguments import Array, read_only
+from ..c_library import VECTOR_FLAGS, c_struct, filled, kernel
 from ..inverse_function.monomials import Monomials
-from .c_struct import Space, filled, space_of
-from .cell_bounds import CellBounds
 from .chain import FREE
 from .commutator import slides_of, tips
-from .leaf_margin_bounds import _Problem
-from .taylor import ORDER
+from .leaf_margin_bounds import PROBLEM
+from .taylor import ORDER, SPACE, space_of
 from .taylor_chain import TURNED, basis
 
 SOURCES = ("leaf_margin_bounds.c", "taylor.c", "cell_bounds.c")
 
 
-class _Cell(ctypes.Structure):
-    """The struct Cell of cell_bounds.c."""
+_CELL = c_struct(
+    ("chain", ctypes.c_void_p),
+    ("space", SPACE),
+    ints="w terms F turning angled spun turned slides",
+    doubles="tool columns",
+    pointers="parent variable used fourth parts rest blur near lower upper farthest "
+    "o a d R0 D Omega angle spin bases tips",
+)
+"""The struct Cell of cell_bounds.c."""
 
-    _fields_ = [
-        ("chain", ctypes.c_void_p),
-        ("space", Space),
-        *(
-            (name, ctypes.c_int)
-            for name in (
-                *("w", "terms", "F", "turning", "angled", "spun"),
-                *("turned", "slides"),
-            )
-        ),
-        *((name, ctypes.c_double) for name in ("tool", "columns")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in (
-                *("parent", "variable", "used", "fourth", "parts", "rest", "blur"),
-                *("near", "lower", "upper", "farthest"),
-                *("o", "a", "d", "R0", "D", "Omega", "angle", "spin", "bases"),
-                "tips",
-            )
-        ),
-    ]
+_OUT = c_struct(pointers="leaf sigma limit Q reach away split")
+"""The struct Out of cell_bounds.c."""
 
 
-class _Out(ctypes.Structure):
-    """The struct Out of cell_bounds.c."""
+@dataclass(frozen=True, eq=False)
+@read_only
+class CellBounds:
+    """Bounds on the margins of F over K boxes of poses.
 
-    _fields_ = [
-        (name, ctypes.c_void_p)
-        for name in ("leaf", "sigma", "limit", "Q", "reach", "away", "split")
-    ]
+    Attributes
+    ----------
+    leaf_margin, sigma_min, limit_margin : (K,) arrays
+        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ n̂_ref)``, of σ_min(J), and of the
+        distance to the joint limits, rad or m; 0, 0 and −inf where F was not shown to exist.
+    away : (K, n) array
+        Approximate distance of F from q_ref at the centre of each box, rad or m.
+    split : (K,) array of int
+        Index of the coordinate along which to halve each box.
+    """
 
-
-_loaded: list[ctypes.CDLL | None] = []
+    leaf_margin: Array
+    sigma_min: Array
+    limit_margin: Array
+    away: Array
+    split: NDArray[np.int32]
 
 
 def library() -> ctypes.CDLL | None:
-    """Return the compiled C kernel, which the first call compiles.
-
-    Without a compiler, return None; the first call then warns.
-    """
-    if not _loaded:
-        try:
-            _loaded.append(ctypes.CDLL(loaded_library(source(), VECTOR_FLAGS)))
-        except (NoCompilerError, OSError) as error:
-            warnings.warn(
-                f"proofs of cells run in NumPy, many times slower: {error}",
-                UserWarning,
-                stacklevel=4,
-            )
-            _loaded.append(None)
-    return _loaded[0]
-
-
-def source() -> str:
-    """Return the C source of the kernel: its three files, joined."""
-    folder = files(__package__)
-    return "\n".join(
-        folder.joinpath(name).read_text(encoding="ascii") for name in SOURCES
-    )
+    """Return the compiled C kernel; None without a compiler, of which the first call warns."""
+    slower = "proofs of cells run in NumPy, many times slower"
+    return kernel(__package__, *SOURCES, flags=VECTOR_FLAGS, slower=slower)
 
 
 class Kernel:
@@ -99,7 +76,7 @@ class Kernel:
         chain = proof.chain
         row, column = np.nonzero(chain.S)
         self._chain = filled(
-            _Problem,
+            PROBLEM,
             {
                 "revolute": chain.revolute,
                 "level": chain.level,
@@ -120,7 +97,7 @@ class Kernel:
         monomials = Monomials(k, max(proof.chart.monomials.degree, ORDER))
         self._space = space_of(k)
         self._cell = filled(
-            _Cell,
+            _CELL,
             {
                 "parent": monomials.parent,
                 "variable": monomials.variable,
@@ -159,7 +136,7 @@ class Kernel:
         Q, reach, away = np.full((3, K, n), np.nan)
         split = np.zeros(K, np.int32)
         arrays = (leaf, sigma, limit, Q, reach, away, split)
-        out = _Out(*(array.ctypes.data for array in arrays))
+        out = _OUT(*(array.ctypes.data for array in arrays))
         Uc, half = np.ascontiguousarray(Uc, float), np.ascontiguousarray(half, float)
         done = self._run(
             ctypes.byref(self._cell[0]),

@@ -13,7 +13,8 @@ from ..arguments import Array, read_only
 from ..inverse_function.cell import Cell
 from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from ..robot.chain_formulas import skew
-from .taylor import TaylorModel
+from .taylor import TaylorModel, dot
+from .taylor_chain import fixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +45,6 @@ class Poses:
     Omega: Array
     angle: Array
     spin: Array
-
-    def __repr__(self) -> str:
-        return f"<Poses of {self.D.shape[1]} coordinates>"
 
     @classmethod
     def of(cls, cell: Cell) -> Poses:
@@ -84,9 +82,8 @@ class Poses:
         models.
         """
         R = self._exponential(Uc, half)  # (K, column, 3)
-        p = self._linear(self.D, Uc, half) + TaylorModel.constant(
-            Uc.shape[1], np.tile(self.d, (len(Uc), 1))
-        )
+        p = self._linear(self.D, Uc, half)
+        p = p + fixed(p, self.d)
         if self.spin.any():
             s, c = self._linear(self.spin[None], Uc, half).sine_cosine()
             x, y = R[:, 0], R[:, 1]
@@ -97,7 +94,7 @@ class Poses:
                 self._turned(p, s, c),
                 _columns([self._turned(R[:, i], s, c) for i in range(3)]),
             )
-        return p + TaylorModel.constant(Uc.shape[1], np.tile(self.o, (len(Uc), 1))), R
+        return p + fixed(p, self.o), R
 
     def _turned(self, x: TaylorModel, s: TaylorModel, c: TaylorModel) -> TaylorModel:
         """Rotate vectors x (K, 3) about the axis a by φ: ``x + s a × x + (1 − c) a × (a × x)``.
@@ -112,20 +109,16 @@ class Poses:
 
         With ``ω = Ω u`` and its length θ, c = cos θ, s = sin θ / θ and d = (1 − cos θ) / θ².
         """
-        k, K = Uc.shape[1], len(Uc)
-        columns = [np.tile(self.R0[:, i], (K, 1)) for i in range(3)]
-        fixed = _columns([TaylorModel.constant(k, x) for x in columns])
-        if not self.Omega.any():
-            return fixed
         omega = self._linear(self.Omega, Uc, half)
-        square = omega * omega
-        z = square.combined(np.ones((1, 3)))
-        c, s, d = z.exponential()
+        start = [fixed(omega, column) for column in self.R0.T]
+        if not self.Omega.any():
+            return _columns(start)
+        c, s, d = dot(omega, omega).exponential()
         parts = []
         for i in range(3):
             along = omega.combined(self.R0[:, i][None])
             x = (
-                c * fixed[:, i]
+                c * start[i]
                 + s * omega.combined(-skew(self.R0[:, i]))
                 + d * (along * omega)
             )

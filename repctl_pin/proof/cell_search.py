@@ -6,15 +6,15 @@ A box of poses is halved until the bounds on it suffice.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import thread_time
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
-from ..inverse_function.chart import Chart, Points
-from .cell_bounds import CellBounds
+from ..arguments import Array
+from ..inverse_function.chart import Points
+from .branch_and_bound import SearchOutcome
+from .cell_kernel import CellBounds
 from .cells import CellProof
 from .leaf_margin_bounds import inverses
 
@@ -27,64 +27,33 @@ _SMALLEST = 1e-4
 """Half-width, relative to that of the cell, below which an undecided box stops the search."""
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class CellOutcome:
-    """Result of branch and bound over a cell.
-
-    Attributes
-    ----------
-    leaf_margin, limit_margin, sigma_min : float
-        Lower bounds on the whole cell of the leaf margin, of the distance to the joint limits, rad
-        or m, and of σ_min(J); 0, −inf and 0 if the search stopped before its goal.
-    boxes : int
-        Number of boxes evaluated.
-    worst, half : (k,) arrays
-        Centre and half-widths, in the cell's coordinates, of the box at which the search stopped,
-        or of the box with the smallest bound of the leaf margin.
-    reason : str
-        Why the search stopped before its goal; empty if it did not.
-    near : (n,) array
-        d*, rad or m: F is the only solution whose distance from q_ref is at most this in every
-        joint.
-    """
-
-    leaf_margin: float
-    limit_margin: float
-    sigma_min: float
-    boxes: int
-    worst: Array
-    half: Array
-    reason: str
-    near: Array
-
-    def __repr__(self) -> str:
-        margin = f"leaf margin > {self.leaf_margin:.3g}"
-        return f"<CellOutcome: {margin} in {self.boxes} boxes {self.reason}>"
-
-
 def bound_cell(
-    chart: Chart,
+    problem: CellProof,
     leaf: float,
     limit: float,
     seconds: float,
     report: Callable[[str, float], None],
-) -> CellOutcome:
+) -> SearchOutcome:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
     Parameters
     ----------
-    chart
-        Chart of the function.
+    problem
+        The margins of the function.
     leaf, limit
         Leaf margin and limit margin, rad or m, to prove; −inf for none.
     seconds
         Processor time, s, after which the search stops.
     report
         Progress callback (step, fraction); the fraction is the proved share of the cell.
+
+    Returns
+    -------
+    SearchOutcome
+        The bounds are 0 and −inf if the search stopped before its goal.
     """
     end = thread_time() + seconds
-    search = _Search(CellProof(chart), max(leaf, 0.0), limit)
+    search = _CellSearch(problem, max(leaf, 0.0), limit)
     while len(search.low) and not search.reason:
         if thread_time() > end:
             search.stop(-1, search.low, search.high, f"stopped after {seconds:g} s")
@@ -94,7 +63,7 @@ def bound_cell(
     return search.outcome()
 
 
-class _Search:
+class _CellSearch:
     """State of branch and bound: the undecided boxes, and the minimum margins of all others."""
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -205,14 +174,12 @@ class _Search:
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
-    def outcome(self) -> CellOutcome:
+    def outcome(self) -> SearchOutcome:
         """Return the margins proved on the whole cell, or where and why the search stopped."""
         leaf, sigma, limit = (
             (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         )
-        return CellOutcome(
-            leaf, limit, sigma, self.boxes, *self.at, self.reason, self.problem.near
-        )
+        return SearchOutcome(leaf, sigma, self.boxes, *self.at, self.reason, limit)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:

@@ -22,8 +22,7 @@ from ..arguments import Array
 from ..inverse_function.cell import Cell
 from ..inverse_function.chart import Chart
 from ..inverse_function.sector import Sector
-from .cell_bounds import CellBounds
-from .cell_kernel import Kernel, library
+from .cell_kernel import CellBounds, Kernel, library
 from .cell_poses import Poses
 from .chain import Chain, chain_of, frame_change, tool_reach
 from .chart_bounds import Polynomials
@@ -74,9 +73,6 @@ class CellProof:
         self.tool = tool_reach(self.chain)
         kernel = library() if compiled else None
         self._kernel = None if kernel is None else Kernel(self, kernel)
-
-    def __repr__(self) -> str:
-        return f"<CellProof of {self.cell!r}>"
 
     def _size(self, chain: Chain) -> float:
         """Compute the spectral radius of the bound D for uniqueness, on a box in the cell's middle.

@@ -149,6 +149,7 @@ def _of_cell(
 ) -> Proof:
     """Prove that the function of a design exists over its cell, and prove its margins."""
     from .cell_search import bound_cell
+    from .cells import CellProof
 
     found = design.evaluation
     leaf = 0.9 * found.leaf_margin if goal is None else goal
@@ -158,8 +159,9 @@ def _of_cell(
         limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
     else:
         limit = -np.inf
-    outcome = bound_cell(design.function.chart, leaf, limit, seconds, report)
-    near = ", ".join(f"{v:.2g}" for v in outcome.near)
+    problem = CellProof(design.function.chart)
+    outcome = bound_cell(problem, leaf, limit, seconds, report)
+    near = ", ".join(f"{v:.2g}" for v in problem.near)
     return Proof(
         what=(
             f"{design.task.robot.name} {design.task}, {design.cell!r}: "

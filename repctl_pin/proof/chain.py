@@ -71,9 +71,6 @@ class Chain:
     middle: int
     shift: Array
 
-    def __repr__(self) -> str:
-        return f"<Chain of {len(self.p)} joints, seen from the link after joint {self.middle}>"
-
     @property
     def N(self) -> int:
         """Number of columns of S: the task's n joints and the virtual joints."""

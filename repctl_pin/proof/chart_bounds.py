@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import factorial
+from math import factorial, prod
 
 import numpy as np
 
@@ -43,9 +43,6 @@ class Polynomials:
     rest: Array
     sizes: Array
 
-    def __repr__(self) -> str:
-        return f"<Polynomials of {self.chart.monomials.size} terms>"
-
     @classmethod
     def of(cls, chart: Chart) -> Polynomials:
         """Compute the derivatives of a chart's polynomials, and bounds of the fourth ones.
@@ -61,7 +58,10 @@ class Polynomials:
                 monomials, every[lower], int(derivatives.variable[i])
             )
         scaled = np.stack(
-            [every[tuple(a.tolist())] / _factorial(a) for a in derivatives.exponents],
+            [
+                every[tuple(alpha)] / prod(map(factorial, alpha))
+                for alpha in derivatives.exponents.tolist()
+            ],
             axis=1,
         )
         low = int(derivatives.starts[ORDER + 1])
@@ -91,10 +91,6 @@ class Polynomials:
         P *= Monomials(Uc.shape[1], ORDER).values(half)[:, :, None, None]
         powers = np.prod(half[:, None] ** self.fourth, axis=2)
         return P, np.tensordot(powers, self.rest, axes=1) * (1 + 1e-12)
-
-
-def _factorial(alpha: Array) -> int:
-    return int(np.prod([factorial(int(a)) for a in alpha]))
 
 
 def _derivative(monomials: Monomials, C: Array, j: int) -> Array:

@@ -22,15 +22,13 @@ formulas.
 from __future__ import annotations
 
 import ctypes
-import warnings
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import NoCompilerError, loaded_library
+from ..c_library import c_struct, filled, kernel
 from ..potentials.basis import Potentials
 from ..regions.box import Box
 from ..robot.task import Task
@@ -45,7 +43,7 @@ _BATCH = 2048
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Bounds:
+class LeafMarginBounds:
     """Bounds on the leaf margin and σ_min(J) over K boxes of joint space.
 
     Attributes
@@ -65,13 +63,10 @@ class Bounds:
     sigma_min: Array
     split: NDArray[np.int32]
 
-    def __repr__(self) -> str:
-        return f"<Bounds of {len(self.center)} boxes>"
-
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class LeafMargin:
+class LeafMarginProblem:
     """The leaf margin of potentials on a task, prepared to be bounded over boxes inside one region.
 
     Attributes
@@ -95,10 +90,7 @@ class LeafMargin:
     eps: float
     beta: float
 
-    def __repr__(self) -> str:
-        return f"<LeafMargin of {self.features} on {self.chain}>"
-
-    def bounds(self, Q: Array, half: Array) -> Bounds:
+    def bounds(self, Q: Array, half: Array) -> LeafMarginBounds:
         """Bound the leaf margin in boxes Q ± half, (K, n) each.
 
         The bounds are computed in C if there is a compiler.
@@ -117,15 +109,18 @@ class LeafMargin:
         return np.any([np.zeros(len(Q), bool), *found], axis=0)
 
 
-def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
+def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem:
     """Prepare the leaf margin of potentials for bounds inside a box of joint space.
 
     The middle link of the chain is the one expected to need the fewest boxes.
     """
     features, chain = features_of(field, task.n, box), chain_of(task)
 
-    def needed(one: LeafMargin) -> float:
-        return _perron_root(one, box.center, box.half_width / 8)
+    def needed(one: LeafMarginProblem) -> float:
+        """Evaluate the spectral radius of the bound D on a box; below 1, J_V is regular there."""
+        D = _expansion(one, box.center[None], box.half_width[None] / 8).D[0]
+        finite = np.isfinite(D).all()
+        return float(np.abs(np.linalg.eigvals(D)).max()) if finite else np.inf
 
     middles = range(len(chain.p) + 1)
     made = [_prepared(task, chain.seen_from(k, 0.5), features, box) for k in middles]
@@ -136,13 +131,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMargin:
     )
 
 
-def _perron_root(problem: LeafMargin, q: Array, half: Array) -> float:
-    """Evaluate the spectral radius of the bound D on one box; below 1, J_V is regular there."""
-    D = _expansion(problem, q[None], half[None]).D[0]
-    return float(np.abs(np.linalg.eigvals(D)).max()) if np.isfinite(D).all() else np.inf
-
-
-def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMargin:
+def _prepared(
+    task: Task, chain: Chain, features: Features, box: Box
+) -> LeafMarginProblem:
     S = np.abs(chain.S[:, : chain.n])
     theta, eta = chain.S[:, : chain.n] @ box.center + chain.o, S @ box.half_width
     eps = relative_rounding(chain)
@@ -154,22 +145,22 @@ def _prepared(task: Task, chain: Chain, features: Features, box: Box) -> LeafMar
     )
     t = tool_reach(chain) + float((np.abs(theta) + eta)[~chain.revolute].sum())
     beta = float(frame_change(task.kind, np.array(t))) * (1 + 1e-9)
-    return LeafMargin(chain, features, round_, eps, beta)
+    return LeafMarginProblem(chain, features, round_, eps, beta)
 
 
 # ---- NumPy -------------------------------------------------------------------------------------
 
 
-def in_numpy(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
+def in_numpy(problem: LeafMarginProblem, Q: Array, half: Array) -> LeafMarginBounds:
     """Bound the leaf margin in boxes Q ± half, (K, n) each, in NumPy."""
     parts = [
         _batch(problem, Q[i : i + _BATCH], half[i : i + _BATCH])
         for i in range(0, len(Q), _BATCH)
     ]
-    return Bounds(
+    return LeafMarginBounds(
         *(
             np.concatenate([getattr(part, name) for part in parts])
-            for name in Bounds.__dataclass_fields__
+            for name in LeafMarginBounds.__dataclass_fields__
         )
     )
 
@@ -202,12 +193,9 @@ class Expansion:
     dV: Array
     rest: Array
 
-    def __repr__(self) -> str:
-        return f"<Expansion of {len(self.A)} boxes>"
-
 
 @np.errstate(all="ignore")
-def _batch(problem: LeafMargin, Q: Array, half: Array) -> Bounds:
+def _batch(problem: LeafMarginProblem, Q: Array, half: Array) -> LeafMarginBounds:
     return margins(
         _expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta
     )
@@ -264,18 +252,15 @@ class Graphs:
     regular: NDArray[np.bool_]
     sure: NDArray[np.bool_]
 
-    def __repr__(self) -> str:
-        return f"<Graphs in {len(self.X)} boxes>"
-
 
 @np.errstate(all="ignore")
 def margins(
     at: Expansion, half: Array, n: int, eps: float, beta: float | Array
-) -> Bounds:
+) -> LeafMarginBounds:
     """Bound the leaf margin in boxes from the first-order expansion of J_V there.
 
     half (K, k) are the half-widths of the boxes in the k variables of the expansion; ``eps`` and
-    ``beta`` are those of :class:`LeafMargin`.
+    ``beta`` are those of :class:`LeafMarginProblem`.
     """
     at = _along_axes(at)
     found = graphs(at, half, n, eps)
@@ -298,7 +283,7 @@ def margins(
     share = np.where(np.isfinite(share).all(axis=1)[:, None], share, half)
     split = np.where(good, cost.argmax(axis=1), share.argmax(axis=1)).astype(np.int32)
     center = np.where(np.isfinite(below) & (below > 0), 1 / below, 0.0)
-    return Bounds(
+    return LeafMarginBounds(
         np.where(good, bound, 0.0), center, np.where(found.regular, sigma, 0.0), split
     )
 
@@ -463,7 +448,7 @@ def _along_axes(at: Expansion) -> Expansion:
 
 
 @np.errstate(all="ignore")
-def _expansion(problem: LeafMargin, Q: Array, half: Array) -> Expansion:
+def _expansion(problem: LeafMarginProblem, Q: Array, half: Array) -> Expansion:
     """Expand the augmented Jacobian J_V around the centres of boxes Q ± half, (K, n) each.
 
     The result holds its inverse, its slopes along each joint, and bounds of the remainder."""
@@ -507,7 +492,7 @@ def enclosed(D: Array, F: Array, eps: float) -> tuple[Array, Array, NDArray[np.b
 
 
 def _potentials(
-    problem: LeafMargin, Q: Array, half: Array
+    problem: LeafMarginProblem, Q: Array, half: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Evaluate Vᵀ (K, r, n), its derivatives (K, r, n, n), and bounds, at the centres of boxes.
 
@@ -620,75 +605,24 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 # ---- C -----------------------------------------------------------------------------------------
 
 
-class _Problem(ctypes.Structure):
-    """C struct of leaf_margin_bounds.c that holds one :class:`LeafMargin`."""
-
-    _fields_ = (
-        [(name, ctypes.c_int) for name in ("P", "k", "n", "N", "r", "Z", "F", "F3")]
-        + [(name, ctypes.c_double) for name in ("eps", "beta")]
-        + [
-            (name, ctypes.c_void_p)
-            for name in (
-                *(
-                    "R",
-                    "p",
-                    "a",
-                    "shift",
-                    "reach",
-                    "revolute",
-                    "level",
-                    "first",
-                    "column",
-                    "S",
-                    "o",
-                ),
-                *(
-                    "Zq",
-                    "z0",
-                    "kind",
-                    "parent",
-                    "variable",
-                    "third",
-                    "G",
-                    "C",
-                    "C3",
-                    "T",
-                    "T4",
-                    "E",
-                    "round",
-                ),
-            )
-        ]
-    )
-
-
-_loaded: list[ctypes.CDLL | None] = []
+PROBLEM = c_struct(
+    ints="P k n N r Z F F3",
+    doubles="eps beta",
+    pointers="R p a shift reach revolute level first column S o "
+    "Zq z0 kind parent variable third G C C3 T T4 E round",
+)
+"""The struct Problem of leaf_margin_bounds.c, which holds one :class:`LeafMarginProblem`."""
 
 
 def _library() -> ctypes.CDLL | None:
-    """Return the compiled C kernel, which the first call compiles.
-
-    Without a compiler, return None; the first call then warns.
-    """
-    if not _loaded:
-        source = (
-            files(__package__)
-            .joinpath("leaf_margin_bounds.c")
-            .read_text(encoding="ascii")
-        )
-        try:
-            _loaded.append(ctypes.CDLL(loaded_library(source)))
-        except (NoCompilerError, OSError) as error:
-            warnings.warn(
-                f"proofs run in NumPy, a few times slower: {error}",
-                UserWarning,
-                stacklevel=4,
-            )
-            _loaded.append(None)
-    return _loaded[0]
+    """Return the compiled C kernel; None without a compiler, of which the first call warns."""
+    slower = "proofs run in NumPy, a few times slower"
+    return kernel(__package__, "leaf_margin_bounds.c", slower=slower)
 
 
-def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> Bounds:
+def _in_c(
+    problem: LeafMarginProblem, library: ctypes.CDLL, Q: Array, half: Array
+) -> LeafMarginBounds:
     chain, parts, n = problem.chain, problem.features, problem.chain.n
     S = chain.S
     row, column = np.nonzero(S)
@@ -721,20 +655,10 @@ def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> B
         "E": parts.E,
         "round": problem.round,
     }
-    held = {
-        name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()
-    }
-    held |= {
-        name: np.ascontiguousarray(values, float) for name, values in reals.items()
-    }
     sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
     sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
-    struct = _Problem(
-        **sizes,
-        eps=problem.eps,
-        beta=problem.beta,
-        **{k: v.ctypes.data for k, v in held.items()},
-    )
+    scalars = sizes | {"eps": problem.eps, "beta": problem.beta}
+    struct, held = filled(PROBLEM, ints, reals, scalars)
     Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
     bound, center, sigma = np.zeros((3, len(Q)))
     split = np.zeros(len(Q), np.int32)
@@ -749,10 +673,11 @@ def _in_c(problem: LeafMargin, library: ctypes.CDLL, Q: Array, half: Array) -> B
         *address,
         None if arms is None else ctypes.c_void_p(arms.ctypes.data),
     )
-    return Bounds(bound, center, sigma, split)
+    del held  # alive until here
+    return LeafMarginBounds(bound, center, sigma, split)
 
 
-def _arm_angles(problem: LeafMargin, Q: Array, half: Array) -> Array:
+def _arm_angles(problem: LeafMarginProblem, Q: Array, half: Array) -> Array:
     """Lay out the arm angles' V, dV, rest and rounding (K, r (n² + 2 n + 1)) for the C kernel."""
     r, n, K = len(problem.features.G), Q.shape[1], len(Q)
     out = np.zeros((K, r, n * n + 2 * n + 1))

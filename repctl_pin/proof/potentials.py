@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..errors import InputError
 from ..potentials.arm_angle import ArmAngle
-from ..potentials.basis import Potentials
+from ..potentials.basis import CustomMap, Potentials
 from ..potentials.fourier import FourierMap
-from ..potentials.maps import CustomMap, PartialMap, SumMap
+from ..potentials.maps import PartialMap, SumMap
 from ..potentials.polynomial import PolynomialMap
 from ..regions.box import Box
 from .arm_angle import ArmAngleChain
@@ -79,10 +79,6 @@ class Features:
     E: Array
     size: Array
     arms: tuple[ArmAngleChain, ...]
-
-    def __repr__(self) -> str:
-        potentials = f"{len(self.G)} potentials of {self.G.shape[1]} joints"
-        return f"<Features: {potentials} out of {len(self.kind)} terms>"
 
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:

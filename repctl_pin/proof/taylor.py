@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
+from ..c_library import c_struct, filled
 
 ORDER = 3
 _ROUND = 2e-14
@@ -22,6 +23,9 @@ _ROUND = 2e-14
 
 _ENTIRE = 24
 """Number of terms of the power series in :func:`entire`; enough for z below π²."""
+
+SPACE = c_struct(ints="k M", pointers="left right first starts")
+"""The struct Space of taylor.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +50,6 @@ class Products:
     first: NDArray[np.int32]
     starts: NDArray[np.int32]
 
-    def __repr__(self) -> str:
-        return f"<Products of {len(self.first)} monomials>"
-
 
 @cache
 def products(k: int) -> Products:
@@ -68,6 +69,14 @@ def products(k: int) -> Products:
     return Products(left, right, first, monomials.starts.astype(np.int32))
 
 
+def space_of(k: int) -> tuple[Any, list[NDArray[np.generic]]]:
+    """Create the struct Space of models in k variables, and the arrays that it points to."""
+    pairs = products(k)
+    ints = {name: getattr(pairs, name) for name in ("left", "right", "starts")}
+    ints["first"] = np.append(pairs.first, len(pairs.left))
+    return filled(SPACE, ints, {}, {"k": k, "M": int(pairs.starts[-1])})
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class TaylorModel:
@@ -79,9 +88,6 @@ class TaylorModel:
     k: int
     P: Array
     r: Array
-
-    def __repr__(self) -> str:
-        return f"<TaylorModel of {self.k} variables, {self.r.shape}>"
 
     @classmethod
     def constant(cls, k: int, values: Array) -> TaylorModel:
@@ -246,7 +252,6 @@ def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     return a[..., one] * b[..., two] - a[..., two] * b[..., one]
 
 
-def stacked(models: list[TaylorModel]) -> TaylorModel:
-    """Stack models (…) along a new last axis."""
-    P = np.stack([x.P for x in models], axis=-2)
-    return TaylorModel(models[0].k, P, np.stack([x.r for x in models], axis=-1))
+def dot(a: TaylorModel, b: TaylorModel) -> TaylorModel:
+    """Compute the models (…, 1) of a · b, for models of vectors (…, 3)."""
+    return (a * b).combined(np.ones((1, 3)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from .chain import FREE, Chain
-from .taylor import TaylorModel, cross
+from .taylor import TaylorModel, cross, dot
 
 TURNED = {"pose": 0, "axis": 2}
 """First of the frame's axes whose direction a kind of task controls; the others control none."""
@@ -44,9 +44,6 @@ class Closure:
     sizes: Array
     near: NDArray[np.bool_]
 
-    def __repr__(self) -> str:
-        return f"<Closure of {self.J}>"
-
 
 def closure_of(
     chain: Chain,
@@ -61,7 +58,7 @@ def closure_of(
     relative rounding error.
     """
     theta = Q.combined(chain.S[:, : chain.n])
-    theta = theta + TaylorModel.constant(Q.k, np.tile(chain.o, (len(Q.r), 1)))
+    theta = theta + fixed(theta, chain.o)
     screws: list[TaylorModel] = [theta] * len(chain.p)
     R2, p2 = _outward(chain, theta, screws)
     R_b, o_b = _inward(chain, theta, screws)
@@ -74,7 +71,7 @@ def closure_of(
     e = o_b + _applied(R_b, pose[0]) - p2
     for axis in FREE[kind][0]:  # of the base: not controlled
         z = R_b["xyz".index(axis)]
-        e = e - z * (z * e).combined(np.ones((1, 3)))
+        e = e - z * dot(z, e)
     first = TURNED.get(kind, 3)
     s, trace = _rotation(
         R2[first:], [_applied(R_b, pose[1][:, i]) for i in range(first, 3)], p2
@@ -89,46 +86,46 @@ def closure_of(
     return Closure(TaylorModel(Q.k, P, r), xi, sizes, trace > 1)
 
 
-_Columns = list[TaylorModel]
+Columns = list[TaylorModel]
 
 
 def _outward(
     chain: Chain, theta: TaylorModel, screws: list[TaylorModel]
-) -> tuple[_Columns, TaylorModel]:
+) -> tuple[Columns, TaylorModel]:
     """Compute the frame's rotation (three columns) and position, relative to the middle link.
 
     The screws of the joints between the two are written into ``screws``.
     """
-    R, o = _identity(theta), _fixed(theta, -chain.shift)
+    R, o = identity(theta), fixed(theta, -chain.shift)
     for joint in range(chain.middle, len(chain.p)):
-        o = o + _combined(R, chain.p[joint])
-        R = [_combined(R, column) for column in chain.R[joint].T]
+        o = o + combined(R, chain.p[joint])
+        R = [combined(R, column) for column in chain.R[joint].T]
         screws[joint] = _screw(chain, joint, R, o)
-        R, o = _moved(chain, joint, R, o, theta[:, joint : joint + 1])
+        position = theta[:, joint : joint + 1]
+        R, o = moved(chain.a[joint], chain.revolute[joint], R, o, position)
     return R, o
 
 
 def _inward(
     chain: Chain, theta: TaylorModel, screws: list[TaylorModel]
-) -> tuple[_Columns, TaylorModel]:
+) -> tuple[Columns, TaylorModel]:
     """Compute the base's rotation (three columns) and position, relative to the middle link.
 
     The screws of the joints between the two are written into ``screws``.
     """
-    R, o = _identity(theta), _fixed(theta, -chain.shift)
+    R, o = identity(theta), fixed(theta, -chain.shift)
     for joint in range(chain.middle - 1, -1, -1):
         screws[joint] = _screw(chain, joint, R, o)
-        R, o = _moved(chain, joint, R, o, -theta[:, joint : joint + 1])
-        R = [_combined(R, column) for column in chain.R[joint]]
-        o = o - _combined(R, chain.p[joint])
+        position = -theta[:, joint : joint + 1]
+        R, o = moved(chain.a[joint], chain.revolute[joint], R, o, position)
+        R = [combined(R, column) for column in chain.R[joint]]
+        o = o - combined(R, chain.p[joint])
     return R, o
 
 
-def _screw(chain: Chain, joint: int, R: _Columns, o: TaylorModel) -> TaylorModel:
+def _screw(chain: Chain, joint: int, R: Columns, o: TaylorModel) -> TaylorModel:
     axis = (
-        _fixed(o, chain.a[joint])
-        if chain.level[joint]
-        else _combined(R, chain.a[joint])
+        fixed(o, chain.a[joint]) if chain.level[joint] else combined(R, chain.a[joint])
     )
     zero = axis.scaled(0.0)
     v, w = (cross(o, axis), axis) if chain.revolute[joint] else (axis, zero)
@@ -137,17 +134,17 @@ def _screw(chain: Chain, joint: int, R: _Columns, o: TaylorModel) -> TaylorModel
     )
 
 
-def _moved(
-    chain: Chain, joint: int, R: _Columns, o: TaylorModel, theta: TaylorModel
-) -> tuple[_Columns, TaylorModel]:
-    """Move a frame, columns R and position o, by one joint's position theta (K, 1)."""
-    if not chain.revolute[joint]:
-        return R, o + theta * _combined(R, chain.a[joint])
+def moved(
+    axis: Array, revolute: bool, R: Columns, o: TaylorModel, theta: TaylorModel
+) -> tuple[Columns, TaylorModel]:
+    """Move a frame, columns R and position o, by the position theta (K, 1) of a joint."""
+    if not revolute:
+        return R, o + theta * combined(R, axis)
     s, c = theta.sine_cosine()
-    B = basis(chain.a[joint])
-    x, y, z = (_combined(R, column) for column in B.T)
+    B = basis(axis)
+    x, y, z = (combined(R, column) for column in B.T)
     turned = [c * x + s * y, c * y - s * x, z]
-    return [_combined(turned, row) for row in B], o
+    return [combined(turned, row) for row in B], o
 
 
 def basis(axis: Array) -> Array:
@@ -161,7 +158,7 @@ def basis(axis: Array) -> Array:
 
 
 def _rotation(
-    R: _Columns, goal: _Columns, like: TaylorModel
+    R: Columns, goal: Columns, like: TaylorModel
 ) -> tuple[TaylorModel, Array]:
     """Compute the axis of the rotation from R to the goal times the sine of its angle, as a model.
 
@@ -181,22 +178,24 @@ def _rotation(
     return s.scaled(0.5), np.asarray(trace)
 
 
-def _combined(R: _Columns, x: Array) -> TaylorModel:
+def combined(R: Columns, x: Array) -> TaylorModel:
     """Compute the model of R x for a constant vector x (3,)."""
     return R[0].scaled(x[0]) + R[1].scaled(x[1]) + R[2].scaled(x[2])
 
 
-def _applied(R: _Columns, x: TaylorModel) -> TaylorModel:
+def _applied(R: Columns, x: TaylorModel) -> TaylorModel:
     """Compute the model of R x for a model x (K, 3)."""
     return R[0] * x[:, 0:1] + R[1] * x[:, 1:2] + R[2] * x[:, 2:3]
 
 
-def _fixed(like: TaylorModel, x: Array) -> TaylorModel:
+def fixed(like: TaylorModel, x: Array) -> TaylorModel:
+    """Create the model of a constant vector on the boxes of another model."""
     return TaylorModel.constant(like.k, np.tile(x, (len(like.r), 1)))
 
 
-def _identity(like: TaylorModel) -> _Columns:
-    return [_fixed(like, e) for e in np.eye(3)]
+def identity(like: TaylorModel) -> Columns:
+    """Create the columns of the identity on the boxes of a model."""
+    return [fixed(like, e) for e in np.eye(3)]
 
 
 def _length(x: TaylorModel) -> Array:

@@ -302,16 +302,20 @@ def audit(
     given = _read(log, task)
     units = np.where(task.revolute & degrees, _DEGREE, 1.0)
     given = replace(given, q=units * given.q)
-    notes = (*_units(task, given), *_left_out(given))
+    notes = _units(task, given)
+    if given.dropped:
+        notes.append(f"{given.dropped} rows without new numbers were left out")
     endless = np.isinf(task.joint_limits[1])
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)
     visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
     if len(visits.t) < FEWEST:
-        return Audit(task, given, visits, None, np.empty((0, task.n, 3)), notes=notes)
+        return Audit(
+            task, given, visits, None, np.empty((0, task.n, 3)), notes=tuple(notes)
+        )
     # full turns of a joint without limits do not count
     same = np.where(endless, np.unwrap(visits.q, axis=0), visits.q)
-    return _measured(task, given, replace(visits, q=same), notes)
+    return _measured(task, given, replace(visits, q=same), tuple(notes))
 
 
 def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
@@ -339,12 +343,6 @@ def _read(log: Any, task: Task) -> JointLog:
     if isinstance(log, tuple) and len(log) == 2:
         return joint_log(*log, task.n)
     return read_joint_log(log, task.robot_joints)
-
-
-def _left_out(log: JointLog) -> list[str]:
-    if not log.dropped:
-        return []
-    return [f"{log.dropped} rows without new numbers were left out"]
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
@@ -377,7 +375,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
         return [f"{found} (rad or m)"]
     orders = {
         "reversed": np.arange(task.n)[::-1],
-        "alphabetical": _sorted_columns(task),
+        "alphabetical": np.argsort(np.argsort(task.robot_joints)),  # as ROS sorts them
     }
     for name, order in orders.items():
         if not log.by_name and (_beyond(q[:, order], lower, upper) <= _SOME).all():
@@ -400,11 +398,6 @@ def _speed_ratio(task: Task, t: Array, q: Array) -> float:
 def _beyond(q: Array, lower: Array, upper: Array) -> Array:
     """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
     return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
-
-
-def _sorted_columns(task: Task) -> Any:
-    """Return the column of each joint in a log that is sorted by joint name, as ROS does."""
-    return np.argsort(np.argsort(task.robot_joints))
 
 
 def _measured(

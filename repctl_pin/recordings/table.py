@@ -8,6 +8,7 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,8 @@ class Table:
         Frames are counted from 0.
         """
         if self.file.suffix.lower() == ".csv":
-            return f"{self.file}, line {_line_of(self.file, frame)}"
+            lines = (line for line, _ in _lines(self.file))
+            return f"{self.file}, line {next(islice(lines, frame, None), 0)}"
         return f"{self.file}, frame {frame}"
 
 
@@ -179,10 +181,6 @@ def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
     for row in lines:
         if row:
             yield lines.line_num, row
-
-
-def _line_of(file: Path, frame: int) -> int:
-    return next((line for i, (line, _) in enumerate(_lines(file)) if i == frame), 0)
 
 
 def _wrong_line(

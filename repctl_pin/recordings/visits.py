@@ -69,9 +69,7 @@ class Visits:
     nearest: float
 
 
-def find_visits(
-    task: Task, t: Array, Q: Array, tolerance: float | None = None
-) -> Visits:
+def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visits:
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
@@ -88,8 +86,8 @@ def find_visits(
         Time, s.
     Q : (T, n) array
         Joint positions, rad or m.
-    tolerance : float, optional
-        Distance within which the hand counts as back, m; by default four times the noise of the
+    tolerance : float or None
+        Distance within which the hand counts as back, m; if None, four times the noise of the
         distance between two poses, plus the sagitta of the path between two rows, plus 1e-4 arm
         lengths.
     """

@@ -15,7 +15,7 @@ from ..arguments import Array, as_numbers, list_of, row, shown
 from ..errors import InputError
 
 
-def chain_hessians(twists: Array, R: Array | None = None) -> Array:
+def chain_hessians(twists: Array, R: Array | None) -> Array:
     r"""Compute the kinematic Hessian of a serial chain: the derivative of J along every joint.
 
     With columns :math:`J_i = (v_i, \omega_i)` (a prismatic joint has :math:`\omega_i = 0`):
@@ -32,7 +32,7 @@ def chain_hessians(twists: Array, R: Array | None = None) -> Array:
     ----------
     twists : (K, n, 6) array
         Columns J_i of K Jacobians, world axes.
-    R : (K, 3, 3) array, optional
+    R : (K, 3, 3) array or None
         Rotations of the frame. With them, the angular rows are in the frame's own axes.
 
     Returns

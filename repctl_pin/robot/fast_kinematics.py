@@ -7,7 +7,6 @@ function calls and attribute look-ups take longer than the arithmetic.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -19,37 +18,31 @@ from .model import SHARED
 from .task import Task
 
 
-@dataclass(frozen=True)
-class InPlace:
-    """Functions that evaluate a task at one q after another, see :func:`in_place`.
+def in_place(
+    task: Task, J: Array, e: Array
+) -> tuple[
+    Callable[[Array], None], Callable[[pin.SE3], None], Callable[[Array], Array]
+]:
+    """Create the functions that write a task's Jacobian into J (m, n) and its error into e (m,).
 
     ``jacobian(q)`` is called first; ``error`` and ``task_velocity`` then refer to this q. They use
     scratch memory of the thread that created them, and only that thread may call them. Arguments
     are not checked: if a result is not finite, :meth:`Task.jacobian` raises an error with the
     reason.
 
-    Attributes
-    ----------
+    Returns
+    -------
     jacobian : function q → None
-        Write J(q) into the array J (m, n) given to :func:`in_place`.
+        Write J(q) into J.
     error : function target → None
-        Write the task error from f(q) to a target into the array e (m,) given to :func:`in_place`,
-        as :meth:`Task.error` computes it; raise InputError if the target's rotation is needed and
-        is not a rotation.
+        Write the task error from f(q) to a target into e, as :meth:`Task.error` computes it; raise
+        InputError if the target's rotation is needed and is not a rotation.
     task_velocity : function twist → (m,) array
         Extract ẋ from the twist (v, ω) of the frame at q, as :meth:`Task.task_velocity` does.
     """
-
-    jacobian: Callable[[Array], None]
-    error: Callable[[pin.SE3], None]
-    task_velocity: Callable[[Array], Array]
-
-
-def in_place(task: Task, J: Array, e: Array) -> InPlace:
-    """Create the functions that write a task's Jacobian into J (m, n) and its error into e (m,)."""
     here = task._data.oMf[task._frame_id]
     p, R = here.translation, here.rotation  # views, updated by every evaluation
-    return InPlace(_jacobian(task, J), _error(task, e, p, R), _rate(task, R))
+    return _jacobian(task, J), _error(task, e, p, R), _rate(task, R)
 
 
 def _jacobian(task: Task, J: Array) -> Callable[[Array], None]:

@@ -10,7 +10,7 @@ from ..arguments import Array
 
 
 def solve_block_tridiagonal(
-    diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool = False
+    diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool
 ) -> Array:
     """Solve a positive definite system ``D_k a_k + U_k a_{k+1} + U_{k−1}ᵀ a_{k−1} = b_k``.
 

@@ -8,7 +8,6 @@ preallocated memory on arguments that are already checked, see
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from math import prod
 from sys import float_info
 
@@ -24,21 +23,16 @@ from ..redundancy.augmented import is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import fast_kinematics
 from ..robot.task import Task
-from .fast_loop import Bounds, Law, Loop, checked, failure
+from .fast_loop import FastLoop, Law, StepLimits, checked, failure
 from .fast_loop import speeds as speeds
 
 
-def python_loops(task: Task, potentials: Potentials) -> Callable[[], Loop]:
+def python_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:
     """Return a function without arguments that creates the fast functions, in Python.
 
     It is called once per thread, so that each thread has separate working memory.
     """
-    return partial(make_loop, task, potentials)
-
-
-def make_loop(task: Task, potentials: Potentials) -> Loop:
-    """Create the fast functions, with argument checks, of the repeatable inverse of h."""
-    return checked(task, control_law(task, potentials))
+    return lambda: checked(task, control_law(task, potentials))
 
 
 def control_law(task: Task, potentials: Potentials) -> Law:
@@ -53,14 +47,8 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         memory[n * n :],
     )  # [J; Vᵀ] (37)
     top, bottom = rhs[:m], rhs[m:]
-    kinematics = fast_kinematics.in_place(task, J_V[:m], top)
-    h = fast_potentials.in_place(potentials, J_V[m:], bottom)
-    jacobian, error, rate = (
-        kinematics.jacobian,
-        kinematics.error,
-        kinematics.task_velocity,
-    )
-    slope, gap = h.slope, h.gap
+    jacobian, error, rate = fast_kinematics.in_place(task, J_V[:m], top)
+    slope, gap = fast_potentials.in_place(potentials, J_V[m:], bottom)
     whole = task.kind == "pose"
     used, slowed = 0.0, 1.0
 
@@ -70,7 +58,7 @@ def control_law(task: Task, potentials: Potentials) -> Law:
 
     solved = checked_solve(task, memory, J_V, rhs, evaluate)
 
-    def solved_within(q: Array, bounds: Bounds, dt: float) -> Array:
+    def solved_within(q: Array, bounds: StepLimits, dt: float) -> Array:
         """Solve ``J_V x = rhs`` with damping, and shorten x to the speed limits."""
         nonlocal used, slowed
         damping, most = bounds.damping, bounds.velocity_limit * dt
@@ -105,7 +93,7 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        bounds: Bounds | None,
+        bounds: StepLimits | None,
     ) -> Array:
         evaluate(q)
         error(target)

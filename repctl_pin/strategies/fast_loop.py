@@ -7,7 +7,7 @@ memory of its caller, serves one thread, and checks nothing:
 - :func:`repctl_pin.robot.fast_kinematics.in_place`: J, task error and task velocity of a task;
 - :func:`repctl_pin.potentials.fast_potentials.in_place`: Vᵀ and c − h of potentials, whose class
   may bring an ``in_place`` of its own;
-- :func:`repctl_pin.inverse_function.fast_function.in_place`: coordinates of a cell.
+- :func:`repctl_pin.inverse_function.fast_function.fast_coordinates`: coordinates of a cell.
 
 :mod:`repctl_pin.strategies.control_step` combines them into the control law;
 :mod:`repctl_pin.codegen.compiled_loop` has the law in C. :func:`checked` adds the argument check to
@@ -34,7 +34,7 @@ from ..robot.chain_formulas import Placement, as_placement
 from ..robot.task import Task
 
 
-class Bounds(NamedTuple):
+class StepLimits(NamedTuple):
     """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max."""
 
     velocity_limit: Array
@@ -60,7 +60,7 @@ class Law:
 
 
 @dataclass(frozen=True)
-class Loop:
+class FastLoop:
     """Fast functions of one repeatable inverse, for one thread; see :class:`RepeatableInverse`.
 
     Attributes
@@ -104,7 +104,7 @@ def checked(
     law: Law,
     inverses: Callable[[Array], Array] | None = None,
     velocities: Callable[[Array, Array], Array] | None = None,
-) -> Loop:
+) -> FastLoop:
     """Add the argument checks to a control law."""
     n, r, run, SE3 = task.n, task.r, law.step, pin.SE3
     of_joints, of_twist, of_leaf = (n,), (6,), (r,)
@@ -116,7 +116,7 @@ def checked(
         twist: ArrayLike | None,
         leaf: ArrayLike | None,
         gain: float | None,
-        bounds: Bounds | None = None,
+        bounds: StepLimits | None = None,
     ) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
             q = vector(q, n, "q")
@@ -150,11 +150,11 @@ def checked(
     ) -> tuple[Array, float, float]:
         damping = positive(damping, "damping", zero=True)
         most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n)
-        following = step(q, target, dt, twist, leaf, gain, Bounds(most, damping))
+        following = step(q, target, dt, twist, leaf, gain, StepLimits(most, damping))
         return following, *law.report()
 
     velocity = checked_velocity(n, task.m, law.velocity)
-    return Loop(velocity, step, bounded, inverses, velocities)
+    return FastLoop(velocity, step, bounded, inverses, velocities)
 
 
 def as_gain(gain: float, dt: float) -> float:

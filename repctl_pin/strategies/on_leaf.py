@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, percentage, vector
+from ..arguments import Array, percentage, vector
 from ..errors import InputError, SingularityError
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
@@ -108,29 +107,6 @@ def solve(
         if part < _SHORTEST:
             raise _unreached(inverse, target, q, done)
     return q
-
-
-def solve_all(
-    inverse: WithPotentials,
-    targets: Sequence[Placement],
-    q0: ArrayLike,
-    leaf: ArrayLike | None = None,
-) -> Array:
-    """Evaluate q = F(x; c) for many targets, each from q0: (K, n).
-
-    Raises
-    ------
-    InputError
-        If a target cannot be reached; it is named by its number, from 0.
-    """
-    targets = list_of(targets, "targets", "a list of placements")
-    Q = np.empty((len(targets), inverse.task.n))
-    for k, target in enumerate(targets):
-        try:
-            Q[k] = solve(inverse, target, q0, leaf)
-        except InputError as error:
-            raise InputError(f"target {k}: {error}") from None
-    return Q
 
 
 def _newton(

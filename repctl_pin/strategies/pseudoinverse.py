@@ -176,7 +176,7 @@ def least_speed(
     m, n = task.m, task.n
     J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
     multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
-    jacobian = in_place(task, J, rhs).jacobian
+    jacobian, *_ = in_place(task, J, rhs)
     tolerance = WELL_CONDITIONED**2
 
     def velocity(q: Array, xdot: Array) -> Array:

@@ -7,12 +7,14 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import (
     Array,
     as_configurations,
     as_matrices,
+    list_of,
     require_choice,
     require_type,
     row,
@@ -25,8 +27,8 @@ from ..robot.chain_formulas import Placement
 from ..robot.task import Task
 from ..threads import PerThread
 from .control_step import python_loops
-from .fast_loop import Loop
-from .on_leaf import solve, solve_all
+from .fast_loop import FastLoop
+from .on_leaf import solve
 from .pseudoinverse import at_rows, redundant
 from .strategy import Step, described
 
@@ -91,7 +93,7 @@ class RepeatableInverse:
         potentials: Potentials,
         *,
         region: Bounded | None = None,
-        loops: Callable[[Task, Potentials], Callable[[], Loop]] = python_loops,
+        loops: Callable[[Task, Potentials], Callable[[], FastLoop]] = python_loops,
     ) -> None:
         potentials = require_type(
             potentials,
@@ -328,8 +330,21 @@ class RepeatableInverse:
         *,
         leaf: ArrayLike | None = None,
     ) -> Array:
-        """Solve f(q) = x on a leaf for many targets, each from q0: (K, n)."""
-        return solve_all(self, targets, q0, leaf)
+        """Solve f(q) = x on a leaf for many targets, each from q0: (K, n).
+
+        Raises
+        ------
+        InputError
+            If a target cannot be reached; it is named by its number, from 0.
+        """
+        targets = list_of(targets, "targets", "a list of placements")
+        Q = np.empty((len(targets), self.task.n))
+        for k, target in enumerate(targets):
+            try:
+                Q[k] = solve(self, target, q0, leaf)
+            except InputError as error:
+                raise InputError(f"target {k}: {error}") from None
+        return Q
 
     def __getstate__(self) -> dict[str, Any]:
         return {

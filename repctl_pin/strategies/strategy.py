@@ -57,22 +57,14 @@ def described(strategy: object, task: Task, details: str = "") -> str:
 
 
 @runtime_checkable
-class Batched(Protocol):
-    """An inverse that is evaluated at many configurations at once."""
-
-    @property
-    def task(self) -> Task:
-        """Task that is controlled."""
-
-    def batch(self, Q: Array, J: Array | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
-
-
-class Inverse(Strategy, Batched, Protocol):
+class Inverse(Strategy, Protocol):
     """A strategy of the form ``q̇ = G(q) ẋ`` (3) with ``J G = I``."""
 
     def __call__(self, q: Array) -> Array:
         """Evaluate G (n, m)."""
+
+    def batch(self, Q: Array, J: Array | None = None) -> Array:
+        """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
 
 
 @runtime_checkable

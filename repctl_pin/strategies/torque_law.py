@@ -85,12 +85,11 @@ def torque_law(
     memory, rhs, errors = np.zeros(n * n), np.zeros(2 * n), np.zeros(2 * m)
     J_V, y = memory.reshape((n, n), order="F"), rhs.reshape((n, 2), order="F")
     pair = errors.reshape((2, m))  # e, and its rate
-    rates, bent, gap = np.zeros(n), np.zeros(n), np.zeros(n - m)
+    rates, bent, away = np.zeros(n), np.zeros(n), np.zeros(n - m)
     J, error, lag, hdot = J_V[:m], pair[0], pair[1], rates[m:]
     xddot, hddot, disturbance = y[:m, 0], y[m:, 0], y[m:, 1]
-    kinematics = fast_kinematics.in_place(task, J, error)
-    h = fast_potentials.in_place(potentials, J_V[m:], gap)
-    jacobian, slope, velocity = kinematics.jacobian, h.slope, kinematics.task_velocity
+    jacobian, aim, velocity = fast_kinematics.in_place(task, J, error)
+    slope, gap = fast_potentials.in_place(potentials, J_V[m:], away)
     K, rows, twice = (
         gains.stiffness,
         np.sqrt(gains.stiffness)[:, None],
@@ -145,8 +144,8 @@ def torque_law(
     ) -> Array:
         curvature(q, qdot)
         evaluate(q)
-        kinematics.error(target)
-        h.gap(leaf)
+        aim(target)
+        gap(leaf)
         dgemv(1.0, J_V, qdot, 0.0, rates, overwrite_y=1)
         np.negative(rates[:m], lag)
         if twist is not None:
@@ -154,7 +153,7 @@ def torque_law(
         size = ddot(memory, memory) + ddot(errors, errors) + ddot(M.ravel(), M.ravel())
         if not size < inf:
             raise not_finite()
-        pull = spring * gap - damper * hdot
+        pull = spring * away - damper * hdot
         xddot[:], hddot[:] = hand(M), pull
         daxpy(bent, rhs, n, -1.0)
         disturbance[:] = 0.0 if observer is None else kappa * (hdot - observer.state)

@@ -7,7 +7,8 @@ import numpy as np
 from ..arguments import Array
 from ..design import Design
 from ..errors import InputError, SingularityError
-from ..motion import LeafLock, Motion, TaskPath, follow, least_closed_motion
+from ..motion import LeafLock, Motion, follow, least_closed_motion
+from ..paths import TaskPath
 
 _POINTS = 32
 """Number of points per cycle of each compared motion."""

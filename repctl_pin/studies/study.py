@@ -15,8 +15,8 @@ from ..arguments import Array, as_int, function, moved, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
-from ..motion import Motion, TaskPath, check_length, follow
-from ..paths.task_path import Cycle
+from ..motion import Motion, check_length, follow
+from ..paths import Cycle, TaskPath
 from ..problem import (
     PERIOD,
     Problem,
@@ -147,8 +147,6 @@ def study(
     say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
     problem = robot if isinstance(robot, Problem) else Problem(robot)
-    task = problem.task
-    _ = problem.cycle  # refuses a problem without a path
     task = problem.task
     _ = problem.cycle  # refuses a problem without a path
     degree, long = choose_degree(task, degree)

@@ -11,9 +11,10 @@ from ..arguments import Array, read_only, require_choice
 from ..certificate import proved_words
 from ..design import Design
 from ..errors import InputError
-from ..motion import Motion, TaskPath, elbow, timed
+from ..motion import Motion, elbow, timed
 from ..motion.joint_motion import Violation, violations_of
 from ..motion.limits import Limits, presumed_acceleration
+from ..paths import TaskPath
 from ..regions import Region
 from ..robot.mechanism import Mechanism
 from ..robot.task import Task

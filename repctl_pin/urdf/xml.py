@@ -129,11 +129,11 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
         )
 
 
-def _some(names: Iterable[str], most: int = 3) -> str:
-    """Write the first few distinct names, and how many more there are."""
+def _some(names: Iterable[str]) -> str:
+    """Write the first three distinct names, and how many more there are."""
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
-    more = f" and {len(different) - most} more" if len(different) > most else ""
-    return ", ".join(different[:most]) + more
+    more = f" and {len(different) - 3} more" if len(different) > 3 else ""
+    return ", ".join(different[:3]) + more
 
 
 def _prefix(element: etree._Element) -> str | None:
@@ -248,9 +248,9 @@ def label(element: etree._Element) -> str:
     )
 
 
-def short(text: str, most: int = 60) -> str:
-    """Quote a value for a message, cut to ``most`` characters."""
-    return repr(text if len(text) <= most else text[: most - 1] + "…")
+def short(text: str) -> str:
+    """Quote a value for a message, cut to 60 characters."""
+    return repr(text if len(text) <= 60 else text[:59] + "…")
 
 
 def one_line(text: str) -> str:

@@ -897,6 +897,8 @@ class Violation:
     def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
         return 0.9 * rp.Pseudoinverse(self.task).batch(Q, J)
 
+    __call__ = velocity = batch
+
 
 def test_an_inverse_that_is_none_is_refused_with_the_residual(
     panda_pose: rp.Task,

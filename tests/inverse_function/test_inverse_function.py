@@ -404,15 +404,15 @@ def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> 
         Chart(cell, monomials, rng.normal(size=(monomials.size, task.n, 1 + task.r)))
     )
     V_T, e = np.zeros((task.n, task.n), order="F")[: task.r], np.zeros(task.r)
-    quick = potentials.in_place(V_T, e)
+    write_slope, write_gap = potentials.in_place(V_T, e)
     for _ in range(3):
         q, c, d = (
             Q_PANDA + 0.1 * rng.normal(size=task.n),
             rng.normal(size=task.r),
             rng.normal(size=task.n),
         )
-        quick.slope(q)
-        quick.gap(c)
+        write_slope(q)
+        write_gap(c)
         size = np.abs(V_T).max()
         assert np.allclose(V_T, potentials.gradient(q).T, rtol=0, atol=1e-12 * size)
         assert np.allclose(e, c - potentials.value(q), rtol=0, atol=1e-12 * size)

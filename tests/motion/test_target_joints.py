@@ -24,7 +24,8 @@ def joints_of(
     inverse: rp.RepeatableInverse, target: pin.SE3, upper: np.ndarray = FREE
 ) -> np.ndarray | None:
     joints = target_joints.TargetJoints(
-        inverse, governor_law.Bounds(FREE, FREE, FREE, -FREE, upper, 0.001, 0.004)
+        inverse,
+        governor_law.CommandLimits(FREE, FREE, FREE, -FREE, upper, 0.001, 0.004),
     )
     joints.start(Q0, inverse.leaf(Q0))
     for _ in range(100):

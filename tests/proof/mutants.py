@@ -218,10 +218,13 @@ CELLS = {
 
 CHAIN = {
     "the base on the other side": (
-        "o = o - _combined(R, chain.p",
-        "o = o + _combined(R, chain.p",
+        "o = o - combined(R, chain.p",
+        "o = o + combined(R, chain.p",
     ),
-    "joints towards the base turn forwards": ("R, o, -theta[", "R, o, theta["),
+    "joints towards the base turn forwards": (
+        "position = -theta[",
+        "position = theta[",
+    ),
     "the frame's place forgotten": (
         "_applied(R_b, pose[0]) - p2",
         "_applied(R_b, pose[0])",
@@ -325,8 +328,8 @@ ARM = {
     ),
     "the elbow's force without ρ": ("alpha = (rho * lever) * a", "alpha = lever * a"),
     "the wrist's force without 1/ρ": (
-        "_dot(w, e) * inverse * lever",
-        "_dot(w, e) * lever",
+        "dot(w, e) * inverse * lever",
+        "dot(w, e) * lever",
     ),
     "t on the other side": ("rho * (rho - along)", "rho * (rho + along)"),
     "r × w for w × r": ("w.combined(-skew(", "w.combined(skew("),
@@ -342,11 +345,14 @@ ARM = {
         "cross(points[f] - origins[joint], forces[f])",
         "cross(points[f], forces[f])",
     ),
-    "prismatic joints turn": ("o = o + one * axes[joint]", "pass"),
+    "prismatic joints turn": (
+        "a[joint], chain.revolute[joint], R",
+        "a[joint], True, R",
+    ),
     "couplings forgotten": ("one.scaled(chain.S[joint, i])", "one"),
     "offsets forgotten": (
-        "np.tile(chain.o, (len(Q), 1))",
-        "0 * np.tile(chain.o, (len(Q), 1))",
+        "theta + fixed(theta, chain.o)",
+        "theta",
     ),
     "no terms of higher degree": ("np.abs(P[..., 1 + k :]).sum(axis=-1) + r", "r"),
     "half of the terms of higher degree": (

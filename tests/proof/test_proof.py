@@ -447,7 +447,7 @@ def test_boxes_against_ball_arithmetic(panda_design: rp.Design) -> None:
     from arb_margin import leaf_margin_in_balls
 
     task, box = panda_design.task, panda_design.region
-    problem: kernels.LeafMargin = kernels.leaf_margin_of(
+    problem: kernels.LeafMarginProblem = kernels.leaf_margin_of(
         task, panda_design.inverse.potentials, box
     )
     rng = np.random.default_rng(0)

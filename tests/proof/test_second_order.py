@@ -141,7 +141,7 @@ def powers(task: rp.Task, degree: int) -> rp.Design:
 
 def problems(
     folder: Path, panda: rp.Task
-) -> list[tuple[kernels.LeafMargin, rp.Design]]:
+) -> list[tuple[kernels.LeafMarginProblem, rp.Design]]:
     """Leaf margins to bound: r = 1, 2 and 3, with prismatic joints, of high degree."""
     designs = [
         curved(panda, 4, 0.3, 0.05),
@@ -164,7 +164,9 @@ def wide_boxes(design: rp.Design, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def differs(
-    cases: list[tuple[kernels.LeafMargin, rp.Design]], library: ctypes.CDLL, count: int
+    cases: list[tuple[kernels.LeafMarginProblem, rp.Design]],
+    library: ctypes.CDLL,
+    count: int,
 ) -> float:
     """The largest difference of C's bounds from NumPy's."""
     most = 0.0

@@ -52,17 +52,17 @@ def test_in_place_kinematics_are_the_tasks_own(
         plain.in_coordinates(np.eye(7) + np.tril(0.2 * np.ones((7, 7)), -1)),
     ):
         J, e = np.empty((task.m, 7), order="F"), np.empty(task.m)
-        quick = task_in_place(task, J, e)
+        jacobian, error, task_velocity = task_in_place(task, J, e)
         for _ in range(5):
             q = (
                 q_panda if task is plain else task.coordinates.coordinates(q_panda)
             ) + 0.3 * rng.normal(size=7)
             target, twist = pin.SE3.Random(), rng.normal(size=6)
-            quick.jacobian(q)
+            jacobian(q)
             assert np.allclose(J, task.jacobian(q), rtol=0, atol=1e-14)
-            quick.jacobian(q)
-            rate = quick.task_velocity(twist)
-            quick.error(target)
+            jacobian(q)
+            rate = task_velocity(twist)
+            error(target)
             assert np.allclose(e, task.error(q, target), rtol=0, atol=1e-13)
             assert np.allclose(rate, task.task_velocity(q, twist), rtol=0, atol=1e-14)
 
@@ -76,12 +76,12 @@ def test_homogeneous_tensors_are_the_polynomials(degree: int, n: int, r: int) ->
     A = rng.normal(size=(potentials.size, r))
     h = potentials.weighted(A)
     V_T, gap = np.empty((r, n)), np.empty(r)
-    quick = field_in_place(h, V_T, gap)
+    slope, write_gap = field_in_place(h, V_T, gap)
     for q in potentials.center + rng.uniform(-1, 1, (6, n)) * potentials.scale:
         value = potentials.values(q[None])[0] @ A
         V = potentials.gradients(q[None])[0] @ A
-        quick.slope(q)
-        quick.gap(np.arange(r, dtype=float))
+        slope(q)
+        write_gap(np.arange(r, dtype=float))
         for found in (h.gradient(q), V_T.T):
             assert np.allclose(found, V, rtol=1e-10, atol=1e-10)
         for found in (h.value(q), np.arange(r) - gap):

@@ -34,7 +34,8 @@ from ...arguments import (
     vector,
 )
 from ...errors import InputError
-from ...motion import TaskPath, elbow
+from ...motion import elbow
+from ...paths import TaskPath
 from ...robot.length import arm_length
 from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
