@@ -4,6 +4,7 @@ along a leaf."""
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ from controls import control
 
 import repctl_pin as rp
 from repctl_pin.motion.leaf_direction import leaf_direction
+from repctl_pin.motion.target_joints import TargetJoints
 
 Q0 = np.array([0.3, 0.8, 0.8])
 
@@ -40,30 +42,25 @@ GOAL, BENT = (-0.6, -0.9), (1.51, -1.59)
 """m; on the way to the second, joints are nearer to their limits than at either end."""
 
 
-def rest(
-    target: pin.SE3, *, margin: float = 0.0, twists: object = (), dt: float = 0.01
-) -> tuple[np.ndarray, rp.Status, bool]:
-    """Where a governor comes to rest with a target, from Q0, after 1.5 s of each twist; and whether
-    the straight line was blocked."""
-    limits = rp.Limits(acceleration=6.0, jerk=400.0)
-    governor = rp.Governor(inverse(), dt, limits, margin=margin)
+def rest(*targets: tuple[float, float], margin: float = 0.0, ticks: int = 400):
+    """Where a governor comes to rest that is given targets one after the other, from Q0; and what
+    it said of the last one."""
+    limits = rp.Limits(velocity=8.0, acceleration=60.0, jerk=6000.0)
+    governor = rp.Governor(inverse(), 0.01, limits, margin=margin)
     governor.start(Q0)
-    for twist in twists:  # type: ignore[attr-defined]
-        for _ in range(150):
-            governor.step(twist=twist)
-    said = []
-    while len(said) < 300 and rp.Status.OK not in said:
-        q, status = governor.step(target)
-        said.append(status)
-    blocked = said.count(rp.Status.SINGULAR) + said.count(rp.Status.LIMIT) > 15
-    return q, status, blocked
+    for target in targets:
+        said = []
+        while len(said) < ticks and rp.Status.OK not in said:
+            q, status = governor.step(moved(*target))
+            said.append(status)
+    return q, said
 
 
 def test_they_are_those_of_small_steps_along_the_line() -> None:
     assert np.abs(line(*GOAL)[-1] - Q0).max() > 0.5
-    for twists in ((), [(-0.3, 0.2, 0, 0, 0, 0)]):  # whatever the arm did before
-        q, status, blocked = rest(moved(*GOAL), twists=twists)
-        assert status is rp.Status.OK and not blocked
+    for before in ((), [(0.3, -0.3)]):  # wherever the arm was before
+        q, said = rest(*before, GOAL)
+        assert said[-1] is rp.Status.OK
         np.testing.assert_allclose(q, line(*GOAL)[-1], atol=1e-6)
 
 
@@ -72,19 +69,30 @@ def test_a_target_whose_line_is_beyond_a_limit_is_not_reached() -> None:
     margins = task.limit_margin(line(*BENT)).min(axis=1)
     least = float(margins.min())
     assert least < min(margins[0], margins[-1]) - 0.15
-    q, status, _ = rest(moved(*BENT), margin=least - 0.01)
-    assert status is rp.Status.OK
+    q, said = rest(BENT, margin=least - 0.01)
+    assert said[-1] is rp.Status.OK
     np.testing.assert_allclose(q, line(*BENT)[-1], atol=1e-6)
-    q, status, blocked = rest(moved(*BENT), margin=least + 0.08)
-    assert status is rp.Status.LIMIT and blocked
+    q, said = rest(BENT, margin=least + 0.08, ticks=200)
+    assert said[-1] is rp.Status.LIMIT
     assert task.limit_margin(q).min() >= least + 0.08 - 1e-9
 
 
-def test_where_the_line_is_blocked_the_joints_are_found_along_the_leaf() -> None:
-    rng = np.random.default_rng(204)  # to where home is behind a singularity
-    twists = [np.concatenate([rng.normal(size=2), np.zeros(4)]) for _ in range(2)]
-    q, status, blocked = rest(moved(0.0, 0.0), twists=twists, margin=0.01)
-    assert blocked and status is rp.Status.OK and np.abs(q - Q0).max() < 1e-6
+def test_they_are_found_from_the_start_alone() -> None:
+    """What a governor looks for where it is blocked: the end of the line, if all of it is within
+    reach and limits."""
+
+    def found(target: tuple[float, float], upper: float) -> np.ndarray | None:
+        limits = SimpleNamespace(lower=np.full(3, -9.0), upper=np.full(3, upper))
+        joints = TargetJoints(inverse(), limits)
+        joints.start(Q0, inverse().leaf(Q0))
+        for _ in range(100):
+            joints.look_for(moved(*target))
+        assert joints.known
+        return joints.found
+
+    highest = line(*GOAL).max()
+    np.testing.assert_allclose(found(GOAL, highest + 0.1), line(*GOAL)[-1], atol=1e-9)
+    assert found(GOAL, highest - 0.1) is None and found((5.0, 5.0), 9.0) is None
 
 
 def test_the_direction_is_along_the_leaf_and_around_a_singularity() -> None:
