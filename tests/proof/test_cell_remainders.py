@@ -3,23 +3,21 @@ one that is too small is caught."""
 
 from __future__ import annotations
 
-import ctypes
 from copy import copy
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
-from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, source, wrong
+from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, compiled, source, wrong
+from second_order import monomials
 from sectors import sector_of
 
 import repctl_pin as rp
-from repctl_pin.c_library import loaded_library
-from repctl_pin.inverse_function import chart as charts
-from repctl_pin.inverse_function import monomials as polynomials
 from repctl_pin.proof import (
     cell_kernel,
     cell_poses,
@@ -40,12 +38,12 @@ SCALES = [(0.1, 1e-4, 0.05), (1e-4, 0.1, 0.05), (0.1, 0.4, 0.05), (1e-4, 0.4, 1e
 
 
 @pytest.fixture(scope="module")
-def chart() -> charts.Chart:
+def chart() -> Any:
     return chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE)
 
 
 @pytest.fixture(scope="module")
-def plain(chart: charts.Chart) -> cells.CellProof:
+def plain(chart: Any) -> cells.CellProof:
     return cells.CellProof(chart, compiled=False)
 
 
@@ -77,10 +75,10 @@ def points_in(boxes: Boxes, trial: int) -> np.ndarray:
 def test_poses_are_those_of_the_cell(cell: rp.Cell) -> None:
     Uc, h = boxes_of(cell.k, 12)
     p, R = cell_poses.Poses.of(cell).at(Uc, h)
-    monomials, used = polynomials.Monomials(cell.k, 3), 0.0
+    used = 0.0
     for trial in range(12):
         t = points_in((Uc, h), trial)
-        T = monomials.values(t)
+        T = monomials(t)
         true_p, true_R = cell.placements(Uc + h * t)
         for model, true in ((p, true_p), (R, np.swapaxes(true_R, 1, 2))):
             off = np.abs(np.einsum("K...m,Km->K...", model.P, T) - true)
@@ -105,13 +103,10 @@ def screws_off(
     dJ = np.zeros((count, n, chain.N, chain.N))
     dJ[:, :, :6] = np.swapaxes(screws.slopes(chain, *screws.screws(chain, theta)), 2, 3)
     rest = problem._rest(A, dJ, theta, reference.reach, g)
-    monomials, used = (
-        polynomials.Monomials(k, 3),
-        dict.fromkeys(("chart", "J", "beside", "ξ"), 0.0),
-    )
+    used = dict.fromkeys(("chart", "J", "beside", "ξ"), 0.0)
     for trial in range(30):
         t = points_in((Uc, h), trial)
-        T = monomials.values(t)
+        T = monomials(t)
 
         def ratio(
             name: str, off: np.ndarray, bound: np.ndarray, used: dict[str, float] = used
@@ -397,7 +392,7 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
 
 
 def test_both_kernels_give_the_same_enclosures(
-    chart: charts.Chart, plain: cells.CellProof, quick_compiler: None
+    chart: Any, plain: cells.CellProof, quick_compiler: None
 ) -> None:
     compiled = cells.CellProof(chart)
     if compiled._kernel is None:
@@ -423,7 +418,7 @@ def test_both_kernels_give_the_same_enclosures(
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_wrong_term_in_c_is_noticed() -> None:
+def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
     right = cells.CellProof(
         chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256)
     )
@@ -440,15 +435,15 @@ def test_a_wrong_term_in_c_is_noticed() -> None:
             source(one, piece, instead) if one == file else source(one, "", "")
             for one in cell_kernel.SOURCES
         ]
-        path = loaded_library("\n".join(texts), ("-std=c99", "-O1", "-fPIC", "-shared"))
-        changed, _, other = cell_kernel.Kernel(right, ctypes.CDLL(path)).bounds(U, h)
+        library = compiled("\n".join(texts), tmp_path)
+        changed, _, other = cell_kernel.Kernel(right, library).bounds(U, h)
         same = np.allclose(reach, other, rtol=1e-5, atol=1e-7, equal_nan=True)
         same &= np.allclose(bounds.leaf_margin, changed.leaf_margin, rtol=1e-5)
         assert not same, name
 
 
 def test_a_cell_is_proved_without_a_compiler_too(
-    chart: charts.Chart, monkeypatch: pytest.MonkeyPatch
+    chart: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cells, "library", lambda: None)
     problem = cells.CellProof(chart)

@@ -11,14 +11,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 from arms import planar_task, spatial_task
-from mutants import NUMPY, POTENTIALS, C, source, wrong
+from mutants import NUMPY, POTENTIALS, C, compiled, source, wrong
 from proofs import design_of
 from second_order import Ratios, crossed, in_chain, made_up, worst
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.c_library import loaded_library
-from repctl_pin.potentials.polynomial import PolynomialMap
 from repctl_pin.proof import leaf_margin_bounds as kernels
 
 HELD = 1 + 1e-6
@@ -126,14 +124,13 @@ def powers(task: rp.Task, degree: int) -> rp.Design:
     """A design of one linear potential and a power of one joint: one term, nothing cancels."""
     q = task.reference + 0.3 * np.arange(task.n)
     along = redundancy.nullspace(task.jacobian(q))[:, 0]
-    terms = {
-        tuple(row): np.array([v])
-        for row, v in zip(np.eye(3, dtype=int), along, strict=True)
-    }
-    field = PolynomialMap(
-        q, np.full(3, 0.6), degree, terms | {(degree, 0, 0): np.array([0.1])}
-    )
-    return design_of(task, field, rp.Box(q, 0.6))
+    potentials = rp.Polynomial(q, degree, 0.6)
+    A = np.zeros((potentials.size, 1))
+    power = 0.1 * np.polynomial.legendre.poly2leg(np.eye(degree + 1)[degree])
+    for k, part in enumerate(power[1:], 1):  # in the basis's own Legendre polynomials
+        A[(potentials.exponents == [k, 0, 0]).all(axis=1)] = part / np.sqrt(2 * k + 1)
+    A[:3, 0] += along / np.sqrt(3)
+    return design_of(task, potentials.weighted(A), rp.Box(q, 0.6))
 
 
 # ---- C -----------------------------------------------------------------------------------------
@@ -197,4 +194,4 @@ def test_a_wrong_term_in_c_is_noticed(panda_pose: rp.Task, tmp_path: Path) -> No
     cases = problems(tmp_path, panda_pose)
     for name, (piece, instead) in C.items():
         text = source("leaf_margin_bounds.c", piece, instead)
-        assert differs(cases, ctypes.CDLL(loaded_library(text)), 60) > 1e-6, name
+        assert differs(cases, compiled(text, tmp_path), 60) > 1e-6, name
