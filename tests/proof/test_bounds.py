@@ -25,9 +25,7 @@ from second_order import Ratios, crossed, in_chain, made_up, worst
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.proof import chain as chains
-from repctl_pin.proof import leaf_margin_bounds as kernels
-from repctl_pin.proof import regions, remainder, screws
+from repctl_pin.proof import chain, leaf_margin_bounds, regions, remainder, screws
 
 TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "pose, r = 1": lambda folder: spatial_task(7, folder, kind="pose", seed=3),
@@ -56,7 +54,7 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(
     q = regular_start(task)
     box = rp.Box(q, 0.1)
     design = design_of(task, near_null_space(task, q, 0.1, 1), box)
-    problem = kernels.leaf_margin_of(task, design.inverse.potentials, box)
+    problem = leaf_margin_bounds.leaf_margin_of(task, design.inverse.potentials, box)
     rng, some = np.random.default_rng(2), 0
     for width in (1e-9, 1e-4, 3e-3, 0.01, 0.03):
         Q = q + rng.uniform(-0.05, 0.05, (12, task.n))
@@ -88,27 +86,27 @@ def test_screws_have_the_null_space_of_the_task_seen_from_every_link(
     case: str, tmp_path: Path
 ) -> None:
     task = TASKS[case](tmp_path)
-    q, whole = regular_start(task), chains.chain_of(task)
+    q, whole = regular_start(task), chain.chain_of(task)
     for middle in range(len(whole.p) + 1):
-        chain = whole.seen_from(middle, 0.3)
+        links = whole.seen_from(middle, 0.3)
 
-        def columns(q: np.ndarray, chain: object = chain) -> np.ndarray:
-            theta = chain.S[:, : chain.n] @ q + chain.o
+        def columns(q: np.ndarray, links: object = links) -> np.ndarray:
+            theta = links.S[:, : links.n] @ q + links.o
             return np.einsum(
-                "lx,lc->xc", screws.screws(chain, theta[None])[0][0], chain.S
+                "lx,lc->xc", screws.screws(links, theta[None])[0][0], links.S
             )
 
         J = columns(q)
-        still = np.linalg.qr(J[:, chain.n :], mode="complete")[0][
-            :, chain.N - chain.n :
+        still = np.linalg.qr(J[:, links.n :], mode="complete")[0][
+            :, links.N - links.n :
         ]
         ours, theirs = (
-            np.linalg.svd(still.T @ J[:, : chain.n])[2][: task.m],
+            np.linalg.svd(still.T @ J[:, : links.n])[2][: task.m],
             np.linalg.svd(task.jacobian(q))[2],
         )
         assert np.abs(ours @ theirs[task.m :].T).max() < 1e-9
-        theta = chain.S[:, : chain.n] @ q + chain.o
-        by_bracket = screws.slopes(chain, *screws.screws(chain, theta[None]))[
+        theta = links.S[:, : links.n] @ q + links.o
+        by_bracket = screws.slopes(links, *screws.screws(links, theta[None]))[
             0
         ]  # (n, N, 6)
         for j, e in enumerate(1e-6 * np.eye(task.n)):
@@ -142,11 +140,11 @@ def test_a_tube_s_boxes_cover_it_and_hardly_overlap() -> None:
 def worst_ratio(task: rp.Task, count: int = 120) -> float:
     """The largest ratio of an actual remainder of a screw to its bound, over random boxes and
     corners of them."""
-    whole, rng, worst = chains.chain_of(task), np.random.default_rng(0), 0.0
+    whole, rng, worst = chain.chain_of(task), np.random.default_rng(0), 0.0
     P, moves = len(whole.p), whole.S[:, : task.n].any(axis=1)
     for trial in range(count):
-        chain = whole.seen_from(int(rng.integers(P + 1)), float(rng.uniform()))
-        chain = replace(chain, S=np.eye(P), n=P)  # every joint by itself
+        links = whole.seen_from(int(rng.integers(P + 1)), float(rng.uniform()))
+        links = replace(links, S=np.eye(P), n=P)  # every joint by itself
         theta = rng.uniform(-2, 2, (1, P))
         eta = (
             rng.uniform(0, 1.0, (1, P))
@@ -158,12 +156,12 @@ def worst_ratio(task: rp.Task, count: int = 120) -> float:
             if trial % 2
             else eta * rng.uniform(-1, 1, P)
         )
-        here, tip = screws.screws(chain, theta)
-        there, _ = screws.screws(chain, theta + delta)
+        here, tip = screws.screws(links, theta)
+        there, _ = screws.screws(links, theta + delta)
         rest = (there - here)[0] - np.einsum(
-            "j,jlx->lx", delta[0], screws.slopes(chain, here, tip)[0]
+            "j,jlx->lx", delta[0], screws.slopes(links, here, tip)[0]
         )
-        linear, angular = remainder.remainders(chain, theta, eta)
+        linear, angular = remainder.remainders(links, theta, eta)
         for actual, bound in ((rest[:, :3], linear[0]), (rest[:, 3:], angular[0])):
             worst = max(
                 worst, float((np.linalg.norm(actual, axis=1) / (bound + 1e-12)).max())
@@ -237,7 +235,9 @@ def made_up_ratios(module: ModuleType, count: int) -> Iterator[Ratios]:
 
 
 def test_every_bound_is_attained_where_all_terms_have_the_worst_signs() -> None:
-    found = worst([ratios for seed in range(40) if (ratios := made_up(kernels, seed))])
+    found = worst(
+        [ratios for seed in range(40) if (ratios := made_up(leaf_margin_bounds, seed))]
+    )
     for name, ratio in found.items():
         assert 0.999 < ratio <= HELD, name
 
@@ -245,7 +245,11 @@ def test_every_bound_is_attained_where_all_terms_have_the_worst_signs() -> None:
 @pytest.mark.parametrize("r", [1, 2, 3])
 def test_every_bound_holds_in_boxes_of_general_position(r: int) -> None:
     for width in (0.001, 0.01, 0.03):
-        boxes = [b for seed in range(20) if (b := crossed(kernels, seed, r, width))]
+        boxes = [
+            b
+            for seed in range(20)
+            if (b := crossed(leaf_margin_bounds, seed, r, width))
+        ]
         assert len(boxes) > 8 and max(worst(boxes).values()) <= HELD
         if width == 0.001:
             assert min(worst(boxes).values()) > 0.5
@@ -284,7 +288,8 @@ def test_bounds_hold_and_are_nearly_attained_on_planar_arms(
 ) -> None:
     design = curved(planar_task((1.0, 0.9, 0.8), tmp_path), degree, 0.6)
     parts = [
-        in_chain(kernels, design, width, 1, boxes=16) for width in (0.02, 0.1, 0.3)
+        in_chain(leaf_margin_bounds, design, width, 1, boxes=16)
+        for width in (0.02, 0.1, 0.3)
     ]
     found = worst([ratios for ratios, _ in parts if ratios])
     assert max(found.values()) <= HELD and parts[0][1] > 0.6
@@ -296,7 +301,10 @@ def test_bounds_hold_and_are_nearly_attained_on_panda(
     degree: int, panda_pose: rp.Task
 ) -> None:
     design = curved(panda_pose, degree, 0.3)
-    parts = [in_chain(kernels, design, width, 1, boxes=12) for width in (0.02, 0.3)]
+    parts = [
+        in_chain(leaf_margin_bounds, design, width, 1, boxes=12)
+        for width in (0.02, 0.3)
+    ]
     found = worst([ratios for ratios, _ in parts if ratios])
     assert max(found.values()) <= HELD and parts[0][1] > 0.6
     assert min(found[name] for name in ("π", "P", "SᵀS", "V", "bound")) > 0.9
@@ -306,7 +314,7 @@ def test_bounds_hold_and_are_nearly_attained_on_panda(
 @pytest.mark.parametrize("degree", [3, 4, 5, 6])
 def test_the_bound_of_one_power_is_attained(degree: int, tmp_path: Path) -> None:
     design = powers(planar_task((1.0, 0.9, 0.8), tmp_path), degree)
-    assert 0.9 < in_chain(kernels, design, 0.2, 1, boxes=12)[0]["V"] <= HELD
+    assert 0.9 < in_chain(leaf_margin_bounds, design, 0.2, 1, boxes=12)[0]["V"] <= HELD
 
 
 @pytest.mark.parametrize("mutant", POTENTIALS)
@@ -315,10 +323,10 @@ def test_a_wrong_bound_of_the_potentials_is_noticed(
 ) -> None:
     """Potentials of one power of one joint attain the bounds of their derivatives."""
     task, name = planar_task((1.0, 0.9, 0.8), tmp_path), "potentials.py"
-    here, (piece, instead) = kernels, POTENTIALS[mutant]
+    here, (piece, instead) = leaf_margin_bounds, POTENTIALS[mutant]
     try:
         module = wrong(monkeypatch, name, piece, instead)
-        monkeypatch.setattr(kernels, "features_of", module.features_of)
+        monkeypatch.setattr(leaf_margin_bounds, "features_of", module.features_of)
     except AssertionError:
         here = wrong(monkeypatch, "leaf_margin_bounds.py", piece, instead)
     designs = [powers(task, degree) for degree in (3, 4, 5)]
@@ -351,8 +359,10 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
     polynomial = rp.Polynomial(q, 4, 0.3)
     potentials = polynomial + rp.Fourier(task.n, 1)
     A = np.random.default_rng(0).standard_normal((potentials.size, task.r))
-    problem = kernels.leaf_margin_of(task, potentials.weighted(A), rp.Box(q, 0.1))
-    library = kernels._library()
+    problem = leaf_margin_bounds.leaf_margin_of(
+        task, potentials.weighted(A), rp.Box(q, 0.1)
+    )
+    library = leaf_margin_bounds._library()
     if library is None:
         pytest.skip("there is no C compiler")
     rng = np.random.default_rng(1)
@@ -361,8 +371,8 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
         10 ** rng.uniform(-6, -2, (200, task.n)),
     )
     C, numpy = (
-        kernels._in_c(problem, library, Q, half),
-        kernels.in_numpy(problem, Q, half),
+        leaf_margin_bounds._in_c(problem, library, Q, half),
+        leaf_margin_bounds.in_numpy(problem, Q, half),
     )
     for name in ("leaf_margin", "center", "sigma_min"):
         np.testing.assert_allclose(
@@ -373,7 +383,7 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
 
 def problems(
     folder: Path, panda: rp.Task
-) -> list[tuple[kernels.LeafMargin, rp.Design]]:
+) -> list[tuple[leaf_margin_bounds.LeafMargin, rp.Design]]:
     """Leaf margins to bound: r = 1, 2 and 3, with prismatic joints, of high degree."""
     designs = [
         curved(panda, 4, 0.3, 0.05),
@@ -382,7 +392,7 @@ def problems(
         curved(spatial_task(5, folder, seed=6), 4, 0.3),
     ]
     return [
-        (kernels.leaf_margin_of(d.task, d.inverse.potentials, d.region), d)
+        (leaf_margin_bounds.leaf_margin_of(d.task, d.inverse.potentials, d.region), d)
         for d in designs
     ]
 
@@ -396,15 +406,17 @@ def wide_boxes(design: rp.Design, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def differs(
-    cases: list[tuple[kernels.LeafMargin, rp.Design]], library: ctypes.CDLL, count: int
+    cases: list[tuple[leaf_margin_bounds.LeafMargin, rp.Design]],
+    library: ctypes.CDLL,
+    count: int,
 ) -> float:
     """The largest difference of C's bounds from NumPy's."""
     most = 0.0
     for problem, design in cases:
         boxes = wide_boxes(design, count)
         ours, theirs = (
-            kernels._in_c(problem, library, *boxes),
-            kernels.in_numpy(problem, *boxes),
+            leaf_margin_bounds._in_c(problem, library, *boxes),
+            leaf_margin_bounds.in_numpy(problem, *boxes),
         )
         assert (theirs.leaf_margin > 0).sum() > count / 10
         difference = np.abs(ours.leaf_margin - theirs.leaf_margin)
@@ -415,7 +427,7 @@ def differs(
 def test_c_and_numpy_find_the_same_bounds_in_wide_boxes(
     panda_pose: rp.Task, tmp_path: Path
 ) -> None:
-    library = kernels._library()
+    library = leaf_margin_bounds._library()
     if library is None:
         pytest.skip("there is no C compiler")
     assert differs(problems(tmp_path, panda_pose), library, 100) < 1e-8
@@ -424,7 +436,7 @@ def test_c_and_numpy_find_the_same_bounds_in_wide_boxes(
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_wrong_term_in_c_is_noticed(panda_pose: rp.Task, tmp_path: Path) -> None:
-    if kernels._library() is None:
+    if leaf_margin_bounds._library() is None:
         pytest.skip("there is no C compiler")
     cases = problems(tmp_path, panda_pose)
     for name, (piece, instead) in C.items():
@@ -441,7 +453,7 @@ def test_boxes_against_ball_arithmetic(panda_design: rp.Design) -> None:
     from arb_margin import leaf_margin_in_balls
 
     task, box = panda_design.task, panda_design.region
-    problem: kernels.LeafMargin = kernels.leaf_margin_of(
+    problem: leaf_margin_bounds.LeafMargin = leaf_margin_bounds.leaf_margin_of(
         task, panda_design.inverse.potentials, box
     )
     rng = np.random.default_rng(0)

@@ -22,11 +22,11 @@ from repctl_pin.proof import (
     cell_kernel,
     cell_poses,
     cells,
+    chain,
     commutator,
     screws,
     taylor_chain,
 )
-from repctl_pin.proof import chain as chains
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
 """A configuration of the panda in the middle of the cell."""
@@ -136,7 +136,7 @@ def screws_off(
     return used
 
 
-def seen(chain: chains.Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
+def seen(chain: chain.Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
     """Evaluate, from the middle link: J, the tool's place, the base's rotation, the tool's, and the
     base's place."""
     theta = q @ chain.S[:, : chain.n].T + chain.o
@@ -178,7 +178,7 @@ def test_an_arm_with_a_prismatic_joint_has_the_same_bounds(tmp_path: Path) -> No
     chart = chart_of(rp.Cell(task, task.placement(q), 0.02, 0.02), q, 2, 64)
     problem = cells.CellProof(chart, compiled=False)
     for middle in (2, 4):
-        problem.chain = chains.chain_of(task).seen_from(middle, 0.5)
+        problem.chain = chain.chain_of(task).seen_from(middle, 0.5)
         assert max(screws_off(problem, 8).values()) <= 1
 
 
@@ -255,7 +255,7 @@ def test_a_wrong_sign_in_a_chain_s_models_is_noticed(
 
 
 def velocities(
-    task: rp.Task, chain: chains.Chain, q: np.ndarray, other: np.ndarray
+    task: rp.Task, chain: chain.Chain, q: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """ζ (N,), the motion from q to other that closes the chain, and J ζ (T, 6) at the nodes of a
     quadrature of it, from the middle link; the rotations of a position task cancel the frame's."""
@@ -278,7 +278,7 @@ def velocities(
 
 
 def apart(
-    task: rp.Task, chain: chains.Chain, seed: int, law: ModuleType = commutator
+    task: rp.Task, chain: chain.Chain, seed: int, law: ModuleType = commutator
 ) -> np.ndarray:
     """Compare pairs of configurations at one pose with Λ: the largest shares of the integral's two
     rows, and of the largest velocity's linear one."""
@@ -314,9 +314,9 @@ def apart(
 def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
     for task in (panda(), spatial_task(7, tmp_path, kind="pose", seed=3)):
         for middle in (2, 4, 5):
-            used = apart(task, chains.chain_of(task).seen_from(middle, 0.5), middle)
+            used = apart(task, chain.chain_of(task).seen_from(middle, 0.5), middle)
             assert (used <= 1).all() and (used[:2] > 0).all()
-    used = apart(panda(), chains.chain_of(panda()).seen_from(4, 0.5), 4)
+    used = apart(panda(), chain.chain_of(panda()).seen_from(4, 0.5), 4)
     assert used.max() > 0.02  # third order: signs cancel, what is left is small
 
 
@@ -329,9 +329,9 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
 ) -> None:
     used = np.zeros(3)
     for task in (panda(kind), spatial_task(7, tmp_path, kind=kind, seed=3)):
-        chain = chains.chain_of(task)
-        for middle in (3, len(chain.p) - 1):
-            found = apart(task, chain.seen_from(middle, 0.5), middle)
+        links = chain.chain_of(task)
+        for middle in (3, len(links.p) - 1):
+            found = apart(task, links.seen_from(middle, 0.5), middle)
             used = np.maximum(used, found)
     assert (used <= 1).all()
     assert used[0] > 0.003 and used[2] > 0.1
@@ -340,22 +340,22 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
 def velocity_changes_off(task: rp.Task, law: ModuleType = commutator) -> float:
     """The largest share of the bounds that the frame's velocity changes by, joint by joint: small
     steps of any sign."""
-    whole, rng, worst = chains.chain_of(task), np.random.default_rng(0), 0.0
+    whole, rng, worst = chain.chain_of(task), np.random.default_rng(0), 0.0
     moves = whole.S[:, : task.n].any(axis=1)
     S = np.where(moves[:, None], np.eye(len(whole.p)), 0.0)
     for trial in range(120):
-        chain = whole.seen_from(1 + trial % (len(whole.p) - 1), 0.5)
+        links = whole.seen_from(1 + trial % (len(whole.p) - 1), 0.5)
         theta = rng.uniform(-1, 1, (2, len(S))) * [[0.3 if trial % 2 else 1.5], [0.02]]
         theta[1] *= moves & (rng.uniform(size=len(S)) < 0.4)
         ways = [
             (xi, tip)
             for xi, tip in (
-                screws.screws(chain, x[None]) for x in (theta[0], theta.sum(0))
+                screws.screws(links, x[None]) for x in (theta[0], theta.sum(0))
             )
         ]
         c = [(xi[0, :, :3] + np.cross(xi[0, :, 3:], tip[0]))[moves] for xi, tip in ways]
-        slide = np.where(chain.revolute, 0.0, np.abs(theta).sum(axis=0))
-        K = law.velocity_changes(chain, np.abs(theta[1:]), slide)[0, moves]
+        slide = np.where(links.revolute, 0.0, np.abs(theta).sum(axis=0))
+        K = law.velocity_changes(links, np.abs(theta[1:]), slide)[0, moves]
         worst = max(
             worst, float((np.linalg.norm(c[1] - c[0], axis=1) / (K + 1e-12)).max())
         )
@@ -383,7 +383,7 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
     found = [velocity_changes_off(arm, law) for arm in arms]
     for kind in ("axis", "position") if max(found) <= 1 else ():
         found += [
-            apart(panda(kind), chains.chain_of(panda(kind)).seen_from(3, 0.5), 3, law)
+            apart(panda(kind), chain.chain_of(panda(kind)).seen_from(3, 0.5), 3, law)
         ]
     assert np.max(np.hstack(found)) > 1
 
