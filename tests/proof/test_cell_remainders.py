@@ -449,3 +449,18 @@ def test_a_cell_is_proved_without_a_compiler_too(
     problem = cells.CellProof(chart)
     assert problem._kernel is None
     assert problem.bounds(np.zeros((1, 6)), np.full((1, 6), 0.01)).leaf_margin[0] > 0.9
+
+
+def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
+    chart: Any, quick_compiler: None
+) -> None:
+    """d* below the distance of F, or so large that F may not be the only solution within it."""
+    Uc, half = np.zeros((2, 6)), np.full((2, 6), 0.01)
+    for compiling in (True, False):
+        problem = cells.CellProof(chart, compiling)
+        assert (problem.bounds(Uc, half).leaf_margin > 0).all()
+        for near in (1e-9, 0.2):
+            problem.near = np.full(7, near)
+            if problem._kernel is not None:
+                problem._kernel = cell_kernel.Kernel(problem, cell_kernel.library())
+            assert (problem.bounds(Uc, half).leaf_margin == 0).all()

@@ -15,7 +15,7 @@ from cell_functions import chart_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.proof import cell_kernel, cells
+from repctl_pin.proof import cells
 
 
 def function_over(
@@ -243,22 +243,6 @@ def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None
         narrower = [width, *np.zeros(6)]
         np.testing.assert_allclose(lower - sector.task.lower, narrower)
         np.testing.assert_allclose(sector.task.upper - upper, narrower)
-
-
-def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
-    places: rp.CellDesign,
-) -> None:
-    """d* below the distance of F, or so large that F may not be the only solution within it."""
-    chart = places.function.chart
-    Uc, half = np.zeros((8, 3)), np.full((8, 3), 0.01)
-    for compiled in (True, False):
-        problem = cells.CellProof(chart, compiled)
-        assert (problem.bounds(Uc, half).leaf_margin > 0).all()
-        for near in (1e-9, 0.2):
-            problem.near = np.full(7, near)
-            if compiled and problem._kernel is not None:
-                problem._kernel = cell_kernel.Kernel(problem, cell_kernel.library())
-            assert (problem.bounds(Uc, half).leaf_margin == 0).all()
 
 
 @pytest.mark.slow
