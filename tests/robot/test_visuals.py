@@ -257,7 +257,7 @@ def test_materials(tmp_path: Path) -> None:
         ("file://{mesh}", [], True),
         ("{mesh}", [], True),
         ("share/my_arm/meshes/a b.stl", [], True),
-        ("http://example.org/a.stl", ["share"], False),
+        ("http://my_arm/meshes/a b.stl", ["share"], False),
         ("share", [], False),  # a folder is no mesh
     ],
 )
