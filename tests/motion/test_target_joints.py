@@ -72,7 +72,7 @@ def test_a_target_whose_line_is_beyond_a_limit_is_not_reached() -> None:
     q, said = rest(BENT, margin=least - 0.01)
     assert said[-1] is rp.Status.OK
     np.testing.assert_allclose(q, line(*BENT)[-1], atol=1e-6)
-    q, said = rest(BENT, margin=least + 0.08, ticks=200)
+    q, said = rest(BENT, margin=least + 0.08, ticks=120)
     assert said[-1] is rp.Status.LIMIT
     assert task.limit_margin(q).min() >= least + 0.08 - 1e-9
 

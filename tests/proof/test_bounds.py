@@ -367,8 +367,8 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
         pytest.skip("there is no C compiler")
     rng = np.random.default_rng(1)
     Q, half = (
-        q + rng.uniform(-0.1, 0.1, (200, task.n)),
-        10 ** rng.uniform(-6, -2, (200, task.n)),
+        q + rng.uniform(-0.1, 0.1, (100, task.n)),
+        10 ** rng.uniform(-6, -2, (100, task.n)),
     )
     C, numpy = (
         leaf_margin_bounds._in_c(problem, library, Q, half),

@@ -495,7 +495,7 @@ def test_surroundings_that_cannot_be_used_are_refused(
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("panda", 20), ("talos", 2), ("tiago", 6), ("baxter", 3), ("spatial", 20)],
+    [("panda", 20), ("tiago", 4), ("spatial", 20)],
 )
 def test_balls_and_boxes_bound_every_pair_from_below(
     name: str, count: int, tmp_path: Path
