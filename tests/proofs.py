@@ -52,6 +52,13 @@ def smallest_singular_values(task: rp.Task, Q: np.ndarray) -> np.ndarray:
     return np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1]
 
 
+def regular_start(task: rp.Task, seed: int = 0) -> np.ndarray:
+    """The configuration of some random ones at which J is farthest from losing rank."""
+    rng = np.random.default_rng(seed)
+    Q = task.reference + rng.uniform(-0.7, 0.7, (64, task.n))
+    return np.asarray(Q[np.argmax(smallest_singular_values(task, Q))])
+
+
 def near_null_space(
     task: rp.Task, q: np.ndarray, width: float, seed: int, *, rough: float = 1.0
 ) -> rp.Polynomial:

@@ -11,19 +11,29 @@ import pytest
 from arms import planar_task, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.integrability import (
-    brackets,
-    curl_form,
-    defects,
-    derivative,
-    differentiate,
-    measure,
-)
+from repctl_pin.integrability import candidate_surface, curl_form, differentiate
 
 
-def swapped(H: np.ndarray) -> np.ndarray:
-    """∂(Jᵀ)/∂q from ∂J/∂q."""
-    return np.swapaxes(H, -3, -2)
+def brackets(G: np.ndarray, dG: np.ndarray) -> np.ndarray:
+    """[g_a, g_b] (4) of G (n, m) at [a, b], from ∂G/∂q (n, m, n)."""
+    along = np.einsum("ibk,ka->abi", dG, G)
+    return along - np.swapaxes(along, 0, 1)
+
+
+def curl(task: rp.Task, q: np.ndarray) -> float:
+    """``s = n_J · ∇×n_J`` from the defect of J⁺: ``−det(J Jᵀ) n_Jᵀ Δ₁₂``, by Lemma 2 and (B6)."""
+    J, delta = task.jacobian(q), rp.bracket_defect(rp.Pseudoinverse(task), q)[0]
+    return float(-np.linalg.det(J @ J.T) * rp.redundancy.null_vector(J) @ delta)
+
+
+def relative_defect(strategy: object, q: np.ndarray) -> float:
+    """The relative defect, of which a verdict reports the largest."""
+    return float(np.linalg.norm(rp.bracket_defect(strategy, q, relative=True)))
+
+
+def by_differences(task: rp.Task) -> rp.CustomInverse:
+    """J⁺ as a function of which nothing is known."""
+    return rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q)))
 
 
 # ---- closed forms ------------------------------------------------------------------------------
@@ -33,8 +43,7 @@ def test_ppr_has_the_papers_curl_and_defect_everywhere() -> None:
     task = rp.Robot.load("ppr").task("tool", "xy")
     plain = rp.Pseudoinverse(task)
     for q in np.random.default_rng(0).uniform(-3, 3, (10, 3)):
-        J, H = task.jacobian(q), task.hessian(q)
-        n_J = rp.redundancy.null_vector(J)
+        n_J = rp.redundancy.null_vector(task.jacobian(q))
         assert (
             np.abs(
                 n_J / np.sqrt(2)
@@ -42,9 +51,7 @@ def test_ppr_has_the_papers_curl_and_defect_everywhere() -> None:
             ).max()
             < 1e-12
         )  # (41)
-        assert (
-            abs(curl_form(J.T, swapped(H)) / (n_J @ n_J) + 0.5) < 1e-12
-        )  # (42), by Lemma 2
+        assert abs(curl(task, q) / (n_J @ n_J) + 0.5) < 1e-12  # (42)
         assert abs(np.linalg.norm(rp.bracket_defect(plain, q)) - 1 / np.sqrt(8)) < 1e-12
         assert abs(rp.drift_per_area(plain, q)[0, 1] - 1 / np.sqrt(8)) < 1e-12
 
@@ -59,37 +66,27 @@ def test_prr_and_3r_have_the_papers_null_vectors_and_curls() -> None:
         assert (
             np.abs(n_J - [np.sin(c - b), -np.cos(c), np.cos(b)]).max() < 1e-12
         )  # (12)
-        s = curl_form(absolute.jacobian(q).T, swapped(absolute.hessian(q)))
-        assert abs(s - (np.cos(c) - np.cos(b))) < 1e-12  # (13)
+        assert abs(curl(absolute, q) - (np.cos(c) - np.cos(b))) < 1e-11  # (13)
         n_J = rp.redundancy.null_vector(three.jacobian(q))
         printed = [np.sin(c), -np.sin(c) - np.sin(b + c), np.sin(b) + np.sin(b + c)]
         assert np.abs(n_J - printed).max() < 1e-12  # (18)
-        s = curl_form(three.jacobian(q).T, swapped(three.hessian(q)))
-        assert (
-            abs(s - (-np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)))
-            < 1e-12
-        )  # (17)
+        s = -np.sin(b) + np.sin(c) * np.cos(b) + np.sin(c) * np.cos(b + c)
+        assert abs(curl(three, q) - s) < 1e-11  # (17)
 
 
 def test_no_gradient_vanishes_on_the_candidates_of_3r() -> None:
     """(20) on a grid, with ∂s/∂θ₂ of (19)."""
-    task = rp.Robot.load("planar3r").task("tool", "xy")
-    grid = np.linspace(-3, 3, 13)
-    Q = np.stack(np.meshgrid([0.4], grid, grid, indexing="ij"), -1).reshape(-1, 3)
-
-    def s(P: np.ndarray) -> np.ndarray:
-        return curl_form(
-            np.swapaxes(task.jacobians(P), 1, 2), swapped(task.hessians(P))
+    task, e = rp.Robot.load("planar3r").task("tool", "xy"), 1e-4
+    grid = np.linspace(-3, 3, 6)  # not 0, where the arm is stretched
+    for b, c in ((b, c) for b in grid for c in grid):
+        q = np.array([0.4, b, c])
+        first, second, _ = (
+            (curl(task, q + e * d) - curl(task, q - e * d)) / (2 * e) for d in np.eye(3)
         )
-
-    slope, _ = differentiate(s, Q, np.ones(3))
-    b, c = Q[:, 1], Q[:, 2]
-    printed = -np.cos(b) - np.sin(b) * np.sin(c) - np.sin(c) * np.sin(b + c)
-    assert np.abs(slope[:, 1] - printed).max() < 1e-10  # (19)
-    assert np.abs(slope[:, 0]).max() < 1e-10
-    right = 1 + 2 * np.sin(c) ** 2 * (2 + np.cos(c))
-    assert np.abs(s(Q) ** 2 + slope[:, 1] ** 2 - right).max() < 1e-9  # (20)
-    assert right.min() >= 1
+        printed = -np.cos(b) - np.sin(b) * np.sin(c) - np.sin(c) * np.sin(b + c)
+        assert abs(second - printed) < 1e-6 and abs(first) < 1e-6  # (19)
+        right = 1 + 2 * np.sin(c) ** 2 * (2 + np.cos(c))
+        assert abs(curl(task, q) ** 2 + second**2 - right) < 1e-5 and right >= 1  # (20)
 
 
 # ---- two derivatives that do not know each other
@@ -109,18 +106,18 @@ def test_the_formula_and_differences_agree_within_their_error(
         + 0.1
         + 0.2 * np.random.default_rng(2).uniform(-1, 1, (3, task.n))
     )
-    exact = derivative.derivative(rp.Pseudoinverse(task), Q)
-    rough = derivative.derivative(
-        rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q))), Q
-    )
-    gap = np.abs(exact.dG - rough.dG).max(axis=(1, 2))
-    assert (gap <= exact.error + rough.error).all()  # honest
-    assert (rough.error < 1e-7 * np.abs(exact.dG).max()).all()  # and accurate
-    delta = measure(rp.Pseudoinverse(task), Q).delta
-    assert (
-        np.abs(delta - defects(rough.J, rough.G, rough.dG)).max()
-        < 1e-7 * np.abs(delta).max()
-    )
+    plain, differences = rp.Pseudoinverse(task), by_differences(task)
+    for q in Q:
+        exact, rough = (rp.bracket_defect(one, q) for one in (plain, differences))
+        assert np.abs(exact - rough).max() < 1e-7 * np.abs(exact).max()  # accurate
+        box = rp.Box(q, 1e-9)
+        verdict, doubtful = (
+            rp.is_repeatable(one, box, samples=1) for one in (plain, differences)
+        )
+        assert verdict.exact and not doubtful.exact
+        assert doubtful.tolerance < 1e-5 * doubtful.defect
+        gap = abs(verdict.defect - doubtful.defect)
+        assert gap <= (verdict.tolerance + doubtful.tolerance) / 2  # and honest
 
 
 def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
@@ -129,8 +126,14 @@ def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
     q = np.random.default_rng(3).uniform(-0.5, 0.5, 6)
     J, H = task.jacobian(q), task.hessian(q)
     onto_null = np.eye(6) - np.linalg.pinv(J) @ J
-    of_transpose = brackets(J.T, swapped(H)) @ onto_null
-    delta = measure(rp.Pseudoinverse(task), q[None]).delta[0]
+    of_transpose = brackets(J.T, np.swapaxes(H, 0, 1)) @ onto_null
+    delta = np.zeros((3, 3, 6))
+    for (a, b), pair in zip(
+        ((0, 1), (0, 2), (1, 2)),
+        rp.bracket_defect(rp.Pseudoinverse(task), q),
+        strict=True,
+    ):
+        delta[a, b], delta[b, a] = pair, -pair
     gram = J @ J.T  # Jᵀ = J⁺ (J Jᵀ)
     assert np.allclose(
         of_transpose, np.einsum("pa,qb,pqi->abi", gram, gram, delta), atol=1e-12
@@ -138,18 +141,26 @@ def test_the_transpose_gives_the_same_verdict(tmp_path: Path) -> None:
     assert np.abs(of_transpose).max() > 1e-2
 
 
-def test_the_curl_form_is_the_bracket_form() -> None:
-    """(B6): g_3 · ∇×g_3 = −g_3ᵀ [g_1, g_2], for an inverse that is not J⁺."""
-    task = rp.Robot.load("planar3r").task("tool", "xy")
+def test_the_bracket_form_is_the_curl_form() -> None:
+    """(B6): g_3 · ∇×g_3 = −g_3ᵀ [g_1, g_2] with g_3 = g_1 × g_2, for an inverse that is not J⁺; the
+    defect Δ₁₂ has the bracket's part along g_3."""
+    task, e = rp.Robot.load("planar3r").task("tool", "xy"), 1e-5
+    weighted = rp.WeightedInverse(task, [1.0, 2.0, 5.0])
+
+    def g_3(q: np.ndarray) -> np.ndarray:
+        return np.cross(*weighted(q).T)
+
+    def slopes(q: np.ndarray) -> np.ndarray:
+        steps = [weighted(q + e * x) - weighted(q - e * x) for x in np.eye(3)]
+        return np.stack(steps, axis=-1) / (2 * e)
+
     for q in np.random.default_rng(4).uniform(0.4, 1.4, (5, 3)):
-        found = derivative.derivative(
-            rp.WeightedInverse(task, [1.0, 2.0, 5.0]), q[None]
-        )
-        G, dG = found.G[0], found.dG[0]
-        n_G = np.cross(G[:, 0], G[:, 1])
-        s = curl_form(G, dG)
-        assert np.isclose(s, -n_G @ brackets(G, dG)[0, 1], rtol=1e-9, atol=1e-12)
-        assert abs(s) > 1e-4
+        d = np.array([(g_3(q + e * x) - g_3(q - e * x)) / (2 * e) for x in np.eye(3)])
+        curl = [d[1, 2] - d[2, 1], d[2, 0] - d[0, 2], d[0, 1] - d[1, 0]]
+        s = g_3(q) @ curl
+        delta = rp.bracket_defect(weighted, q)[0]
+        assert np.isclose(s, curl_form(weighted(q), slopes(q)), rtol=1e-6, atol=1e-9)
+        assert np.isclose(s, -g_3(q) @ delta, rtol=1e-6, atol=1e-9) and abs(s) > 1e-4
 
 
 def test_a_weighted_inverse_has_the_defect_of_the_pseudoinverse_in_its_own_coordinates() -> (
@@ -237,10 +248,10 @@ def test_designed_inverses_have_no_defect_where_the_pseudoinverse_has(
         plain, potentials, box, options=rp.FitOptions(samples=2048)
     ).inverse
     Q = box.random(8, 1)
-    assert np.abs(measure(plain, Q).delta).max(axis=(1, 2, 3)).min() > 1e-2
-    assert np.abs(measure(inverse, Q).delta).max() < 1e-8
+    assert min(np.abs(rp.bracket_defect(plain, q)).max() for q in Q) > 1e-2
     # by differences too, which know nothing of potentials
-    assert np.abs(measure(rp.CustomInverse(task, inverse), Q).delta).max() < 1e-8
+    for one in (inverse, rp.CustomInverse(task, inverse)):
+        assert max(np.abs(rp.bracket_defect(one, q)).max() for q in Q) < 1e-8
     verdict = rp.is_repeatable(inverse, box, samples=32)
     assert verdict and verdict.exact and verdict.defect <= verdict.tolerance < 1e-8
     assert not rp.is_repeatable(plain, box, samples=32)
@@ -253,20 +264,24 @@ def test_the_relative_defect_is_free_of_units_and_axes(
     turned = q_panda + np.array(
         [0.7, 0, 0, 0, 0, 0, 0]
     )  # turns the world axes under the arm
-    here, there = measure(plain, q_panda[None]), measure(plain, turned[None])
-    assert np.isclose(here.norm[0], there.norm[0], rtol=1e-10)
-    a, b = (np.linalg.norm(m.delta[0, :3, :3], axis=-1) for m in (here, there))
+    here, there = (rp.bracket_defect(plain, q)[:3] for q in (q_panda, turned))
+    assert np.isclose(
+        relative_defect(plain, q_panda), relative_defect(plain, turned), rtol=1e-10
+    )
+    a, b = (np.linalg.norm(pairs, axis=-1) for pairs in (here, there))
     assert np.abs(a - b).max() > 0.1
     q = np.array([0.3, 0.8, -1.1])
     metres, millimetres = (
-        planar_task([1, 0.7, 0.5], tmp_path),
-        planar_task([1000, 700, 500], tmp_path),
+        rp.Pseudoinverse(planar_task(lengths, tmp_path))
+        for lengths in ([1, 0.7, 0.5], [1000, 700, 500])
     )
-    a, b = (measure(rp.Pseudoinverse(task), q[None]) for task in (metres, millimetres))
-    assert np.isclose(a.norm[0], b.norm[0], rtol=1e-9)
-    assert np.allclose(a.delta, b.delta * 1e6, rtol=1e-9)
-    pairs = rp.bracket_defect(rp.Pseudoinverse(metres), q, relative=True)
-    assert np.isclose(np.linalg.norm(pairs), a.norm[0])
+    one, other = (relative_defect(plain, q) for plain in (metres, millimetres))
+    assert np.isclose(one, other, rtol=1e-9)
+    assert np.allclose(
+        rp.bracket_defect(metres, q), 1e6 * rp.bracket_defect(millimetres, q), rtol=1e-9
+    )
+    verdict = rp.is_repeatable(metres, rp.Box(q, 0.2), samples=8)
+    assert verdict.defect == pytest.approx(relative_defect(metres, verdict.at))
 
 
 # ---- verdicts
@@ -447,12 +462,20 @@ def test_near_a_limit_the_differences_stay_inside(
     # in other coordinates too: ψ₁ alone moves two joints
     T = np.eye(7)
     T[3, 0] = 1.0
-    other = panda_pose.in_coordinates(T)
-    Q = np.linalg.solve(T, q)[None]
-    scale = derivative.inside_limits(other, Q)
-    for k, step in enumerate(np.diag(scale[0]) / 16):
-        margin = panda_pose.limit_margin((Q[0] + step) @ T.T)
-        assert (margin > 0).all() and (margin[3] < 0.6 * room) == (k in (0, 3))
+    other, asked = panda_pose.in_coordinates(T), []
+
+    def noted(psi: np.ndarray) -> np.ndarray:
+        asked.append(psi.copy())
+        return np.linalg.pinv(other.jacobian(psi))
+
+    psi = np.linalg.solve(T, q)
+    rp.bracket_defect(rp.CustomInverse(other, noted), psi)
+    steps = np.array(asked) - psi
+    assert (panda_pose.limit_margin(np.array(asked) @ T.T) > 0).all()
+    for k in range(7):
+        alone = steps[(steps != 0).sum(axis=1) * (steps[:, k] != 0) == 1]
+        nearer = np.abs(alone @ T.T).max(axis=0)[3] / room
+        assert 0.4 < nearer < 0.51 if k in (0, 3) else len(alone) and nearer == 0
 
 
 def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
@@ -463,3 +486,11 @@ def test_near_a_singularity_it_is_the_singularity_that_is_blamed() -> None:
             rp.Box([0.3, 1e-5, 1e-5], 5e-6),
             samples=4,
         )
+
+
+def test_candidates_alone_are_those_of_the_search() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    plain, box = rp.Pseudoinverse(task), rp.Box([0, 0, 0], 3)
+    found = rp.stable_surface(plain, box, samples=32)
+    alone = candidate_surface(plain, box, samples=32)
+    assert len(alone) > 10 and np.array_equal(alone, found.points)

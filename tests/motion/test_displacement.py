@@ -1,91 +1,136 @@
-"""How far bodies are off, and where the drift leads, against brute force."""
+"""How far bodies are off on a page, and where it says that the drift leads, against brute force."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
+import trimesh
+from arms import planar_urdf, spatial_urdf
+from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.motion.displacement import displacements, leaves_range
-from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.body_points import body_drift, corners
+
+Q0 = np.array([0.3, 0.8, 0.8])
+POINTS = np.random.default_rng(0).normal(size=(60, 3)) * [0.3, 0.5, 0.2]
+"""Of a body, m."""
 
 
-def test_a_body_is_off_by_the_way_of_its_farthest_point() -> None:
-    """Random bodies and placements; every point of a body, also inside it, against the corners."""
-    rng = np.random.default_rng(0)
-    bodies = [rng.normal(size=(count, 3)) for count in (1, 8, 200)]
-    before, after = (
-        np.array([[pin.SE3.Random().homogeneous for _ in bodies] for _ in range(7)])
-        for _ in range(2)
+@cache
+def made(cycles: int = 2) -> rp.Motion:
+    task = rp.Robot.load("planar3r").task(kind="xy")
+    path = rp.circle(task, Q0, 0.1)
+    return rp.follow(rp.Pseudoinverse(task), path, Q0, cycles=cycles, steps=40)
+
+
+def with_a_body(text: str, shape: str, folder: Path) -> tuple[rp.Task, rp.Task]:
+    """The tasks of an arm's tool and of its third link, which has the only body."""
+    body = (
+        '<visual><origin xyz="0.2 -0.1 0.3" rpy="0 0 0.4"/>'
+        f"<geometry>{shape}</geometry></visual></link>"
     )
-    way, which = displacements(before, after, bodies)
-    for t in range(7):
-        for s, points in enumerate(bodies):
-            moved = [after[t, s] @ [*p, 1] - before[t, s] @ [*p, 1] for p in points]
-            ways = np.linalg.norm(moved, axis=1)
-            assert way[t, s] == pytest.approx(ways.max(), abs=1e-12)
-            assert ways[which[t, s]] == pytest.approx(ways.max(), abs=1e-12)
-            inside = rng.dirichlet(np.ones(len(points)), 50) @ points
-            D = (after - before)[t, s]
-            assert (
-                np.linalg.norm(np.c_[inside, np.ones(50)] @ D.T, axis=1).max()
-                <= way[t, s] + 1e-9
-            )
+    text = text.replace('<link name="link3"/>', f'<link name="link3">{body}')
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    robot = rp.Robot.load(folder / "arm.urdf")
+    return robot.task("tool", "xy"), robot.task("link3", "xy")
 
 
-def test_what_stands_still_is_not_off() -> None:
-    place = np.array([[pin.SE3.Random().homogeneous]])
-    assert displacements(place, place, [np.ones((4, 3))])[0].tolist() == [[0.0]]
+def off(motion: rp.Motion) -> np.ndarray:
+    """How far the page says that the farthest part is off at the ends of the cycles, m."""
+    scene = read(rp.animation({"J⁺": motion}).page)[0]
+    pairs = np.array(
+        scene["arms"][0]["off"]
+    )  # at the beginning and at the end of each cycle
+    assert np.array_equal(pairs[1:, 0], pairs[:-1, 1])
+    return np.r_[pairs[:1, 0], pairs[:, 1]]
 
 
-def test_round_bodies_are_measured_to_a_percent() -> None:
-    """A sphere of radius R that turns by φ about a point at distance d: 2 (d + R) sin(φ/2)."""
-    visuals = Visuals.of(rp.Robot.load("planar3r"))
-    shape = next(
-        s for s in visuals.shapes if s.kind in ("sphere", "capsule", "cylinder")
-    )
-    sphere = replace(shape, kind="sphere", size=(0.2,), path=None)
-    still, turned = np.eye(4), np.eye(4)
-    turned[:3, :3] = pin.exp3(np.array([0.0, 0.0, 0.5]))
-    shift = np.eye(4)
-    shift[0, 3] = 0.7
-    placements = np.array([[still @ shift], [turned @ shift]])
-    off = body_drift(corners([sphere]), placements, 2).off
-    # the end of a cycle is measured against the start
-    assert off[1, 0] == pytest.approx(2 * (0.7 + 0.2) * np.sin(0.25), rel=0.01)
+def farthest_point(ends: np.ndarray) -> np.ndarray:
+    moved = (ends - ends[0]) @ np.c_[POINTS, np.ones(len(POINTS))].T
+    return np.linalg.norm(moved, axis=1).max(axis=1)
 
 
-def moving(q: np.ndarray, cycles: int) -> rp.Motion:
+def farthest_of_round(ends: np.ndarray) -> np.ndarray:
+    """Of a disc or ball of radius R that moves in its plane: ``‖d‖ + 2 R sin(φ/2)``, with d the way
+    of its centre and φ its turn."""
+    turn = ends[:, :3, :3] @ ends[0, :3, :3].T
+    phi = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+    way = np.linalg.norm((ends - ends[0])[:, :3, 3], axis=1)
+    return way + 2 * 0.2 * np.abs(np.sin(phi / 2))
+
+
+@pytest.mark.parametrize(
+    ("shape", "farthest", "tolerance"),
+    [
+        ('<mesh filename="points.stl"/>', farthest_point, 1e-5),
+        ('<sphere radius="0.2"/>', farthest_of_round, 0.01),
+        ('<cylinder radius="0.2" length="0.5"/>', farthest_of_round, 0.01),
+    ],
+    ids=["mesh", "sphere", "cylinder"],
+)
+def test_a_body_is_off_by_the_way_of_its_farthest_point(
+    shape: str,
+    farthest: Callable[[np.ndarray], np.ndarray],
+    tolerance: float,
+    tmp_path: Path,
+) -> None:
+    """A mesh in space, whose points inside its hull are not in its file; what is round in a
+    plane."""
+    trimesh.convex.convex_hull(POINTS).export(tmp_path / "points.stl")
+    arm = spatial_urdf(4, 1) if "mesh" in shape else planar_urdf((1.0, 0.8, 0.6))
+    task, link = with_a_body(arm, shape, tmp_path)
+    q0 = np.full(task.n, 0.3)
+    path = rp.circle(task, q0, 0.05)
+    motion = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=3, steps=20)
+    body = np.eye(4)
+    body[:3, 3] = 0.2, -0.1, 0.3
+    body[:2, :2] = [[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]]
+    cycles, rng = np.arange(61)[:, None] / 20, np.random.default_rng(0)
+    for _ in range(6):
+        q = motion.q + cycles * rng.normal(size=task.n)
+        ends = np.array([link.placement(p).homogeneous @ body for p in q[::20, :3]])
+        found = off(replace(motion, q=q))
+        np.testing.assert_allclose(found, farthest(ends), rtol=tolerance, atol=1e-6)
+        assert found[0] == 0 and found.max() > 0.3
+
+
+def leaves(motion: rp.Motion) -> list[tuple[str, ...]]:
+    """When a page says that a joint leaves its range: joints and cycles."""
+    page = rp.animation({"J⁺": motion}).page
+    return re.findall(r"At this rate (\S+) leaves its range in cycle (\d+)", page)
+
+
+def moving(q: np.ndarray) -> rp.Motion:
     """A motion of planar3r with these joint positions."""
-    task = rp.Robot.load("planar3r").task(kind="xy")
-    q0 = np.array([0.3, 0.8, 0.8])
-    made = rp.follow(
-        rp.Pseudoinverse(task), rp.circle(task, q0, 0.1), q0, cycles=cycles, steps=40
-    )
-    return replace(made, q=q, qdot=np.zeros_like(q), drift=np.ones(cycles))
+    return replace(made(), q=q, qdot=np.zeros_like(q), drift=np.ones(2))
 
 
-def test_a_steady_drift_leaves_the_range_when_it_says() -> None:
+@pytest.mark.parametrize("rate", [0.11, -0.11])
+def test_a_steady_drift_leaves_the_range_when_it_says(rate: float) -> None:
     """Joint 2 swings and creeps by 0.11 rad a cycle: the same motion run on, step by step."""
-    task = rp.Robot.load("planar3r").task(kind="xy")
-    upper = task.joint_limits[1]
+    task = made().task
+    lower, upper, _ = task.joint_limits
 
     def at(s: np.ndarray) -> np.ndarray:
         swing = 0.1 * np.sin(2 * np.pi * s)
-        return np.c_[0.3 + swing, 0.8 + 0.11 * s + swing, 0.8 - 0.01 * s]
+        return np.c_[0.3 + swing, 0.8 + rate * s + swing, 0.8 - 0.01 * s]
 
-    found = leaves_range(moving(at(np.linspace(0, 2, 81)), 2))
     s = np.linspace(0, 100, 4001)
-    left = np.argmax(at(s)[:, 1] > upper[1]) / 40
-    assert found == (int(left) + 1, task.robot_joints[1])
+    q2 = at(s)[:, 1]
+    left = np.argmax((q2 > upper[1]) | (q2 < lower[1])) / 40
+    found = leaves(moving(at(np.linspace(0, 2, 81))))
+    assert found == [(task.robot_joints[1], str(int(left) + 1))]
 
 
 def test_no_drift_leads_nowhere() -> None:
-    still = np.tile([0.3, 0.8, 0.8], (81, 1))
-    assert leaves_range(moving(still, 2)) is None
+    still = np.tile(Q0, (81, 1))
+    assert leaves(moving(still)) == []
     gone = still + np.linspace(0, 10, 81)[:, None]  # beyond the range already
-    assert leaves_range(moving(gone, 2)) is None
+    assert leaves(moving(gone)) == []
+    slow = still + np.linspace(0, 2, 81)[:, None] * [0, 0.04, 0]  # not in 100 cycles
+    assert leaves(moving(slow)) == []

@@ -1,23 +1,34 @@
-"""Self-motion to another leaf: the frame rests, the limits hold, and the leaf is reached."""
+"""Self-motion to another leaf, as a servo commands it: the frame rests, the limits hold, and the
+leaf is reached."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
-from arms import Q_PANDA
+from arms import Q_PANDA, planar_urdf
 from controls import control
+from proofs import design_of
 
 import repctl_pin as rp
-from repctl_pin.motion import leaf_change, profile
+from repctl_pin.integrations.servo import Servo, State
 
-DT = 0.005
+pytestmark = pytest.mark.filterwarnings("ignore:.*Python serves")
+RATE = 200.0
 Q0 = np.array([0.3, 0.8, 0.8])
 
 
-def planar(box: rp.Box | None = None) -> rp.RepeatableInverse:
+@pytest.fixture(autouse=True)
+def no_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """These motions are Python's own, and compiling takes longer than they do."""
+    monkeypatch.setenv("CC", "no-such-compiler")
+
+
+def planar() -> rp.RepeatableInverse:
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    potentials = control(task, Q0, rp.Polynomial(Q0, 2, 0.5)).potentials
-    return rp.RepeatableInverse(task, potentials, region=box)
+    return control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
 
 
 def panda() -> rp.RepeatableInverse:
@@ -25,40 +36,75 @@ def panda() -> rp.RepeatableInverse:
     return control(task, Q_PANDA, rp.Polynomial(Q_PANDA, 2, 0.5))
 
 
+def changed(
+    inverse: rp.RepeatableInverse,
+    q: np.ndarray,
+    leaf: np.ndarray,
+    *,
+    region: rp.Box | None = None,
+    limits: rp.Limits | None = None,
+) -> tuple[np.ndarray, Servo]:
+    """Commands of a servo that is told another leaf, and the target where it is."""
+    region = region or rp.Box(q, 9.0)
+    design = design_of(inverse.task, inverse.potentials, region)
+    servo = Servo(design, RATE, limits or rp.Limits(velocity=1.0, acceleration=1.0))
+    place, Q, now = inverse.task.placement(q), [q], 0.0
+    told = False
+    while now < 30:
+        now += 1 / RATE
+        servo.joints(dict(zip(inverse.task.joint_names, Q[-1], strict=True)), now)
+        following = servo.tick(now)
+        Q += [] if following is None else [following]
+        if servo.state is State.RUNNING and not told:
+            told = servo.leaf(leaf) == ""
+            servo.pose(place.translation, (0, 0, 0, 1))
+        elif told and (servo.state is State.HOLDING or at(inverse, Q[-1], leaf)):
+            break
+    return np.array([*Q, *[servo.tick(now) for _ in range(3)]]), servo
+
+
+def at(inverse: rp.RepeatableInverse, q: np.ndarray, leaf: np.ndarray) -> bool:
+    return bool(np.abs(inverse.leaf(q) - leaf).max() < 1e-9)
+
+
 @pytest.mark.parametrize(("make", "q"), [(planar, Q0), (panda, Q_PANDA)])
 @pytest.mark.parametrize("jerk", [None, 300.0])
 def test_pieces_lead_to_the_leaf(
-    make: object, q: np.ndarray, jerk: float | None
+    make: Callable[[], rp.RepeatableInverse], q: np.ndarray, jerk: float | None
 ) -> None:
-    inverse = make()  # type: ignore[operator]
-    n, place = inverse.task.n, inverse.task.placement(q).translation
-    limits = profile.JointLimits(
-        np.full(n, 0.5), np.full(n, 4.0), jerk=jerk and np.full(n, jerk)
-    )
+    inverse = make()
+    place = inverse.task.placement(q).translation
+    limits = rp.Limits(velocity=0.5, acceleration=4.0, jerk=jerk)
     wanted = inverse.leaf(q) + 0.15
-    Q = q[None]
-    while np.abs(inverse.leaf(Q[-1]) - wanted).max() > 1e-10:
-        piece = leaf_change.leaf_change(inverse, Q[-1], wanted, limits, DT)
-        assert np.abs(piece[-1] - Q[-1]).max() <= 0.1
-        Q = np.concatenate([Q, piece])
-    assert (
-        np.abs([inverse.task.placement(p).translation - place for p in Q]).max() < 1e-10
-    )
+    Q, servo = changed(inverse, q, wanted, limits=limits)
+    assert servo.state is State.RUNNING and at(inverse, Q[-1], wanted)
+    off = [inverse.task.placement(p).translation - place for p in Q]
+    assert np.abs(off).max() < 1e-10
     levels = np.array([inverse.leaf(p) for p in Q])
     assert (np.diff(levels, axis=0) > -1e-12).all()  # straight there
-    Q = np.concatenate([np.tile(q, (3, 1)), Q, np.tile(Q[-1], (3, 1))])
-    shares = [np.abs(np.diff(Q, k, axis=0)).max() / DT**k for k in (1, 2, 3)]
-    used = [shares[0] / 0.5, shares[1] / 4.0, shares[2] / (jerk or np.inf)]
+    share = (levels - levels[0]) / 0.15
+    assert np.ptp(share, axis=1).max() < 1e-9
+    Q = np.concatenate([np.tile(q, (3, 1)), Q])
+    used = [
+        np.abs(np.diff(Q, k, axis=0)).max() * RATE**k / most
+        for k, most in enumerate((0.5, 4.0, jerk or np.inf), 1)
+    ]
     assert 0.5 < max(used) <= 1 + 1e-9
+    still = (np.diff(Q, axis=0) == 0).all(axis=1)
+    rests = np.flatnonzero(still[1:] & ~still[:-1])
+    assert np.abs(np.diff(Q[[0, *rests]], axis=0)).max() <= 0.1  # from rest to rest
 
 
-def test_a_motion_out_of_omega_or_the_limits_is_refused() -> None:
-    limits = profile.JointLimits(np.ones(3), np.ones(3))
-    with pytest.raises(rp.InputError, match="would leave Ω"):
-        inverse = planar(rp.Box(Q0, 0.03))
-        leaf_change.leaf_change(inverse, Q0, inverse.leaf(Q0) + 0.1, limits, DT)
-    inverse = planar()
-    q = Q0
-    with pytest.raises(rp.InputError):
-        for _ in range(200):
-            q = leaf_change.leaf_change(inverse, q, [9.0], limits, 0.1)[-1]
+def test_a_motion_out_of_omega_or_the_limits_is_refused(tmp_path: Path) -> None:
+    inverse, refused = planar(), "leaf refused: the motion to the leaf would leave "
+    wanted = inverse.leaf(Q0) + 0.1
+    Q, servo = changed(inverse, Q0, wanted, region=rp.Box(Q0, 0.03))
+    assert servo.reason == refused + "Ω" and (Q == Q0).all()
+    file = tmp_path / "narrow.urdf"
+    file.write_text(planar_urdf((1.0, 1.0, 1.0), range_=0.82), encoding="utf-8")
+    task = rp.Robot.load(file).task("tool", "xy")
+    for away in (0.1, -0.1):
+        inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+        Q, servo = changed(inverse, Q0, inverse.leaf(Q0) + away)
+        assert servo.reason.startswith(refused + "the limits of 'theta")
+        assert (Q == Q0).all()

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from arms import chain_with_bodies
 from commands import OUT, main, refused, told
+from matplotlib.figure import Figure
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.motion import fitting_circle, refuse_violations, violations_of
-from repctl_pin.show import page, plots
 
 CELL = """<robot name="cell"><link name="room"/>
 <link name="post"><collision><geometry><cylinder radius="0.1" length="1"/></geometry></collision>
@@ -25,13 +24,13 @@ CELL = """<robot name="cell"><link name="room"/>
 
 
 def test_the_first_limit_and_the_first_touch_in_order(
-    panda_pose: rp.Task, q_panda: np.ndarray
+    panda_pose: rp.Task, q_panda: np.ndarray, tmp_path: Path
 ) -> None:
     """The elbow is folded until links overlap, and then joint 4 leaves its limits."""
     path = rp.circle(panda_pose, q_panda, 0.05)
     motion = rp.follow(rp.Pseudoinverse(panda_pose), path, q_panda, cycles=2, steps=10)
-    assert violations_of(motion) == () and motion.first_touch is None
-    refuse_violations(motion, "")
+    assert motion.first_violation is None and motion.first_touch is None
+    assert rp.write_motion(motion, tmp_path / "good.csv").exists()
     q, folded = (
         motion.q.copy(),
         np.array([0.794, -0.812, -2.66, -3.022, 1.815, 3.424, 0.618]),
@@ -40,18 +39,22 @@ def test_the_first_limit_and_the_first_touch_in_order(
         folded,
         q_panda + [0, 0, 0, -0.9, 0, 0, 0],
     )  # in cycle 2: 30 % and 70 % round
-    touch, limit = violations_of(replace(motion, q=q))
-    assert limit.names == ("panda_joint4",) and (limit.moment, limit.cycle) == (1.7, 2)
-    assert str(limit) == "panda_joint4 exceeds its limits 70 % into cycle 2"
-    assert (
-        set(touch.names) == set(rp.Bodies(panda_pose).nearest(folded).links)
-        and touch.moment == 1.3
+    bad = replace(motion, q=q)
+    assert bad.first_violation == (1.7, "panda_joint4")
+    moment, links = bad.first_touch
+    assert set(links) == set(rp.Bodies(panda_pose).nearest(folded).links)
+    assert moment == 1.3
+    said = (
+        f"{' and '.join(links)} collide 30 % into cycle 2; panda_joint4 exceeds its limits "
+        "70 % into cycle 2: no trajectory was written; choose another start or path"
     )
-    assert str(touch) == f"{' and '.join(touch.names)} collide 30 % into cycle 2"
-    with pytest.raises(
-        rp.InputError, match=f"^{touch}; {limit}: no trajectory was written; go home$"
-    ):
-        refuse_violations(replace(motion, q=q), "go home")
+    with pytest.raises(rp.InputError, match=f"^{re.escape(said)}"):
+        rp.write_motion(bad, tmp_path / "bad.csv")
+    assert rp.write_motion(bad, tmp_path / "bad.csv", allow_violations=True).exists()
+    early = replace(motion, q=np.concatenate([q[17:], q[1:17], q[17:18]]))
+    assert early.first_violation == (0.0, "panda_joint4")
+    with pytest.raises(rp.InputError, match="^panda_joint4 exceeds its limits at the "):
+        rp.write_motion(early, tmp_path / "early.csv")
 
 
 def test_a_thinned_motion_is_the_same_at_fewer_points(
@@ -161,7 +164,8 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     """Ten cycles of the study's circle, from the middle of the joints' ranges."""
     task = rp.Robot.load("baxter").task("left_gripper", "pose")
     q0 = task.from_robot(task.robot.poses["middle"])
-    path = fitting_circle(task, q0)
+    problem = rp.Problem(task, start=q0)
+    assert np.array_equal(problem.start, q0)
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,
@@ -171,24 +175,35 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
         shrink=True,
     )
     plain, ours = (
-        rp.follow(it, path, q0, cycles=10, steps=80)
+        rp.follow(it, problem.cycle, q0, cycles=10, steps=80)
         for it in (rp.Pseudoinverse(task), design.inverse)
     )
-    (violation,) = violations_of(plain, plain.thinned(10))
-    assert violation.cycle == 7 and violation.names == ("left_w2",)
-    assert ours.drift.max() < 1e-3 and violations_of(ours, ours.thinned(10)) == ()
-    drift, joints = (
-        figure([("J⁺", plain, "#D55E00")], "")
-        for figure in (plots.drift_figure, plots.joints_figure)
-    )
-    assert any("limit in cycle 7" in text.get_text() for text in drift.axes[0].texts)
+    moment, name = plain.first_violation
+    assert 6 < moment < 7 and name == "left_w2"
+    assert ours.drift.max() < 1e-3 and ours.first_violation is None
+    assert plain.thinned(10).first_touch is ours.thinned(10).first_touch is None
+
+
+def test_figures_mark_the_first_violation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a study draws them: words and a cross at the drift, and a cross at the joint."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda it, *_, **__: drawn.append(it))
+    path = ["--start", "6.2,1,-1.4", "--path", "circle:0.4:0", "--plane", "xy"]
+    few = ["--degree", "1", "--cycles", "2", "--steps", "50", "--quiet"]
+    assert main(["study", "planar3r", *path, *few, "--out", str(tmp_path / "out")]) == 0
+    drift, joints = drawn[:2]
+    assert any(line.get_marker() == "x" for line in drift.axes[0].lines)
+    words = [text.get_text() for text in drift.axes[0].texts]
+    assert any("limit in cycle 1" in text for text in words)
     crosses = [
         ax.get_title("left")
         for ax in joints.axes
         for line in ax.lines
         if line.get_marker() == "x"
     ]
-    assert crosses == ["left_w2"]
+    assert set(crosses) == {"theta1"}  # theta2 and theta3 stay within theirs
 
 
 def test_the_page_marks_the_touch(tmp_path) -> None:
@@ -202,11 +217,7 @@ def test_the_page_marks_the_touch(tmp_path) -> None:
         rp.Pseudoinverse(task), rp.circle(task, q0, 0.2), q0, cycles=2, steps=100
     )
     assert motion.first_touch is not None and 0 < motion.first_touch[0] < 1
-    scene, _, _ = read(
-        page.playback_page(
-            [page.TracedChain(task, 1)], [page.playback_of("J⁺", motion, "#D55E00")]
-        )
-    )
+    scene, _, _ = read(rp.animation({"J⁺": motion}).page)
     broken = scene["arms"][0]["broken"]
     assert broken["words"] == "tip and post have touched" and broken["cycle"] == 1
     assert np.isclose(broken["at"], motion.first_touch[0], atol=0.011)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
+import shutil
+import subprocess
 import sys
 from importlib.resources import files
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -426,3 +430,16 @@ def wrong(
     monkeypatch.setitem(sys.modules, module.__name__, module)
     exec(compile(source(name, piece, instead), name, "exec"), module.__dict__)
     return module
+
+
+def compiled(text: str, folder: Path) -> ctypes.CDLL:
+    """Compile C, such as a wrong version of a kernel, and load it; skip without a compiler."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("there is no C compiler")
+    file = folder / f"wrong{len(list(folder.iterdir()))}.c"
+    file.write_text(text, encoding="utf-8")
+    flags = ("-std=c99", "-O1", "-fPIC", "-shared")
+    made = file.with_suffix(".so")
+    subprocess.run([compiler, *flags, str(file), "-o", str(made), "-lm"], check=True)
+    return ctypes.CDLL(str(made))

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from itertools import combinations_with_replacement
 from types import ModuleType
 
 import numpy as np
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.proof import screws
 
 EPS = 1e-13
 
 Ratios = dict[str, float]
+
+
+def monomials(T: np.ndarray, degree: int = 3) -> np.ndarray:
+    """Evaluate the monomials of t in the order in which polynomials are stored, at every row of T
+    (K, k)."""
+    choices = [
+        list(c)
+        for d in range(degree + 1)
+        for c in combinations_with_replacement(range(T.shape[1]), d)
+    ]
+    return np.stack([T[:, c].prod(axis=1) for c in choices], axis=1)
 
 
 def used(actual: np.ndarray, bound: np.ndarray) -> float:
@@ -133,7 +144,7 @@ def in_chain(
     share of boxes with a bound."""
     task, region, rng = design.task, design.region, np.random.default_rng(seed)
     problem = kernels.leaf_margin_of(task, design.inverse.potentials, region)
-    chain, n = problem.chain, task.n
+    n = task.n
     Q = region.clip(
         region.center + region.half_width * rng.uniform(-1, 1, (boxes, n)) * 0.8
     )
@@ -148,16 +159,13 @@ def in_chain(
     for i in good:
         V_c = at.V[i].T
         gauge = np.linalg.lstsq(potentials.gradients(Q[i][None])[0], V_c, rcond=None)[0]
-        wide = np.zeros((V_c.shape[1], chain.N))
-        wide[:, :n] = V_c.T
         for trial in range(16):
             way = (
                 np.sign(rng.standard_normal(n)) if trial % 4 else rng.uniform(-1, 1, n)
             )
             delta = half[i] * way
-            theta = chain.S[:, :n] @ (Q[i] + delta) + chain.o
-            J = np.einsum("lx,lc->xc", screws.screws(chain, theta[None])[0][0], chain.S)
-            N = np.linalg.solve(np.concatenate([J, wide]), np.eye(chain.N)[:, 6:])[:n]
+            N = redundancy.nullspace(task.jacobian(Q[i] + delta))
+            N = N @ np.linalg.inv(V_c.T @ N)
             V = potentials.gradients((Q[i] + delta)[None])[0] @ gauge
             ratios = compared(kernels, found, i, delta, N, V)
             ratios["V"] = used(V - V_c - (at.dV[i] @ delta).T, at.rest[i].T)

@@ -3,7 +3,6 @@ angles are never proved."""
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,11 +13,10 @@ import pytest
 from arms import spatial_task
 from commands import told
 from mimic_arm import MIMICS, arm
-from mutants import ARM, ARM_C, POWER, source, wrong
+from mutants import ARM, ARM_C, POWER, compiled, source, wrong
 from proofs import design_of, margins
 
 import repctl_pin as rp
-from repctl_pin.c_library import loaded_library
 from repctl_pin.proof import arm_angle, arm_angle_kernel, leaf_margin_bounds, taylor
 
 PANDA = ("panda_link2", "panda_link4", "panda_link6")
@@ -257,10 +255,10 @@ def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
             text = source("arm_angle.c", *change)
             head = f"#include <math.h>\n#define MOST {terms}\n"
             text = head + source("taylor.c", "", "") + "\n" + text
-            path = loaded_library(text, ("-std=c99", "-O1", "-fPIC", "-shared"))
+            library = compiled(text, tmp_path)
             boxes = Q[:, on], half[:, on]
             P, r = arm_angle_kernel.gradients_in_c(chain, *boxes)
-            other = arm_angle_kernel.gradients_in_c(chain, *boxes, ctypes.CDLL(path))
+            other = arm_angle_kernel.gradients_in_c(chain, *boxes, library)
             noticed |= not np.allclose(P, other[0], equal_nan=True)
             noticed |= not np.allclose(r, other[1], rtol=1e-4, atol=1e-12)
         assert noticed, name

@@ -3,32 +3,30 @@ one that is too small is caught."""
 
 from __future__ import annotations
 
-import ctypes
 from copy import copy
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
-from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, source, wrong
+from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, compiled, source, wrong
+from second_order import monomials
 from sectors import sector_of
 
 import repctl_pin as rp
-from repctl_pin.c_library import loaded_library
-from repctl_pin.inverse_function import chart as charts
-from repctl_pin.inverse_function import monomials as polynomials
 from repctl_pin.proof import (
     cell_kernel,
     cell_poses,
     cells,
+    chain,
     commutator,
     screws,
     taylor_chain,
 )
-from repctl_pin.proof import chain as chains
 
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
 """A configuration of the panda in the middle of the cell."""
@@ -40,12 +38,12 @@ SCALES = [(0.1, 1e-4, 0.05), (1e-4, 0.1, 0.05), (0.1, 0.4, 0.05), (1e-4, 0.4, 1e
 
 
 @pytest.fixture(scope="module")
-def chart() -> charts.Chart:
+def chart() -> Any:
     return chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE)
 
 
 @pytest.fixture(scope="module")
-def plain(chart: charts.Chart) -> cells.CellProof:
+def plain(chart: Any) -> cells.CellProof:
     return cells.CellProof(chart, compiled=False)
 
 
@@ -77,10 +75,10 @@ def points_in(boxes: Boxes, trial: int) -> np.ndarray:
 def test_poses_are_those_of_the_cell(cell: rp.Cell) -> None:
     Uc, h = boxes_of(cell.k, 12)
     p, R = cell_poses.Poses.of(cell).at(Uc, h)
-    monomials, used = polynomials.Monomials(cell.k, 3), 0.0
+    used = 0.0
     for trial in range(12):
         t = points_in((Uc, h), trial)
-        T = monomials.values(t)
+        T = monomials(t)
         true_p, true_R = cell.placements(Uc + h * t)
         for model, true in ((p, true_p), (R, np.swapaxes(true_R, 1, 2))):
             off = np.abs(np.einsum("K...m,Km->K...", model.P, T) - true)
@@ -105,13 +103,10 @@ def screws_off(
     dJ = np.zeros((count, n, chain.N, chain.N))
     dJ[:, :, :6] = np.swapaxes(screws.slopes(chain, *screws.screws(chain, theta)), 2, 3)
     rest = problem._rest(A, dJ, theta, reference.reach, g)
-    monomials, used = (
-        polynomials.Monomials(k, 3),
-        dict.fromkeys(("chart", "J", "beside", "ξ"), 0.0),
-    )
+    used = dict.fromkeys(("chart", "J", "beside", "ξ"), 0.0)
     for trial in range(30):
         t = points_in((Uc, h), trial)
-        T = monomials.values(t)
+        T = monomials(t)
 
         def ratio(
             name: str, off: np.ndarray, bound: np.ndarray, used: dict[str, float] = used
@@ -141,7 +136,7 @@ def screws_off(
     return used
 
 
-def seen(chain: chains.Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
+def seen(chain: chain.Chain, q: np.ndarray) -> tuple[np.ndarray, ...]:
     """Evaluate, from the middle link: J, the tool's place, the base's rotation, the tool's, and the
     base's place."""
     theta = q @ chain.S[:, : chain.n].T + chain.o
@@ -183,7 +178,7 @@ def test_an_arm_with_a_prismatic_joint_has_the_same_bounds(tmp_path: Path) -> No
     chart = chart_of(rp.Cell(task, task.placement(q), 0.02, 0.02), q, 2, 64)
     problem = cells.CellProof(chart, compiled=False)
     for middle in (2, 4):
-        problem.chain = chains.chain_of(task).seen_from(middle, 0.5)
+        problem.chain = chain.chain_of(task).seen_from(middle, 0.5)
         assert max(screws_off(problem, 8).values()) <= 1
 
 
@@ -260,7 +255,7 @@ def test_a_wrong_sign_in_a_chain_s_models_is_noticed(
 
 
 def velocities(
-    task: rp.Task, chain: chains.Chain, q: np.ndarray, other: np.ndarray
+    task: rp.Task, chain: chain.Chain, q: np.ndarray, other: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """ζ (N,), the motion from q to other that closes the chain, and J ζ (T, 6) at the nodes of a
     quadrature of it, from the middle link; the rotations of a position task cancel the frame's."""
@@ -283,7 +278,7 @@ def velocities(
 
 
 def apart(
-    task: rp.Task, chain: chains.Chain, seed: int, law: ModuleType = commutator
+    task: rp.Task, chain: chain.Chain, seed: int, law: ModuleType = commutator
 ) -> np.ndarray:
     """Compare pairs of configurations at one pose with Λ: the largest shares of the integral's two
     rows, and of the largest velocity's linear one."""
@@ -319,9 +314,9 @@ def apart(
 def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
     for task in (panda(), spatial_task(7, tmp_path, kind="pose", seed=3)):
         for middle in (2, 4, 5):
-            used = apart(task, chains.chain_of(task).seen_from(middle, 0.5), middle)
+            used = apart(task, chain.chain_of(task).seen_from(middle, 0.5), middle)
             assert (used <= 1).all() and (used[:2] > 0).all()
-    used = apart(panda(), chains.chain_of(panda()).seen_from(4, 0.5), 4)
+    used = apart(panda(), chain.chain_of(panda()).seen_from(4, 0.5), 4)
     assert used.max() > 0.02  # third order: signs cancel, what is left is small
 
 
@@ -334,9 +329,9 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
 ) -> None:
     used = np.zeros(3)
     for task in (panda(kind), spatial_task(7, tmp_path, kind=kind, seed=3)):
-        chain = chains.chain_of(task)
-        for middle in (3, len(chain.p) - 1):
-            found = apart(task, chain.seen_from(middle, 0.5), middle)
+        links = chain.chain_of(task)
+        for middle in (3, len(links.p) - 1):
+            found = apart(task, links.seen_from(middle, 0.5), middle)
             used = np.maximum(used, found)
     assert (used <= 1).all()
     assert used[0] > 0.003 and used[2] > 0.1
@@ -345,22 +340,22 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(
 def velocity_changes_off(task: rp.Task, law: ModuleType = commutator) -> float:
     """The largest share of the bounds that the frame's velocity changes by, joint by joint: small
     steps of any sign."""
-    whole, rng, worst = chains.chain_of(task), np.random.default_rng(0), 0.0
+    whole, rng, worst = chain.chain_of(task), np.random.default_rng(0), 0.0
     moves = whole.S[:, : task.n].any(axis=1)
     S = np.where(moves[:, None], np.eye(len(whole.p)), 0.0)
     for trial in range(120):
-        chain = whole.seen_from(1 + trial % (len(whole.p) - 1), 0.5)
+        links = whole.seen_from(1 + trial % (len(whole.p) - 1), 0.5)
         theta = rng.uniform(-1, 1, (2, len(S))) * [[0.3 if trial % 2 else 1.5], [0.02]]
         theta[1] *= moves & (rng.uniform(size=len(S)) < 0.4)
         ways = [
             (xi, tip)
             for xi, tip in (
-                screws.screws(chain, x[None]) for x in (theta[0], theta.sum(0))
+                screws.screws(links, x[None]) for x in (theta[0], theta.sum(0))
             )
         ]
         c = [(xi[0, :, :3] + np.cross(xi[0, :, 3:], tip[0]))[moves] for xi, tip in ways]
-        slide = np.where(chain.revolute, 0.0, np.abs(theta).sum(axis=0))
-        K = law.velocity_changes(chain, np.abs(theta[1:]), slide)[0, moves]
+        slide = np.where(links.revolute, 0.0, np.abs(theta).sum(axis=0))
+        K = law.velocity_changes(links, np.abs(theta[1:]), slide)[0, moves]
         worst = max(
             worst, float((np.linalg.norm(c[1] - c[0], axis=1) / (K + 1e-12)).max())
         )
@@ -388,7 +383,7 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
     found = [velocity_changes_off(arm, law) for arm in arms]
     for kind in ("axis", "position") if max(found) <= 1 else ():
         found += [
-            apart(panda(kind), chains.chain_of(panda(kind)).seen_from(3, 0.5), 3, law)
+            apart(panda(kind), chain.chain_of(panda(kind)).seen_from(3, 0.5), 3, law)
         ]
     assert np.max(np.hstack(found)) > 1
 
@@ -397,7 +392,7 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
 
 
 def test_both_kernels_give_the_same_enclosures(
-    chart: charts.Chart, plain: cells.CellProof, quick_compiler: None
+    chart: Any, plain: cells.CellProof, quick_compiler: None
 ) -> None:
     compiled = cells.CellProof(chart)
     if compiled._kernel is None:
@@ -423,7 +418,7 @@ def test_both_kernels_give_the_same_enclosures(
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_a_wrong_term_in_c_is_noticed() -> None:
+def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
     right = cells.CellProof(
         chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256)
     )
@@ -440,17 +435,32 @@ def test_a_wrong_term_in_c_is_noticed() -> None:
             source(one, piece, instead) if one == file else source(one, "", "")
             for one in cell_kernel.SOURCES
         ]
-        path = loaded_library("\n".join(texts), ("-std=c99", "-O1", "-fPIC", "-shared"))
-        changed, _, other = cell_kernel.Kernel(right, ctypes.CDLL(path)).bounds(U, h)
+        library = compiled("\n".join(texts), tmp_path)
+        changed, _, other = cell_kernel.Kernel(right, library).bounds(U, h)
         same = np.allclose(reach, other, rtol=1e-5, atol=1e-7, equal_nan=True)
         same &= np.allclose(bounds.leaf_margin, changed.leaf_margin, rtol=1e-5)
         assert not same, name
 
 
 def test_a_cell_is_proved_without_a_compiler_too(
-    chart: charts.Chart, monkeypatch: pytest.MonkeyPatch
+    chart: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cells, "library", lambda: None)
     problem = cells.CellProof(chart)
     assert problem._kernel is None
     assert problem.bounds(np.zeros((1, 6)), np.full((1, 6), 0.01)).leaf_margin[0] > 0.9
+
+
+def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
+    chart: Any, quick_compiler: None
+) -> None:
+    """d* below the distance of F, or so large that F may not be the only solution within it."""
+    Uc, half = np.zeros((2, 6)), np.full((2, 6), 0.01)
+    for compiling in (True, False):
+        problem = cells.CellProof(chart, compiling)
+        assert (problem.bounds(Uc, half).leaf_margin > 0).all()
+        for near in (1e-9, 0.2):
+            problem.near = np.full(7, near)
+            if problem._kernel is not None:
+                problem._kernel = cell_kernel.Kernel(problem, cell_kernel.library())
+            assert (problem.bounds(Uc, half).leaf_margin == 0).all()

@@ -15,14 +15,12 @@ from cell_functions import chart_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.inverse_function import CellDesign, InverseFunction, turning
-from repctl_pin.inverse_function import chart as charts
-from repctl_pin.proof import cell_kernel, cells
+from repctl_pin.proof import cells
 
 
 def function_over(
     task: rp.Task, placement: pin.SE3, half_width: object, rotation: object
-) -> CellDesign:
+) -> rp.CellDesign:
     cell = rp.Cell(task, placement, half_width, rotation)
     return rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
@@ -39,16 +37,16 @@ def middle(panda_pose: rp.Task) -> pin.SE3:
 
 
 @pytest.fixture(scope="module")
-def places(panda_pose: rp.Task, middle: pin.SE3) -> CellDesign:
+def places(panda_pose: rp.Task, middle: pin.SE3) -> rp.CellDesign:
     return function_over(panda_pose, middle, (0.05, 0.1, 0.05), 0.0)
 
 
 @pytest.fixture(scope="module")
-def turned(panda_pose: rp.Task, middle: pin.SE3) -> CellDesign:
+def turned(panda_pose: rp.Task, middle: pin.SE3) -> rp.CellDesign:
     return function_over(panda_pose, middle, 0.03, 0.1)
 
 
-def check_enclosures(found: CellDesign, width: float, count: int = 16) -> float:
+def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> float:
     """Evaluate F in many boxes of poses: inside the enclosure; how much of its width is used; the
     share enclosed."""
     chart, task = found.function.chart, found.task
@@ -83,14 +81,14 @@ def check_enclosures(found: CellDesign, width: float, count: int = 16) -> float:
 
 
 def test_the_function_stays_in_the_boxes_it_is_enclosed_in(
-    places: CellDesign, turned: CellDesign
+    places: rp.CellDesign, turned: rp.CellDesign
 ) -> None:
     assert check_enclosures(places, 0.02) == 1.0
     assert check_enclosures(turned, 0.05) > 0.9
 
 
 def test_a_cell_is_proved_near_to_what_was_found(
-    places: CellDesign, tmp_path: Path
+    places: rp.CellDesign, tmp_path: Path
 ) -> None:
     proof = rp.prove(places)
     assert proof and "is the only solution" in proof.what
@@ -112,7 +110,7 @@ def test_a_cell_is_proved_near_to_what_was_found(
 
 
 def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
-    places: CellDesign,
+    places: rp.CellDesign,
 ) -> None:
     asked = places.limit_margin_worst + 0.02
     proof = rp.prove(places, limit_margin=asked)
@@ -121,11 +119,10 @@ def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(
     assert places.task.limit_margin(q).min() < asked
 
 
-def test_a_cell_that_is_not_covered_is_not_proved(places: CellDesign) -> None:
+def test_a_cell_that_is_not_covered_is_not_proved(places: rp.CellDesign) -> None:
     chart = places.function.chart
-    beyond = InverseFunction(
-        charts.Chart(places.cell.scaled(6.0), chart.monomials, chart.coefficients),
-        keep_limits=False,
+    beyond = rp.InverseFunction(
+        replace(chart, cell=places.cell.scaled(6.0)), keep_limits=False
     )
     proof = rp.prove(
         replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20
@@ -239,29 +236,13 @@ def test_a_sector_is_proved_at_every_angle_and_spin() -> None:
 
 
 def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None:
-    sector = turning.reduced(
-        sectors.sector_of(angle=1.0), rp.Pseudoinverse(sectors.panda())
-    )
-    assert sector.removed
-    lower, upper = cells.limits_of(sector)
-    np.testing.assert_allclose(lower - sector.task.lower, [1.0, *np.zeros(6)])
-    np.testing.assert_allclose(sector.task.upper - upper, [1.0, *np.zeros(6)])
-
-
-def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
-    places: CellDesign,
-) -> None:
-    """d* below the distance of F, or so large that F may not be the only solution within it."""
-    chart = places.function.chart
-    Uc, half = np.zeros((8, 3)), np.full((8, 3), 0.01)
-    for compiled in (True, False):
-        problem = cells.CellProof(chart, compiled)
-        assert (problem.bounds(Uc, half).leaf_margin > 0).all()
-        for near in (1e-9, 0.2):
-            problem.near = np.full(7, near)
-            if compiled and problem._kernel is not None:
-                problem._kernel = cell_kernel.Kernel(problem, cell_kernel.library())
-            assert (problem.bounds(Uc, half).leaf_margin == 0).all()
+    for name, width in (("position", 1.0), ("one orientation", -np.inf)):
+        sector = sectors.found(name).function.chart.cell
+        assert sector.removed[0].joint == 0
+        lower, upper = cells.limits_of(sector)
+        narrower = [width, *np.zeros(6)]
+        np.testing.assert_allclose(lower - sector.task.lower, narrower)
+        np.testing.assert_allclose(sector.task.upper - upper, narrower)
 
 
 @pytest.mark.slow

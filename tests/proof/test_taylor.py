@@ -3,18 +3,20 @@ noticed; and those of a chain hold in Arb's ball arithmetic."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 import pytest
 from cell_functions import cell_of, chart_of
 from mutants import TAYLOR, wrong
+from second_order import monomials
 
-from repctl_pin.inverse_function import chart as charts
-from repctl_pin.inverse_function import monomials as polynomials
-from repctl_pin.proof import chart_bounds, taylor
+from repctl_pin.proof import cells, chart_bounds, taylor, taylor_chain
 
 T = np.linspace(-1, 1, 201)[:, None]
+MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
+"""A configuration of the panda in the middle of its cells."""
 
 
 def power(
@@ -31,7 +33,7 @@ def power(
 
 def off(model: object, true: np.ndarray) -> float:
     """The largest ratio of an actual difference to the bound."""
-    values = polynomials.Monomials(1, 3).values(T) @ model.P[0]
+    values = monomials(T) @ model.P[0]
     return float(np.abs(true - values).max() / model.r[0])
 
 
@@ -70,14 +72,8 @@ def ratios(module: ModuleType) -> list[float]:
     x = module.TaylorModel(1, P, np.array([[0.1, 0.2]]))
     A = np.array([[[2.0, -1.0]]])
     y = x.combined(A)
-    true = polynomials.Monomials(1, 3).values(T) @ (A[0] @ P[0]).T
-    found.append(
-        float(
-            np.abs(
-                true[:, 0] + 0.4 - (polynomials.Monomials(1, 3).values(T) @ y.P[0, 0])
-            ).max()
-        )
-    )
+    true = monomials(T) @ (A[0] @ P[0]).T
+    found.append(float(np.abs(true[:, 0] + 0.4 - (monomials(T) @ y.P[0, 0])).max()))
     found[-1] /= float(y.r[0, 0])
     return found
 
@@ -98,10 +94,10 @@ def test_a_wrong_taylor_model_is_noticed(
 
 @pytest.mark.parametrize("factor", [1.0, 0.9])
 def test_a_chart_of_degree_4_leaves_out_what_is_bounded(factor: float) -> None:
-    monomials, cell = polynomials.Monomials(3, 4), cell_of()
-    C = np.zeros((monomials.size, 7, 2))
-    C[int(np.flatnonzero((monomials.exponents == [3, 1, 0]).all(axis=1))[0])] = 1.0
-    chart = charts.Chart(cell, monomials, C)
+    chart = chart_of(cell_of(), MIDDLE, 4)
+    C = np.zeros_like(chart.coefficients)
+    C[(chart.monomials.exponents == [3, 1, 0]).all(axis=1)] = 1.0
+    chart = replace(chart, coefficients=C)
     half = np.array([[0.4, 0.5, 0.1]])
     P, rest = chart_bounds.Polynomials.of(chart).shifted(np.zeros((1, 3)), half)
     q, _ = chart.reference(half)
@@ -115,21 +111,18 @@ def test_taylor_models_of_a_chain_hold_in_ball_arithmetic(count: int) -> None:
     pytest.importorskip("flint")
     from arb_closure import closure_in_balls
 
-    from repctl_pin.proof.cells import CellProof
-    from repctl_pin.proof.taylor_chain import closure_of
-
-    q = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
-    problem = CellProof(
-        chart_of(cell_of(rotation=0.2, half_width=0.05), q), compiled=False
-    )
+    chart = chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE)
+    problem = cells.CellProof(chart, compiled=False)
     rng, k = np.random.default_rng(0), 6
     Uc = rng.uniform(-0.7, 0.7, (count, k))
     h = 10.0 ** rng.uniform(-7, -0.6, (count, 1)) * rng.uniform(0.2, 1, (count, k))
     t = np.sign(rng.standard_normal((count, k)))
     reference, _ = problem._models(Uc, h)
     poses = problem.poses.at(Uc, h)
-    along = closure_of(problem.chain, "pose", poses, reference, problem.eps)
-    T = polynomials.Monomials(k, 3).values(t)
+    along = taylor_chain.closure_of(
+        problem.chain, "pose", poses, reference, problem.eps
+    )
+    T = monomials(t)
     for i in range(count):
         J, xi = closure_in_balls(problem, Uc[i], h[i], t[i])
         sums = [

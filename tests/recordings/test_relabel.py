@@ -11,7 +11,6 @@ from commands import main
 from terminals import fit_terminals
 
 import repctl_pin as rp
-from repctl_pin.recordings.ambiguity import ambiguity
 
 Q0 = np.array([0.3, 0.8, 0.8])
 TIMES = 0.02 * np.arange(300)
@@ -139,25 +138,61 @@ def test_a_recording_around_the_base_gets_a_sector(task: rp.Task) -> None:
 # ---- the measure
 
 
-def test_the_fit_of_cubic_labels_is_exact_and_a_shift_of_sessions_is_seen() -> None:
-    rng = np.random.default_rng(0)
-    U, fold = rng.uniform(-1, 1, (1200, 3)), np.repeat(np.arange(4), 300)
-    A = rng.normal(size=(3, 2))
-    smooth = (U @ A) ** 3 + U[:, :2] * U[:, 1:]
-    shift = np.array([0.3, -0.3, 0.3, -0.3])[fold][:, None] * [1.0, 0.0]
-    exact, shifted = ambiguity(U, fold, [smooth, smooth + shift]).residuals
-    assert exact < 1e-5
-    # the other three sessions have the mean ∓0.1: the misfit is 0.4
-    assert abs(shifted - 0.4) < 0.02
+@pytest.fixture(scope="module")
+def slides(tmp_path_factory: pytest.TempPathFactory) -> rp.CellDesign:
+    """Slides along x, y and y, for x and y: the third joint may be any function of the pose."""
+    links = "".join(f'<link name="{k}"/>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="prismatic"><parent link="{k}"/><child link="{k + 1}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+        for k, axis in enumerate(("1 0 0", "0 1 0", "0 1 0"))
+    )
+    file = tmp_path_factory.mktemp("slides") / "slides.urdf"
+    file.write_text(f'<robot name="slides">{links}{joints}</robot>')
+    task = rp.Robot.load(file).task("3", "xy")
+    cell = rp.Cell(task, task.placement(np.zeros(3)), 1.1)
+    few = rp.FitOptions(samples=64, held_out=64)
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=np.zeros(3), degree=1, options=few
+    )
 
 
-def test_a_single_session_is_held_out_in_blocks_and_few_frames_lower_the_degree() -> (
-    None
-):
-    U = np.random.default_rng(0).uniform(-1, 1, (90, 6))
-    found = ambiguity(U, np.zeros(90, int), [U @ np.ones((6, 2))])
-    assert found.degree == 1 and "blocks of time" in found.method
-    assert found.residuals[0] < 1e-6
+def labelled(
+    design: rp.CellDesign, x: np.ndarray, third: np.ndarray, sessions: np.ndarray
+) -> rp.Relabeled:
+    """Relabel recordings of poses x (K, 2) with given third joints (K,)."""
+    joints = np.column_stack([x[:, 0], x[:, 1] - third, third])
+    recording = rp.Recording(design.task, joints=joints, sessions=sessions)
+    return rp.relabel(recording, design=design)
+
+
+def test_the_fit_of_cubic_labels_is_exact_and_a_shift_of_sessions_is_seen(
+    slides: rp.CellDesign,
+) -> None:
+    rng, sessions = np.random.default_rng(0), np.repeat(["a", "b", "c", "d"], 300)
+    x = rng.uniform(-1, 1, (1200, 2))
+    smooth = (x @ [0.5, -0.8]) ** 3 + x[:, 0] * x[:, 1]
+    exact = labelled(slides, x, smooth, sessions)
+    assert exact.residual_before < 1e-5 and exact.residual_after < 1e-5
+    assert exact.ambiguity.degree == 3
+    shift = np.repeat([0.3, -0.3, 0.3, -0.3], 300)
+    shifted = labelled(slides, x, smooth + shift, sessions)
+    # the other three sessions have the mean ∓0.1: the misfit of two joints is 0.4 each
+    assert abs(shifted.residual_before - 0.4 * np.sqrt(2)) < 0.03
+    assert shifted.residual_after < 1e-5
+    assert "cubic" in shifted.summary() and "held-out sessions" in shifted.summary()
+
+
+def test_a_single_session_is_held_out_in_blocks_and_few_frames_lower_the_degree(
+    slides: rp.CellDesign,
+) -> None:
+    """Of 20 frames 16 are left to fit: three for each of 3 terms, not of 6."""
+    x = np.random.default_rng(0).uniform(-1, 1, (24, 2))
+    for count, degree in ((20, 1), (24, 2)):
+        found = labelled(slides, x[:count], x[:count] @ [0.5, 1], np.zeros(count, int))
+        assert found.ambiguity.degree == degree
+        assert "blocks of time" in found.ambiguity.method
+        assert found.residual_before < 1e-6
 
 
 # ---- files

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from repctl_pin import InputError, SingularityError, redundancy
-from repctl_pin.redundancy.augmented import is_regular
 
 SIZES = [(2, 3), (6, 7), (3, 5), (3, 7), (2, 6)]
 
@@ -194,7 +193,12 @@ def test_regular_is_told_by_the_sine_between_rows() -> None:
     for one, sine in zip(A, (2e-6, 0.5e-6), strict=True):
         one[1, :2] = np.sqrt(1 - sine**2), sine
     A[0] = np.diag([1e4, 1.0, 1e-3]) @ A[0]
-    assert is_regular(A, np.linalg.inv(A)).tolist() == [True, False]
+    J, V = A[:, :2], transpose(A[:, 2:])
+    assert np.allclose(redundancy.augmented_inverse(J[0], V[0]) @ A[0], np.eye(3))
+    with pytest.raises(SingularityError, match="J_V is singular.*row space$"):
+        redundancy.augmented_inverse(J[1], V[1])
+    with pytest.raises(SingularityError, match="at 1 of 2 configurations"):
+        redundancy.augmented_inverse(J, V)
 
 
 def test_the_null_vector_is_of_one_redundant_joint() -> None:

@@ -8,15 +8,13 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from arms import chain_with_bodies
+from arms import chain_with_bodies, spatial_urdf
 
 import repctl_pin as rp
-from repctl_pin.robot import body_bounds, body_shapes, collision_model
 
 
 @pytest.fixture
@@ -388,19 +386,11 @@ def test_a_flat_box_is_a_plate(chain: rp.Task, tmp_path: Path) -> None:
 
 
 def test_bodies_of_the_same_joints_are_made_once(
-    chain: rp.Task, tmp_path: Path, monkeypatch
+    chain: rp.Task, tmp_path: Path
 ) -> None:
     """Whatever task asks for them; a mesh that changes, or other joints, make others."""
-    made = []
-    plain = collision_model.CollisionModel.__init__
-    monkeypatch.setattr(
-        collision_model.CollisionModel,
-        "__init__",
-        lambda self, task: (made.append(task), plain(self, task))[1],
-    )
-    trimesh.creation.box((0.1, 0.1, 0.1)).export(
-        tmp_path / "lost.stl"
-    )  # the chain's own mesh
+    mesh = tmp_path / "lost.stl"  # the chain's own
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
 
     def load(**given):
         robot = rp.Robot.load(tmp_path / "chain.urdf", **given)
@@ -409,14 +399,14 @@ def test_bodies_of_the_same_joints_are_made_once(
     with ThreadPoolExecutor(8) as pool:
         everyone = list(pool.map(lambda _: rp.Bodies(load()), range(16)))
     psi = load().in_coordinates(rp.absolute_angles(load()))
-    assert (
-        len(made) == 1 and rp.Bodies(psi).pairs == everyone[0].pairs and len(made) == 1
-    )
-    rp.Bodies(load(lock=["j0"]))
-    rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf").task("b", "xy"))
-    assert len(made) == 3
-    trimesh.creation.box((0.1, 0.1, 5)).export(tmp_path / "lost.stl")
-    assert rp.Bodies(load()) is not None and len(made) == 4
+    first = everyone[0].pairs
+    assert first and all(b.pairs is first for b in [*everyone, rp.Bodies(psi)])
+    other = rp.Robot.load(tmp_path / "chain.urdf").task("b", "xy")
+    for task in (load(lock=["j0"]), other):
+        assert rp.Bodies(task).pairs is not first
+    assert rp.Bodies(load()).pairs is first
+    trimesh.creation.box((0.1, 0.1, 5)).export(mesh)
+    assert rp.Bodies(load()).pairs is not first
 
 
 def test_threads_may_share_bodies(panda_pose: rp.Task) -> None:
@@ -453,22 +443,23 @@ def test_a_flat_mesh_is_a_thin_body(chain: rp.Task, tmp_path: Path) -> None:
     assert bodies.nearest(np.zeros(3)).distance == pytest.approx(0.5, abs=2e-4)
 
 
-def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser() -> None:
-    """A cone of 400 sides: its tip has more neighbours than the distance library takes."""
-    cone = trimesh.creation.cone(0.1, 0.3, sections=400)
-    hull, coarse = body_shapes._hull(np.asarray(cone.convex_hull.vertices, float))
-    assert coarse
-    ball, far = coal.Sphere(0.05), np.array([0.5, 0.0, 0.0])
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    apart = coal.distance(
-        hull,
-        coal.Transform3s(),
-        ball,
-        coal.Transform3s(np.eye(3), far),
-        request,
-        result,
+def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser(
+    chain: rp.Task, tmp_path: Path
+) -> None:
+    """A cone of 400 sides, whose tip has more neighbours than the distance library takes: never
+    farther than it is, and at most 2 mm nearer."""
+    trimesh.creation.cone(0.1, 0.3, sections=400).export(tmp_path / "cone.stl")
+    file, end = tmp_path / "chain.urdf", '<origin xyz="1 0 0"/><geometry>'
+    text = file.read_text().replace(
+        f'{end}<sphere radius="0.1"/>', f'{end}<mesh filename="cone.stl"/>'
     )
-    assert 0.35 - 2e-3 < apart <= 0.35 + 1e-9  # never farther than it is
+    file.write_text(text)
+    for far in (0.5, 0.3, 0.17):  # in a direction in which a box would be nearer
+        at = f"{3 + far / np.sqrt(2)} {far / np.sqrt(2)} 0"
+        bodies = surrounded(tmp_path, '<sphere radius="0.05"/>', at=at)
+        found = bodies.nearest(np.zeros(3))
+        assert found.links == ("tip", "wall")
+        assert far - 0.15 - 2e-3 < found.distance <= far - 0.15 + 1e-5
 
 
 BAD_CELLS = {
@@ -502,31 +493,33 @@ def test_surroundings_that_cannot_be_used_are_refused(
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("name", ["talos", "tiago", "ppr", "baxter"])
-def test_joints_are_placed_as_pinocchio_does(name: str) -> None:
-    model = rp.Robot.load(name).model
-    Q = np.random.default_rng(0).uniform(-2, 2, (7, model.nq))
-    R, p = body_bounds.JointPlacements(model)(Q)
-    data = model.createData()
-    for q, rotations, origins in zip(Q, R, p, strict=True):
-        pin.forwardKinematics(model, data, q)
-        np.testing.assert_allclose(
-            rotations, [joint.rotation for joint in data.oMi], atol=1e-12
-        )
-        np.testing.assert_allclose(
-            origins, [joint.translation for joint in data.oMi], atol=1e-12
-        )
-
-
-def test_balls_and_boxes_bound_every_pair_from_below(panda_pose: rp.Task) -> None:
-    bodies = rp.Bodies(panda_pose)
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("panda", 20), ("tiago", 4), ("spatial", 20)],
+)
+def test_balls_and_boxes_bound_every_pair_from_below(
+    name: str, count: int, tmp_path: Path
+) -> None:
+    """Also on arms with prismatic joints, of any direction."""
+    if name == "spatial":
+        ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+        text = re.sub(r'(name="link\d")/>', rf"\1>{ball}</link>", spatial_urdf(7, 3))
+        (tmp_path / "spatial.urdf").write_text(text, encoding="utf-8")
+        name = str(tmp_path / "spatial.urdf")
+    task = rp.Robot.load(name).task()
+    bodies = rp.Bodies(task)
     model = bodies._model
-    Q = np.random.default_rng(1).uniform(panda_pose.lower, panda_pose.upper, (20, 7))
-    for q, bounds in zip(Q, model._bounds(Q), strict=True):
-        model._move(q)
+    Q = np.random.default_rng(1).uniform(task.lower, task.upper, (count, task.n))
+    whole = bodies._drive.joints(Q) if bodies._drive is not None else Q
+    tight = []
+    for q, all_joints, bounds in zip(Q, whole, model._bounds(whole), strict=True):
+        model._move(all_joints)
         exact = np.array([model._exact(k) for k in range(len(bounds))])
         assert (bounds <= exact + 1e-9).all()
+        apart = np.isfinite(exact) & (exact > 0.1)
+        tight.append((bounds[apart] / exact[apart]).mean())
         assert bodies.nearest(q).distance == pytest.approx(exact.min(), abs=1e-5)
+    assert np.mean(tight) > 0.5
 
 
 def full_mesh_distances(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from commands import main
 from mimic_arm import MIMICS, arm
 
 import repctl_pin as rp
@@ -63,17 +64,19 @@ def test_task_is_that_of_pinocchios_mimic_model(robot: rp.Robot, kind: str) -> N
         assert np.allclose(task.hessian(q)[:, :, k], slope, atol=1e-9)
 
 
-def test_in_other_coordinates_and_in_place(robot: rp.Robot) -> None:
-    from repctl_pin.robot.fast_kinematics import in_place
-
+def test_in_other_coordinates_and_in_a_control_step(robot: rp.Robot) -> None:
     task = robot.task("l7", "position")
     T = np.eye(4) + 0.3 * np.random.default_rng(0).normal(size=(4, 4))
-    psi = np.array([0.4, -0.7, 0.9, 0.3])
-    changed, J = task.in_coordinates(T), np.empty((3, 4))
+    psi, xdot = np.array([0.4, -0.7, 0.9, 0.3]), np.array([0.3, -0.2, 0.5])
+    changed = task.in_coordinates(T)
     assert np.allclose(changed.jacobian(psi), task.jacobian(T @ psi) @ T, atol=1e-14)
     for one in (task, changed, pickle.loads(pickle.dumps(task))):
-        in_place(one, J, np.empty(3))[0](psi)
-        assert np.allclose(J, one.jacobian(psi), atol=1e-15)
+        V = rp.redundancy.nullspace(one.jacobian(psi))
+        h = rp.Polynomial(psi, 1).weighted(V / np.sqrt(3))
+        qdot = np.linalg.pinv(one.jacobian(psi)) @ xdot
+        for control in (rp.Pseudoinverse(one), rp.RepeatableInverse(one, h)):
+            found = control.velocity(psi, xdot)
+            assert np.allclose(found, qdot, rtol=1e-12, atol=1e-13)
 
 
 def test_limits_keep_followers_inside_theirs(tmp_path: Path) -> None:
@@ -164,10 +167,11 @@ def test_a_cycle_closes_and_an_active_joint_drives_both(robot: rp.Robot) -> None
     assert np.allclose(tip, task.positions(motion.q[100:101])[0], atol=1e-12)
 
 
-def test_inspect_says_who_drives_whom(robot: rp.Robot) -> None:
-    from repctl_pin.show.text.inspection import inspection, inspection_text
-
-    text = inspection_text(inspection(robot, {"l7": {"position": 1}}))
+def test_inspect_says_who_drives_whom(
+    robot: rp.Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["inspect", str(robot.description.path)]) == 0
+    text = capsys.readouterr().out
     assert "mimic joints: j3 (follows j2), j4 (follows j1), j6 (follows j5)" in text
 
 

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Shape, Visuals, find_mesh
+from repctl_pin.robot.visuals import Visuals
 
 
 def configurations(robot: rp.Robot, count: int = 4) -> np.ndarray:
@@ -142,7 +143,7 @@ def arm(
     return rp.Robot.load(file, **options)
 
 
-def ends(shape: Shape, M: np.ndarray) -> np.ndarray:
+def ends(shape: Any, M: np.ndarray) -> np.ndarray:
     """The two end points (2, 3) of a tube or a cylinder."""
     half = np.array([0, 0, shape.size[1] / 2])
     return np.array([M[:3, :3] @ -half + M[:3, 3], M[:3, :3] @ half + M[:3, 3]])
@@ -225,7 +226,7 @@ def test_materials(tmp_path: Path) -> None:
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     written = '<mesh filename="a.obj" scale="1 -2 3"/>'
 
-    def upper(material: str) -> list[Shape]:
+    def upper(material: str) -> list[Any]:
         return [
             s
             for s in Visuals.of(arm(tmp_path, upper=written, material=material)).shapes
@@ -246,27 +247,43 @@ def test_materials(tmp_path: Path) -> None:
     )  # invisible
 
 
-def test_find_mesh(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "packages", "found"),
+    [
+        ("package://my_arm/meshes/a b.stl", ["share"], True),
+        ("package:///my_arm/meshes/a b.stl", ["share/my_arm/meshes", "share"], True),
+        ("package://my_arm/meshes/a b.stl", ["share/my_arm"], True),
+        ("package://other/meshes/a b.stl", ["share/my_arm"], False),
+        ("file://{mesh}", [], True),
+        ("{mesh}", [], True),
+        ("share/my_arm/meshes/a b.stl", [], True),
+        ("http://my_arm/meshes/a b.stl", ["share"], False),
+        ("share", [], False),  # a folder is no mesh
+    ],
+)
+def test_where_meshes_are_found(
+    name: str, packages: list[str], found: bool, tmp_path: Path
+) -> None:
+    """What is drawn, and what bodies are made of."""
     mesh = tmp_path / "share" / "my_arm" / "meshes" / "a b.stl"
     mesh.parent.mkdir(parents=True)
-    mesh.touch()
-    urdf, share, package = (
-        tmp_path / "arm.urdf",
-        tmp_path / "share",
-        tmp_path / "share" / "my_arm",
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(mesh)
+    name = name.format(mesh=mesh)
+    shape = f'<geometry><mesh filename="{name}"/></geometry>'
+    text = ARM.replace(
+        "</visual></link>", f"</visual><collision>{shape}</collision></link>"
     )
-    assert find_mesh("package://my_arm/meshes/a b.stl", urdf, [share]) == mesh
-    assert (
-        find_mesh("package:///my_arm/meshes/a b.stl", urdf, ["/nowhere", str(share)])
-        == mesh
+    robot = arm(
+        tmp_path,
+        upper=f'<mesh filename="{name}"/>',
+        text=text,
+        package_dirs=[tmp_path / folder for folder in packages],
     )
-    assert find_mesh("package://my_arm/meshes/a b.stl", urdf, [package]) == mesh
-    assert find_mesh("package://other/meshes/a b.stl", urdf, [package]) is None
-    assert find_mesh(f"file://{mesh}", urdf, []) == mesh
-    assert find_mesh(str(mesh), urdf, []) == mesh
-    assert find_mesh("share/my_arm/meshes/a b.stl", urdf, []) == mesh
-    assert find_mesh("http://example.org/a.stl", urdf, [share]) is None
-    assert find_mesh("share", urdf, []) is None  # a folder is no mesh
+    assert Visuals.of(robot).missing == (() if found else (name,))
+    paths = {s.path for s in Visuals.of(robot).shapes} - {None}
+    assert paths == ({mesh} if found else set())
+    bodies = rp.Bodies(robot.task("tool", "position"))
+    assert set(bodies.missing) == (set() if found else {name})
 
 
 def test_a_shape_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -7,16 +7,14 @@ import copy
 import pickle
 import tracemalloc
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import KINDS
+from arms import KINDS, planar_task, spatial_task
 
 import repctl_pin as rp
-from repctl_pin.potentials.fast_potentials import in_place as field_in_place
-from repctl_pin.robot.fast_kinematics import in_place as task_in_place
-from repctl_pin.strategies.control_step import damped
 
 
 def some_field(
@@ -41,62 +39,46 @@ def plain_step(
     return q + np.linalg.solve(J_V, dt * rates + gain * dt * errors)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_in_place_kinematics_are_the_tasks_own(
-    panda: rp.Robot, q_panda, kind: str
-) -> None:
-    rng = np.random.default_rng(1)
-    plain = panda.task("panda_hand_tcp", kind)
-    for task in (
-        plain,
-        plain.in_coordinates(np.eye(7) + np.tril(0.2 * np.ones((7, 7)), -1)),
-    ):
-        J, e = np.empty((task.m, 7), order="F"), np.empty(task.m)
-        jacobian, error, task_velocity = task_in_place(task, J, e)
-        for _ in range(5):
-            q = (
-                q_panda if task is plain else task.coordinates.coordinates(q_panda)
-            ) + 0.3 * rng.normal(size=7)
-            target, twist = pin.SE3.Random(), rng.normal(size=6)
-            jacobian(q)
-            assert np.allclose(J, task.jacobian(q), rtol=0, atol=1e-14)
-            jacobian(q)
-            rate = task_velocity(twist)
-            error(target)
-            assert np.allclose(e, task.error(q, target), rtol=0, atol=1e-13)
-            assert np.allclose(rate, task.task_velocity(q, twist), rtol=0, atol=1e-14)
-
-
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
-@pytest.mark.parametrize("n, r", [(3, 1), (5, 2)])
-def test_homogeneous_tensors_are_the_polynomials(degree: int, n: int, r: int) -> None:
-    """Against the family's own batch evaluation, which shares no code with them."""
-    rng = np.random.default_rng(2)
+@pytest.mark.parametrize("r", [1, 2])
+def test_quick_potentials_are_the_familys(degree: int, r: int, tmp_path: Path) -> None:
+    """``J_V x = (x − f, c − h)``, with h and V of the family's own batch evaluation, which shares
+    no code with what a step evaluates."""
+    task = planar_task((1, 0.9, 0.8), tmp_path) if r == 1 else spatial_task(5, tmp_path)
+    rng, n = np.random.default_rng(2), task.n
     potentials = rp.Polynomial(rng.normal(size=n), degree, rng.uniform(0.3, 2, n))
     A = rng.normal(size=(potentials.size, r))
     h = potentials.weighted(A)
-    V_T, gap = np.empty((r, n)), np.empty(r)
-    slope, write_gap = field_in_place(h, V_T, gap)
+    inverse = rp.RepeatableInverse(task, h)
     for q in potentials.center + rng.uniform(-1, 1, (6, n)) * potentials.scale:
         value = potentials.values(q[None])[0] @ A
         V = potentials.gradients(q[None])[0] @ A
-        slope(q)
-        write_gap(np.arange(r, dtype=float))
-        for found in (h.gradient(q), V_T.T):
-            assert np.allclose(found, V, rtol=1e-10, atol=1e-10)
-        for found in (h.value(q), np.arange(r) - gap):
-            assert np.allclose(found, value, rtol=1e-10, atol=1e-10)
+        assert np.allclose(h.gradient(q), V, rtol=1e-10, atol=1e-10)
+        assert np.allclose(h.value(q), value, rtol=1e-10, atol=1e-10)
+        target, leaf, xdot = pin.SE3.Random(), rng.normal(size=r), np.ones(task.m)
+        rhs = np.concatenate([task.error(q, target), leaf - value])
+        J_V = np.vstack([task.jacobian(q), V.T])
+        for x, right in (
+            (inverse.step(q, target, 0.01, leaf=leaf) - q, rhs),
+            (inverse.velocity(q, xdot), np.concatenate([xdot, np.zeros(r)])),
+        ):
+            scale = np.abs(J_V) @ np.abs(x) + np.abs(right) + 1
+            assert (np.abs(J_V @ x - right) < 1e-10 * scale).all()
 
 
+@pytest.mark.parametrize("coordinates", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_velocity_and_step_obey_their_laws(
-    panda: rp.Robot, q_panda, kind: str, degree: int
+    panda: rp.Robot, q_panda, kind: str, degree: int, coordinates: bool
 ) -> None:
-    task = panda.task("panda_hand_tcp", kind)
-    inverse = some_field(task, q_panda, degree)
+    task, center = panda.task("panda_hand_tcp", kind), q_panda
+    if coordinates:
+        task = task.in_coordinates(np.eye(7) + np.tril(0.2 * np.ones((7, 7)), -1))
+        center = task.coordinates.coordinates(q_panda)
+    inverse = some_field(task, center, degree)
     rng = np.random.default_rng(3)
-    for q in q_panda + rng.uniform(-0.2, 0.2, (4, 7)):
+    for q in center + rng.uniform(-0.2, 0.2, (4, 7)):
         xdot, twist = rng.normal(size=task.m), rng.normal(size=6)
         qdot = inverse.velocity(q, xdot)
         assert np.allclose(qdot, inverse(q) @ xdot, atol=1e-10)
@@ -108,17 +90,14 @@ def test_velocity_and_step_obey_their_laws(
         assert np.allclose(
             found, plain_step(inverse, q, target, 0.01, twist, leaf, 60.0), atol=1e-11
         )
+        still = np.zeros(6)
         newton = inverse.step(q, target, 0.01, leaf=leaf)
-        assert np.allclose(
-            newton,
-            plain_step(inverse, q, target, 1.0, np.zeros(6), leaf, 1.0),
-            atol=1e-11,
-        )
-        held = inverse.step(q, target, 0.01)
-        expected = plain_step(
-            inverse, q, target, 1.0, np.zeros(6), inverse.leaf(q), 1.0
-        )
-        assert np.allclose(held, expected, atol=1e-11)
+        expected = plain_step(inverse, q, target, 1.0, still, leaf, 1.0)
+        assert np.allclose(newton, expected, atol=1e-11)
+        for goal in (target, pin.SE3.Random()):  # near and anywhere
+            held = inverse.step(q, goal, 0.01)
+            expected = plain_step(inverse, q, goal, 1.0, still, inverse.leaf(q), 1.0)
+            assert np.allclose(held, expected, rtol=1e-9, atol=1e-11)
 
 
 def test_other_fields_step_by_the_same_law(panda_pose: rp.Task, q_panda) -> None:
@@ -216,24 +195,30 @@ def test_nothing_grows(panda_design, panda_pose, q_panda) -> None:
 # -----------------------------------------------------------------
 
 
-def test_damping_is_bounded_continuous_and_zero_far_away() -> None:
-    rng = np.random.default_rng(7)
-    U, V = (np.linalg.qr(rng.normal(size=(5, 5)))[0] for _ in range(2))
-    rhs, most = rng.normal(size=5), 0.02
-    previous = None
-    for sigma in np.geomspace(1.0, 1e-14, 400):
-        x, used = damped(U @ np.diag([2, 1.5, 1, 0.7, sigma]) @ V.T, rhs, most)
-        if sigma > 2.0001 * most:
-            assert used == 0
-            assert np.allclose(
-                V.T @ x, (U.T @ rhs) / [2, 1.5, 1, 0.7, sigma], rtol=1e-9
-            )
-        elif sigma < 1.9999 * most:
-            assert 0 < used <= most
-            assert np.linalg.norm(x) <= np.linalg.norm(rhs) / (np.sqrt(3) * most)
-        if previous is not None:
-            assert np.linalg.norm(x - previous) < 0.15 * np.linalg.norm(rhs) / most
-        previous = x
+@pytest.mark.parametrize("most", [0.02, 0.2])
+def test_a_step_is_damped_by_its_formula(most: float) -> None:
+    """``x = Σ v_i σ_i / (σ_i² + λ²) u_iᵀ rhs`` with λ² = λ_max² (1 − (σ_min / 2 λ_max)²) below
+    2 λ_max and λ = 0 above: continuous, and at most ‖rhs‖ / (√3 λ_max) long where λ > 0."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    inverse = some_field(task, np.array([0.3, 0.8, 0.8]), 2)
+    rng, exact = np.random.default_rng(7), 0
+    for angle in np.geomspace(1.0, 1e-14, 200):  # 0 is a stretched arm
+        q = np.array([0.3, angle, 0.7 * angle])
+        target, leaf = task.placement(q + rng.normal(size=3)), rng.normal(size=1)
+        rhs = np.concatenate([task.error(q, target), leaf - inverse.leaf(q)])
+        J_V = np.vstack([task.jacobian(q), inverse.potentials.gradient(q).T])
+        U, s, V_T = np.linalg.svd(J_V)
+        square = most**2 * max(0.0, 1 - (s[-1] / (2 * most)) ** 2)
+        step = inverse.damped_step(q, target, 0.01, leaf=leaf, damping=most)
+        x = step.q - q
+        expected = V_T.T @ (s / (s**2 + square) * (U.T @ rhs))
+        assert np.allclose(x, expected, rtol=1e-9, atol=1e-12)
+        assert step.damping == pytest.approx(np.sqrt(square), abs=1e-12)
+        exact += step.damping == 0
+        if step.damping:
+            longest = np.linalg.norm(rhs) / (np.sqrt(3) * most)
+            assert np.linalg.norm(x) <= longest * (1 + 1e-12)
+    assert 5 < exact < 60
 
 
 def test_any_gain_below_divergence_is_taken(panda_design, panda_pose, q_panda) -> None:

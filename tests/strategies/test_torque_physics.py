@@ -14,7 +14,6 @@ from controls import control
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.motion import elbow
 
 DT = 1e-3
 RAIL = "a rail with six joints"
@@ -80,14 +79,15 @@ class Arm:
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = q
         mujoco.mj_forward(self.model, self.data)
-        joint = mujoco.mj_name2id(
-            self.model, mujoco.mjtObj.mjOBJ_JOINT, task.joint_names[elbow(task, q)]
-        )
+        N = redundancy.nullspace(task.jacobian(q))[:, 0]
+        moved = task.joint_origins(q + 1e-4 * N) - task.joint_origins(q)
+        elbow = task.joint_names[int(np.argmax(np.linalg.norm(moved, axis=1)))]
+        joint = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, elbow)
         self.body, J = int(self.model.jnt_bodyid[joint]), np.zeros((3, task.n))
         mujoco.mj_jac(
             self.model, self.data, J, None, self.data.xpos[self.body], self.body
         )
-        along = J @ redundancy.nullspace(task.jacobian(q))[:, 0]
+        along = J @ N
         self.along = along / np.linalg.norm(along)
 
     def step(self, torque: np.ndarray, push: float = 0.0) -> None:
