@@ -99,7 +99,7 @@ def test_a_motion_out_of_omega_or_the_limits_is_refused(tmp_path: Path) -> None:
     inverse, refused = planar(), "leaf refused: the motion to the leaf would leave "
     wanted = inverse.leaf(Q0) + 0.1
     Q, servo = changed(inverse, Q0, wanted, region=rp.Box(Q0, 0.03))
-    assert servo.reason == refused + "Ω" and (Q == Q0).all()
+    assert servo.reason.startswith(refused + "Ω;") and (Q == Q0).all()
     file = tmp_path / "narrow.urdf"
     file.write_text(planar_urdf((1.0, 1.0, 1.0), range_=0.82), encoding="utf-8")
     task = rp.Robot.load(file).task("tool", "xy")
