@@ -5,12 +5,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations, pairwise
-from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from arms import Q_PANDA, spatial_task
+from arms import Q_PANDA
 from cell_functions import cell_of, chart_of, middle, panda
 from sectors import found as sector_design
 from sectors import sector_of
@@ -18,7 +16,6 @@ from sectors import sector_of
 import repctl_pin as rp
 from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
-from repctl_pin.inverse_function.failures import round_the_base
 from repctl_pin.inverse_function.margins import (
     CandidateFunction,
     Margin,
@@ -220,26 +217,6 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
             margin.least(CandidateFunction(chart, terms, found.a).at(U)) > 0.08
         ).all()
         guess = low.fit(U, terms.values(U) @ found.a)
-
-
-def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
-    """Against points along it, for axes that point anywhere; none of a slide or of a sector."""
-    task = spatial_task(4, tmp_path, seed=1)
-    point, axis = task.joint_origins(task.reference)[0], task.axes(task.reference)[0]
-    line, found = point + np.linspace(-9, 9, 20001)[:, None] * axis, []
-    for x in np.random.default_rng(0).uniform(-1.2, 1.2, (24, 3)):
-        cell = rp.Cell(task, pin.SE3(np.eye(3), x), (0.6, 0.5, 0.7))
-        inside = (np.abs(line - x) <= cell.half_width).all(axis=1).any()
-        assert ("the axis of q1," in round_the_base(cell)) == inside
-        found.append(inside)
-    assert 4 < sum(found) < 20
-    for y, says in ((0.0, True), (0.69, True), (0.71, False), (-0.71, False)):
-        upright = pin.SE3(np.eye(3), np.array([0.0, y, 0.9]))
-        cell = rp.Cell(panda("position"), upright, (0.7, 0.7, 0.1))
-        assert ("panda_joint1" in round_the_base(cell)) is says
-    assert round_the_base(rp.Sector(panda("position"), middle(), radius=0.1)) == ""
-    slides = rp.Robot.load("ppr").task(None, "xy")
-    assert round_the_base(rp.Cell(slides, np.zeros(3), 9.0)) == ""
 
 
 def test_postures_at_singularities_and_in_collision_are_left_out() -> None:

@@ -940,13 +940,37 @@ def test_the_largest_cell_that_works() -> None:
     assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
 
 
+def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
+    """Flat cells whose edge is a little on this side or the other of where the axis, which points
+    anywhere, crosses them; none of a slide."""
+    task = spatial_task(4, tmp_path, seed=1)
+    point, axis = task.joint_origins(task.reference)[0], task.axes(task.reference)[0]
+    tried = 0
+    for flat, q in enumerate(np.random.default_rng(2).uniform(-2, 2, (7, 4))):
+        flat %= 3
+        middle = task.placement(q).translation
+        t = (middle[flat] - point[flat]) / axis[flat]
+        gap = np.abs(point + t * axis - middle)
+        if not 0.3 < np.delete(gap, flat).min() < gap.max() < 1.5:
+            continue
+        for factor in (1.02, np.where(gap == gap.max(), 1.02, 0.98)):
+            widths = np.where(np.arange(3) == flat, 1e-5, gap * factor)
+            cell = rp.Cell(task, pin.SE3(np.eye(3), middle), widths)
+            said = "contains the axis of q1," in refused(cell, q)
+            assert said == np.isscalar(factor)
+            tried += 1
+    assert tried >= 6
+
+
 def test_a_cell_round_the_base() -> None:
-    x = pin.SE3(middle().rotation, np.array([0.0, 0.0, 0.9]))
-    says = refused(
-        rp.Cell(panda("position"), x, (0.7, 0.7, 0.1)),
-        rp.solve_ik(panda("position"), Q_PANDA, x),
-    )
-    assert "contains the axis of panda_joint1" in says, says
+    """Also where the axis touches its edge, and runs beside it: it is parallel to two faces."""
+    for y, inside in ((0.0, True), (0.69, True), (0.71, False), (-0.71, False)):
+        x = pin.SE3(middle().rotation, np.array([0.0, y, 0.9]))
+        cell = rp.Cell(panda("position"), x, (0.7, 0.7, 1e-5))
+        says = refused(cell, rp.solve_ik(panda("position"), Q_PANDA, x))
+        assert ("contains the axis of panda_joint1," in says) is inside, says
+    slides = rp.Robot.load("ppr").task(None, "xy")
+    assert "axis" not in refused(rp.Cell(slides, np.zeros(3), 9.0), np.zeros(3))
 
 
 def test_targets_outside_and_other_wrong_things() -> None:
