@@ -11,7 +11,6 @@ import pytest
 from arms import Q_PANDA
 from cell_functions import cell_of, chart_of, middle, panda
 from sectors import found as sector_design
-from sectors import sector_of
 
 import repctl_pin as rp
 from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
@@ -31,7 +30,6 @@ from repctl_pin.inverse_function.posture_search import (
     judged,
     searched,
 )
-from repctl_pin.inverse_function.turning import reduced, turn_at
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])
@@ -287,39 +285,3 @@ def test_twenty_random_starts_find_nothing_better() -> None:
     finite = np.array(ended)[np.isfinite(ended)]
     print(best, np.sort(finite))
     assert len(finite) >= 15 and finite.min() > 0.99 * best
-
-
-def test_tilts_narrow_the_range_of_the_angle() -> None:
-    """By what joint 1 differs over the tilts at one radius and height, of poses of our own."""
-    design = sector_design("pose")
-    chart, (turn, *_) = design.function.chart, design.evaluation.turns
-    cell = chart.cell
-    edge = np.array([u for u in cell.corners() if (u[:2] == 1).all()])
-    inside = np.random.default_rng(3).uniform(-1, 1, (200, cell.k))
-    inside[:, :2] = 1.0
-    U = np.concatenate([edge, inside])
-    spread = np.ptp(chart.solve(U, np.zeros((len(U), 1))).Q[:, 0])
-    map_ = turn_at(chart, U[:2])
-    assert map_ is not None and spread > 0.05
-    assert np.allclose(map_, turn.joint_range - spread, atol=0.02)
-    design = sector_design(
-        "one orientation"
-    )  # all poses of a radius and height are one
-    chart, (turn,) = design.function.chart, design.evaluation.turns
-    assert np.allclose(turn_at(chart, chart.cell.sample(4)), turn.joint_range)
-
-
-def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
-    sector = sector_of("pose", angle=0.5)
-    plain, limits = (
-        rp.Pseudoinverse(sector.task),
-        rp.WeightedInverse(sector.task, rp.LimitWeight(sector.task)),
-    )
-    assert [one.coordinate for one in reduced(sector, plain).removed] == [1, 5]
-    first = np.diag([2.0, 1, 1, 1, 1, 1, 1])  # constant in the joints: both remain
-    weighted = rp.WeightedInverse(sector.task, first)
-    assert [one.coordinate for one in reduced(sector, weighted).removed] == [
-        1,
-        5,
-    ]
-    assert reduced(sector, limits).removed == ()

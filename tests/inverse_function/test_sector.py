@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from dataclasses import replace
 from html import unescape
 from itertools import pairwise
@@ -17,6 +18,7 @@ from arms import Q_PANDA, planar_task, spatial_urdf
 from cell_functions import panda, tour
 from commands import main
 from design_file import checksum
+from matplotlib.figure import Figure
 from page_file import read
 from sectors import WIDTHS, found, sector_of
 
@@ -321,6 +323,30 @@ def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(
     np.testing.assert_allclose(cell.limit_margin(Q), expected, atol=1e-12)
 
 
+def test_a_desired_inverse_without_the_symmetry_is_not_reduced(tmp_path: Path) -> None:
+    """A weight that is constant in the joints leaves the symmetry, one that is not does not."""
+    assert [one.coordinate for one in found("pose").function.chart.cell.removed] == [
+        1,
+        5,
+    ]
+    task, q = planar_task([0.5, 0.4, 0.3], tmp_path), [0.2, 0.8, 0.8]
+    sector = rp.Sector(task, task.placement(q), radius=0.05, angle=0.3)
+    few = rp.FitOptions(samples=16, held_out=64)
+    for weight, removed in (
+        (np.diag([2.0, 1.0, 1.0]), [1]),
+        (lambda q: np.diag([2 + np.sin(q[0]), 1.0, 1.0]), []),
+    ):
+        design = rp.nearest_inverse_function(
+            rp.WeightedInverse(task, weight),
+            sector,
+            posture=q,
+            degree=1,
+            options=few,
+        )
+        kept = design.function.chart.cell
+        assert [one.coordinate for one in kept.removed] == removed
+
+
 def test_all_round_requires_the_symmetry_of_the_cost() -> None:
     free = sector_of("one orientation")
     with pytest.raises(
@@ -458,22 +484,78 @@ def test_a_sector_says_its_size_and_where_a_pose_is(
     assert sector.symmetry() == "not used"
 
 
-def test_the_edges_of_a_sector(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def drawn(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[rp.CellDesign, Path, Figure]:
+    """A sector by the command, its page, and the figure that it draws: an arm whose first axis is
+    vertical, and whose other ones point anywhere."""
+    folder, figures = tmp_path_factory.mktemp("sector"), []
+    text = re.sub(
+        "<origin [^>]*/><axis [^>]*/>",
+        '<axis xyz="0 0 1"/>',
+        spatial_urdf(6, 7),
+        count=1,
+    )
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    arm = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "axis"]
+    sizes = ["--radius", "0.02", "--height", "0.03", "--half-angle", "0.15"]
+    few = ["--start", ",".join(6 * ["0.4"]), "--degree", "1", "--held-out", "64"]
+    drawn = Figure.savefig
+
+    def kept(figure: Figure, *given: Any, **options: Any) -> None:
+        figures.append(figure)
+        drawn(figure, *given, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", kept)
+        assert main([*arm, "--sector", *sizes, *few, "--out", str(folder)]) == 0
+    task = rp.Robot.load(folder / "arm.urdf").task("tool", "axis")
+    design = rp.load(folder / "cell.json", task)
+    assert isinstance(design, rp.CellDesign)
+    return design, folder / "cell.html", figures[0]
+
+
+def test_the_maps_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None:
+    """Limit margin and extra joint speed, pose by pose, and the range of the angle: that of the
+    joint less what it differs by over the tilts at one radius and height."""
+    design, _, figure = drawn
+    F, cell, (turn,) = design.function, design.cell, design.evaluation.turns
+    maps = [
+        mesh.get_array().reshape(33, 33)
+        for ax in figure.axes
+        for mesh in ax.collections[:1]
+        if mesh.get_array() is not None and mesh.get_array().size == 33 * 33
+    ]
+    rng = np.random.default_rng(0)
+    for row, column in ((0, 0), (32, 5), (16, 30)):
+        U = rng.uniform(-1, 1, (200, cell.k))
+        U[:, 0], U[:, 2] = column / 16 - 1, row / 16 - 1
+        U[:, 1] = 0.0
+        U[:4, 3:] = [[-1, -1], [-1, 1], [1, -1], [1, 1]]
+        U[4, 3:] = 0.0
+        Q = F.batch(U)
+        range_ = turn.joint_range - np.ptp(Q[:, 0])
+        assert maps[2][row, column] == pytest.approx(np.degrees(range_), abs=0.1)
+        least = np.delete(design.task.limit_margin(Q[4]), 0).min()
+        assert maps[0][row, column] == pytest.approx(least, rel=1e-6)
+        own, wanted, _ = speeds_of(design, U[4:5])
+        extra = 100 * (np.sqrt(own / wanted) - 1)
+        assert maps[1][row, column] == pytest.approx(extra[0], rel=1e-5)
+    assert len(maps) == 3
+
+
+def test_the_edges_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None:
     """In the page of the command: every edge, along one coordinate at a time, to all corners."""
-    (tmp_path / "arm.urdf").write_text(spatial_urdf(4, 1), encoding="utf-8")
-    arm = ["cell", str(tmp_path / "arm.urdf"), "--frame", "tool", "--task", "position"]
-    sizes = ["--sector", "--radius", "0.02", "--height", "0.03", "--angle", "0.1"]
-    few = ["--start", "0.4,0.4,0.4,0.4", "--degree", "1", "--held-out", "64"]
-    assert main([*arm, *sizes, *few, "--out", str(tmp_path)]) == 0
-    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "position")
-    sector = rp.load(tmp_path / "cell.json", task).cell
-    page = unescape((tmp_path / "cell.html").read_text("utf-8"))
+    sector, file = drawn[0].cell, drawn[1]
+    page = unescape(file.read_text("utf-8"))
     inner = page.partition('srcdoc="')[2].partition('"></iframe>')[0]
     scene, _, numbers = read(inner)
     edges, way = scene["paths"]
     p = numbers[len(numbers) - 3 * (edges + way) : len(numbers) - 3 * way]
     p = p.reshape(edges, 3)
     U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (edges, 1, 1)))
+    U = U[:, :3]
     near = 1 - 40 * scene["resolution"]
     assert (np.abs(U[:, [0, 2]]) > near).all() and np.abs(U).max() < 2 - near
     steps = np.diff(U, axis=0)
