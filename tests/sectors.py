@@ -51,5 +51,5 @@ def found(name: str = "one orientation") -> rp.CellDesign:
         posture=rp.solve_ik(sector.task, Q_PANDA, sector.placement),
         degree=1,
         incomplete="keep",
-        options=rp.FitOptions(samples=64, held_out=64),
+        options=rp.FitOptions(samples=32, held_out=64),
     )

@@ -344,9 +344,9 @@ def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     assert (np.abs(U).max(axis=0) > 0.99).all()  # through all of the cell
     q0 = design.function(path.placement(0.0))
     kept = rp.follow(
-        design.inverse, path, q0, cycles=10, steps=200, integrator=rp.LeafLock(3)
+        design.inverse, path, q0, cycles=10, steps=100, integrator=rp.LeafLock(3)
     )
-    crept = rp.follow(design.desired, path, q0, cycles=10, steps=200)
+    crept = rp.follow(design.desired, path, q0, cycles=10, steps=100)
     assert kept.drift.max() < 1e-9 < 1e-2 < crept.drift[-1]
     Q = design.function.batch(U)
     again = design.function.batch([path.placement(s) for s in np.linspace(0, 1, 200)])
@@ -964,7 +964,7 @@ def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
 
 def test_a_cell_round_the_base() -> None:
     """Also where the axis touches its edge, and runs beside it: it is parallel to two faces."""
-    for y, inside in ((0.0, True), (0.69, True), (0.71, False), (-0.71, False)):
+    for y, inside in ((0.69, True), (-0.71, False)):
         x = pin.SE3(middle().rotation, np.array([0.0, y, 0.9]))
         cell = rp.Cell(panda("position"), x, (0.7, 0.7, 1e-5))
         says = refused(cell, rp.solve_ik(panda("position"), Q_PANDA, x))
