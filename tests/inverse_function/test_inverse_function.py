@@ -633,6 +633,45 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     assert np.allclose(hulls[distances > 0], distances[distances > 0])
 
 
+def test_another_posture_is_used_where_the_first_one_collides(tmp_path: Path) -> None:
+    """A post that the first link sweeps over between the middle and the corners; the arm has two
+    postures, and the search offers that one first."""
+    text = planar_urdf([1.0, 0.8, 0.3], range_=3.0)
+    for i, length in enumerate((1.0, 0.8, 0.3), 1):
+        box = f'<origin xyz="{length / 2} 0 0"/><geometry><box size="{0.96 * length} 0.01 0.01"/>'
+        bodies = f'<link name="link{i}"><collision>{box}</geometry></collision></link>'
+        text = text.replace(f'<link name="link{i}"/>', bodies)
+    *before, last = re.split('(lower="-3.0" upper="3.0")', text)
+    before[-1] = (
+        'lower="-0.1" upper="0.1"'  # so that no other postures are between the two
+    )
+    (tmp_path / "arm.urdf").write_text("".join([*before, last]))
+    x, y = 0.93 * np.cos(0.85), -0.93 * np.sin(0.85)
+    (tmp_path / "post.urdf").write_text(
+        f'<robot name="post"><link name="post"><collision><origin xyz="{x} {y} 0"/>'
+        '<geometry><box size="0.01 0.01 0.05"/></geometry></collision></link></robot>'
+    )
+    around = tmp_path / "post.urdf"
+    robot = rp.Robot.load(tmp_path / "arm.urdf", surroundings=around)
+    task, middle = robot.task("tool", "xy"), pin.SE3(np.eye(3), np.array([1.3, 0.3, 0]))
+    cell = rp.Cell(task, middle, 0.12)
+    found, first = (
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(task),
+            cell,
+            posture=posture,
+            degree=2,
+            limit_margin=0.02,
+            options=rp.FitOptions(samples=64, held_out=128),
+        )
+        for posture in (None, rp.solve_ik(task, [-0.71, 1.77, 0.0], middle))
+    )
+    near = np.concatenate([cell.corners(), np.zeros((1, 2))])
+    apart = rp.Bodies(task).distances(first.function.batch(near))
+    assert first.body_distance < 0 < apart.min()
+    assert found.body_distance > 0.5 and found.posture[1] < 0 < first.posture[1]
+
+
 def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
