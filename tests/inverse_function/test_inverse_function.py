@@ -467,6 +467,38 @@ def test_the_judgement_is_honest() -> None:
     )
 
 
+@pytest.mark.parametrize("posture", [(-1.9, 1.0, 1.0), (1.9, -1.0, -1.2)])
+def test_the_attainable_margin_is_the_largest_of_the_self_motion(
+    posture: tuple[float, ...], tmp_path: Path
+) -> None:
+    """Followed by small steps of the null vector from the worst held-out pose, both ways."""
+    (tmp_path / "arm.urdf").write_text(planar_urdf([1.0, 0.9, 0.8], range_=2.0))
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    cell = rp.Cell(task, task.placement(posture), 0.01)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=posture,
+        degree=1,
+        limit_margin=0.0,
+        options=rp.FitOptions(samples=16, held_out=64),
+    )
+    Q = design.function.batch(cell.sample(64, 2))
+    worst = Q[np.argmin(task.limit_margin(Q).min(axis=1))]
+    x, most, ahead = task.placement(worst), 0.0, np.zeros(3)
+    for way in (1.0, -1.0):
+        q, ahead = worst, way * np.linalg.svd(task.jacobian(worst))[2][-1]
+        while task.limit_margin(q).min() >= 0:
+            most = max(most, task.limit_margin(q).min())
+            N = np.linalg.svd(task.jacobian(q))[2][-1]
+            ahead = N * np.sign(N @ ahead)
+            q = q + 2e-3 * ahead
+            q = q + np.linalg.pinv(task.jacobian(q)) @ task.error(q, x)
+    found = design.evaluation.attainable_margin
+    assert found == pytest.approx(most, abs=2e-3)
+    assert found > design.limit_margin + 0.2
+
+
 def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
     """As low as at any node of a fine grid, from few poses: limits and σ_min."""
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
