@@ -342,12 +342,22 @@ def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
-def test_restarts_never_make_it_worse(panda: rp.Robot) -> None:
+def test_restarts_never_make_it_worse_and_can_make_it_better(panda: rp.Robot) -> None:
     plain, more = (
         panda_design_of(panda, "axis", 0.4, 1, samples=1024, held_out=256, restarts=k)
         for k in (0, 2)
     )
     assert more.fit_cost <= plain.fit_cost * (1 + 1e-9)
+    task = rp.Robot.load("ppr").task(None, "xy")
+    desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 1.5)
+    options = rp.FitOptions(samples=128, held_out=64)
+    plain, more = (
+        rp.nearest_repeatable(
+            desired, None, box, degree=3, options=replace(options, restarts=k)
+        )
+        for k in (0, 4)
+    )
+    assert more.converged and more.fit_cost < plain.fit_cost * (1 - 1e-6)
 
 
 def test_designs_are_compared_on_common_nodes(
@@ -789,6 +799,8 @@ def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> No
         for samples in (64, 4096)
     )
     assert many.cost_error < few.cost_error / 4
+    assert len(many.replicates) == 32 and f"cost={many.cost}" in repr(many)
+    assert "replicates" not in repr(many) and "leaf_margin_at" not in repr(many)
     assert abs(few.cost - panda_design.cost) < 4 * few.cost_error
 
 

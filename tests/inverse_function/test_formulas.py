@@ -209,7 +209,16 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
     for _ in range(2):  # without a guess, and from a function that violates nothing
         kept = constraint()
         fit = PenaltyMethod(desired, chart, U, [kept], 5)
-        found = fit.kept(free, terms, lambda *_: None, guess=guess)
+        weights: list[float] = []
+
+        def tell(*_: object, fit=fit, weights=weights) -> None:
+            weights.append(fit.weight)
+
+        found = fit.kept(free, terms, tell, guess=guess)
+        assert found.steps > free[-1].steps
+        assert weights[0] == (100 if guess is None else 1000)
+        assert all(b in (a, min(10 * a, 1e5)) for a, b in pairwise(weights))
+        assert weights[1] == 10 * weights[0]  # ten times in each round, up to 1e5
         assert {*map(tuple, due.edge)} <= {*map(tuple, kept.edge)}
         assert (
             margin.least(CandidateFunction(chart, terms, found.a).at(U)) > 0.08

@@ -413,6 +413,8 @@ def test_what_a_design_says_of_itself() -> None:
         f"{100 * j.body_distance:.3g} cm" in said["body distance"]
         and "no" not in said["body distance"].split()
     )
+    small = replace(design, posture=[0.012345, -1e-6, 1.23456, -2, 30, 0.1, -0.04])
+    assert small.figures()["posture"] == "0.0123, 0, 1.235, -2, 30, 0.1, -0.04"
     free = replace(
         design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf)
     )
