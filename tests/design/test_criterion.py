@@ -320,6 +320,21 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
     assert search(measure, bent, bent.random(2048, 0)).value > 0.01
 
 
+def test_the_search_looks_into_the_corners_of_wide_boxes_and_narrow_ones() -> None:
+    """A measure that falls in one corner only, and has no slope that leads there."""
+    box = rp.Box(np.arange(5.0), [3.0, 0.02, 5.0, 0.4, 2.0])
+    for side in ([1, 1, 1, 1, 1], [-1, 1, -1, -1, 1]):
+        corner = box.center + side * box.half_width
+
+        def measure(Q: np.ndarray, corner: np.ndarray = corner) -> np.ndarray:
+            near = np.abs(Q - corner) < 0.1 * box.half_width
+            return np.where(near.all(axis=1), -1.0, 1.0)
+
+        Q = box.random(64, 0)
+        assert measure(Q).min() == 1
+        assert search(measure, box, Q).value == -1
+
+
 class Open(rp.Box):
     """A box that does not move points back, as a region may that cannot."""
 
