@@ -204,6 +204,25 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
     assert np.allclose(F.inverse.leaf(moved), c)
 
 
+@pytest.mark.parametrize(("name", "i"), [("pose", 5), ("position", 1)])
+def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
+    """One pose at a time and in a batch: just inside its range, and just outside."""
+    F, cell = found(name).function, found(name).cell
+    for side in (-1, 1):
+        for factor, inside in ((0.999, True), (1.001, False), (1.5, False)):
+            u = 0.3 * np.ones(cell.k)
+            u[i] = side * factor
+            p, R = cell.placements(u[None])
+            x = pin.SE3(R[0], p[0])
+            if inside:
+                assert np.abs(F(x) - F.batch([x])[0]).max() < 1e-11
+                continue
+            says = f"lies outside the cell: {cell.names[i]} is "
+            for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
+                with pytest.raises(rp.InputError, match=says):
+                    evaluate()
+
+
 @pytest.mark.parametrize("name", WIDTHS)
 def test_the_controller_is_the_derivative_of_f(name: str) -> None:
     design = found(name)
