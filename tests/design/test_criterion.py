@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.optimize
-from arms import Q_PANDA
+from arms import Q_PANDA, planar_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
@@ -333,6 +334,20 @@ def test_the_search_looks_into_the_corners_of_wide_boxes_and_narrow_ones() -> No
         Q = box.random(64, 0)
         assert measure(Q).min() == 1
         assert search(measure, box, Q).value == -1
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_dexterity_does_not_depend_on_the_unit_of_length(
+    size: float, tmp_path: Path
+) -> None:
+    """Just above 1e-5 of the largest singular value, and just below, where it is 0."""
+    task = planar_task([size, 0.9 * size, 0.8 * size], tmp_path)
+    Q = np.outer([1.0, 0.5, 0.25, 0.125, 0.0625], [0.0, 1e-4, 1e-4]) + [0.3, 0, 0]
+    sigma = np.linalg.svd(task.jacobians(Q), compute_uv=False)
+    ratio = sigma[:, 1] / sigma[:, 0]
+    assert ratio[0] > 2e-5 and ratio[-1] < 1e-5
+    due = np.where(ratio > 1e-5, ratio, 0.0)
+    np.testing.assert_allclose(Dexterity(task)(Q), due, rtol=1e-6)
 
 
 class Open(rp.Box):

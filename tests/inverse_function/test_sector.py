@@ -277,6 +277,37 @@ def test_the_cost_of_the_reduced_function_is_that_of_the_whole(name: str) -> Non
     assert j.extra_speed_worst >= np.sqrt((own / wanted).max()) - 1 - 1e-9
 
 
+def test_how_far_round_the_tool_and_what_ends_it() -> None:
+    """The range of the spin is that of the last joint, around a middle that is not the posture's;
+    at both ends the joint is inside its limits, a little further it is not."""
+    sector = sector_of("one orientation", spin="all", angle=0.3)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(sector.task),
+        sector,
+        posture=rp.solve_ik(sector.task, Q_PANDA, sector.placement),
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    F, cell, task = design.function, design.cell, design.task
+    _, turn = design.evaluation.turns
+    i = list(cell.names).index("spin")
+    assert turn.coordinate == "spin" and turn.reach == 2 * cell.widths[5]
+    turned = pin.log3(sector.placement.rotation.T @ cell.placement.rotation)
+    assert np.abs(turned[:2]).max() < 1e-9 and 0.1 < abs(turned[2]) < np.pi
+    U = np.random.default_rng(4).uniform(-1, 1, (200, cell.k))
+    U[:, i] = np.sign(U[:, i])
+    Q = F.batch(U)
+    assert np.abs(task.errors(Q, [cell.at(u) for u in U])).max() < 1e-10
+    margin = task.limit_margin(Q)[:, 6]
+    for side in (-1, 1):
+        assert 0 <= margin[U[:, i] == side].min() < 0.1
+    reduced = F.chart.cell
+    V = reduced.sample(64, 5)
+    q_ref, _ = F.chart.reference(V)
+    solved = F.chart.solve(V, np.zeros((64, 1)))
+    assert np.abs(solved.Q - q_ref).max() < 6e-5  # it is still the function
+
+
 def test_how_far_round_and_what_ends_it() -> None:
     design = found("one orientation")
     (turn,) = design.evaluation.turns
