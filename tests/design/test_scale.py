@@ -102,6 +102,10 @@ def test_few_nodes_first_then_all(panda: rp.Robot, few_nodes: None) -> None:
         pool.submit(abs, -1).result()  # after what the design still asked of it
         assert max(held) > 0 == box.held()
     assert one.converged and one.samples == 2048
+    Q, weights = rp.Box(Q0, 0.4).nodes(2048, 0)
+    away = one.inverse.batch(Q) - one.desired.batch(Q)
+    cost = weights @ (away**2).sum(axis=(1, 2))  # on all of them
+    assert one.fit_cost == pytest.approx(cost, rel=1e-8)
 
 
 @pytest.mark.parametrize(
