@@ -413,6 +413,25 @@ def test_the_gradient_norm_belongs_to_the_coefficients_found(fit_of_planar3r) ->
     assert coarse.gradient_norm == pytest.approx(again.gradient_norm, rel=1e-6)
 
 
+def test_singular_configurations_alone_become_barrier_points() -> None:
+    """PPR on few nodes: two descents end in a singularity between them, which few of the 16
+    searches find; the third does not."""
+    task = rp.Robot.load("ppr").task(None, "xy")
+    desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 3.1)
+    potentials, (Q, weights) = rp.Polynomial(np.zeros(3), 3, 3.1), box.nodes(64, 0)
+    chosen = independent(desired, potentials, *box.nodes(512, 0))
+    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+    builder = Builder(desired, potentials, chosen.kept, N)
+    nodes = BarrierCost(Local(builder, Q, weights, 64), builder, 1 / len(Q))
+    problem = FitProblem(desired, potentials, box, rp.FitOptions())
+    way = Continuation(problem, chosen, nodes)
+    found = way.fit_degree(len(chosen.kept), None)
+    assert found is not None and found.sides.uniform
+    assert nodes.guards and all(1 <= len(Q) < 8 for Q in nodes.guards)
+    points = np.concatenate(nodes.guards)
+    assert box.contains(points).all() and (way.margin(found.A)(points) > 0).all()
+
+
 def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) -> None:
     """Where no V is found singular, and no error was raised: at the last barrier point."""
     way = fit_of_planar3r()
