@@ -265,6 +265,13 @@ def test_what_cannot_be_sent_is_refused_before_any_work(
         )
 
 
+def test_an_executor_of_another_kind_is_refused(panda: rp.Robot) -> None:
+    """It has a submit of its own, which nothing says how to wait for."""
+    other = SimpleNamespace(submit=lambda *_: None)
+    with pytest.raises(rp.InputError, match="Executor or a Dask Client, not Simple"):
+        design(panda, executor=other)
+
+
 def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> None:
     class_free = rp.Polynomial(Q0, 1) + rp.CustomPotentials([_nan_in_a_corner])
     task = panda.task("panda_hand_tcp", "pose")
