@@ -342,12 +342,7 @@ def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
-def test_restarts_never_make_it_worse_and_can_make_it_better(panda: rp.Robot) -> None:
-    plain, more = (
-        panda_design_of(panda, "axis", 0.4, 1, samples=1024, held_out=256, restarts=k)
-        for k in (0, 2)
-    )
-    assert more.fit_cost <= plain.fit_cost * (1 + 1e-9)
+def test_restarts_can_find_a_better_design() -> None:
     task = rp.Robot.load("ppr").task(None, "xy")
     desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 1.5)
     options = rp.FitOptions(samples=128, held_out=64)
