@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import chart, reference
+from repctl_pin.inverse_function.reference import fitted, rays
 
 CELLS = {
     "poses": ("pose", 0.3),
@@ -35,12 +36,11 @@ def cell_of(
     return rp.Cell(panda(kind), middle(kind), half_width, rotation)
 
 
-def chart_of(
-    cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128
-) -> chart.Chart:
-    ends = reference.rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
+def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) -> Any:
+    """The chart of polynomials that the joints at the ends of rays from the middle have."""
+    ends = rays(rp.Pseudoinverse(cell.task), cell, q, cell.sample(count))
     assert (ends.reached == 1).all()
-    return reference.fitted(cell, ends.U, ends.Q, ends.N, degree)
+    return fitted(cell, ends.U, ends.Q, ends.N, degree)
 
 
 def function_of(name: str) -> rp.InverseFunction:
@@ -50,3 +50,28 @@ def function_of(name: str) -> rp.InverseFunction:
     return rp.InverseFunction(
         chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement))
     )
+
+
+def tour(cell: rp.Cell, seed: int = 0, reach: float = 0.9) -> rp.TaskPath:
+    """A random closed path through a cell: three waves in each of its coordinates, each of which
+    comes to ``reach`` on one side at least."""
+    waves = 2 * np.pi * np.arange(1, 4)
+    a, phase = np.random.default_rng(seed).uniform(0.2, 1.0, size=(2, cell.k, 3))
+    s = np.linspace(0, 1, 1001)
+
+    def raw(s: np.ndarray) -> np.ndarray:
+        turns = np.multiply.outer(s, waves)[:, None] + 2 * np.pi * phase
+        return (a / waves * np.sin(turns)).sum(axis=2)
+
+    most = np.abs(raw(s)).max(axis=0)
+
+    def placed(s: float) -> tuple[np.ndarray, np.ndarray]:
+        p, R = cell.placements(reach / most * raw(np.array([s])))
+        return p[0], R[0]
+
+    def slope(s: float) -> np.ndarray:
+        return (placed(s + 1e-6)[0] - placed(s - 1e-6)[0]) / 2e-6
+
+    turned = cell.task.m > 3
+    rotation = (lambda s: placed(s)[1]) if turned else cell.placement.rotation
+    return rp.TaskPath(f"loop {seed}", lambda s: placed(s)[0], slope, rotation)

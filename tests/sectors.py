@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from arms import Q_PANDA
-from cell_functions import chart_of, panda
+from cell_functions import panda
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import cell_evaluation, turning
 
 WIDTHS: dict[str, dict[str, Any]] = {
     "pose": {"height": 0.08, "half_angle": (0.2, 0.3), "spin": 0.3},
@@ -45,17 +43,13 @@ def sector_of(name: str = "one orientation", **change: Any) -> rp.Sector:
 
 @cache
 def found(name: str = "one orientation") -> rp.CellDesign:
-    """The reference over a sector, as a function: what it costs does not matter here."""
+    """A small design over a sector: what it costs does not matter here."""
     sector = sector_of(name)
-    desired = rp.Pseudoinverse(sector.task)
-    sector = turning.reduced(sector, desired)
-    q = rp.solve_ik(sector.task, Q_PANDA, sector.placement)
-    chart, turns = turning.centred(chart_of(sector, q, 2, 64))
-    evaluation = replace(
-        cell_evaluation.evaluate_cell(desired, chart, 64, 5, quick=True), turns=turns
-    )
-    how = {"samples": 64, "held_out": 64, "seed": 0, "steps": 0, "degrees": ((1, 1.0),)}
-    asked = ("requested_limit_margin", "requested_body_distance", "requested_sigma_min")
-    return rp.CellDesign.of(
-        desired, chart, evaluation, **how, **dict.fromkeys(asked, 0.0)
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(sector.task),
+        sector,
+        posture=rp.solve_ik(sector.task, Q_PANDA, sector.placement),
+        degree=1,
+        incomplete="keep",
+        options=rp.FitOptions(samples=32, held_out=64),
     )

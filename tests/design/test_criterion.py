@@ -1,14 +1,37 @@
-"""The criterion's laws: gradient, gauge, order and cut of the nodes, and the plain reading of (36)
-as an oracle."""
+"""Formulas of a design that no public name states alone: the criterion's laws, with the plain
+reading of (36) as an oracle, the searches for singularities, the continuation, and the maps. Only
+this file imports them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
+import scipy.optimize
+from arms import Q_PANDA, planar_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import batches, criterion, singularity_search
+from repctl_pin.design.batches import BarrierCost, Local
+from repctl_pin.design.continuation import Continuation, FitProblem
+from repctl_pin.design.criterion import (
+    Builder,
+    cost,
+    evaluate,
+    gauss_newton,
+    oriented_nullspace,
+)
+from repctl_pin.design.design_map import degree_curve, design_map
+from repctl_pin.design.independence import independent
+from repctl_pin.design.singularity_search import (
+    Dexterity,
+    LeafMargin,
+    largest_free,
+    search,
+)
 
 KINDS = {"pose": 1, "axis": 2, "position": 4}
 
@@ -20,12 +43,8 @@ def setting(
     task = panda.task("panda_hand_tcp", request.param)
     box = rp.Box(q_panda_module, 0.4)
     potentials = rp.Polynomial(q_panda_module, 2, 0.4)
-    N = criterion.oriented_nullspace(
-        task.jacobian(box.center)[None], task, box.center[None]
-    )[0]
-    builder = criterion.Builder(
-        rp.Pseudoinverse(task), potentials, np.arange(potentials.size), N
-    )
+    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+    builder = Builder(rp.Pseudoinverse(task), potentials, np.arange(potentials.size), N)
     Q, weights = box.nodes(256, 3)
     return task, potentials, builder, Q, weights
 
@@ -33,6 +52,19 @@ def setting(
 @pytest.fixture(scope="module")
 def q_panda_module() -> np.ndarray:
     return np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+
+
+@pytest.fixture(scope="module")
+def fitted(panda: rp.Robot) -> Callable[..., rp.Design]:
+    """Designs for the panda over a box, by kind of task, width and degree."""
+
+    def made(kind: str, width: float, degree: int, **options: int) -> rp.Design:
+        task, box = panda.task("panda_hand_tcp", kind), rp.Box(Q_PANDA, width)
+        how = rp.FitOptions(**options)
+        desired = rp.Pseudoinverse(task)
+        return rp.nearest_repeatable(desired, None, box, degree=degree, options=how)
+
+    return made
 
 
 def some_A(potentials: rp.Polynomial, r: int, seed: int) -> np.ndarray:
@@ -49,8 +81,8 @@ def test_cost_is_the_mean_distance_of_the_inverses(setting) -> None:
         V = potentials.gradients(q[None])[0] @ A
         G_r = np.linalg.inv(np.vstack([J, V.T]))[:, : task.m]  # (31), (37)
         expected += w * np.sum((G_r - np.linalg.pinv(J)) ** 2)
-    cost, _ = criterion.cost(builder(Q, weights), A)
-    assert np.isclose(cost, expected, rtol=1e-8)
+    found, _ = cost(builder(Q, weights), A)
+    assert np.isclose(found, expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -60,7 +92,7 @@ def test_gradient_agrees_with_finite_differences_at_random_coefficients(
     task, potentials, builder, Q, weights = setting
     batch = builder(Q, weights)
     A = some_A(potentials, task.r, seed)
-    value, half, *_ = criterion.gauss_newton(batch, A)
+    value, half, *_ = gauss_newton(batch, A)
     gradient = 2 * half
     rng = np.random.default_rng(seed + 10)
     scale = np.linalg.norm(gradient)
@@ -71,8 +103,7 @@ def test_gradient_agrees_with_finite_differences_at_random_coefficients(
         # is steep
         e = 1e-6
         slopes = [
-            (criterion.cost(batch, A + s * D)[0] - criterion.cost(batch, A - s * D)[0])
-            / (2 * s)
+            (cost(batch, A + s * D)[0] - cost(batch, A - s * D)[0]) / (2 * s)
             for s in (e, 2 * e)
         ]
         assert (
@@ -86,7 +117,7 @@ def test_gauss_newton_matrix_is_the_first_order_of_X(setting) -> None:
     b = builder(Q, weights)
     A = some_A(potentials, task.r, 5)
     D = some_A(potentials, task.r, 6)
-    matrix = criterion.gauss_newton(b, A)[2]
+    matrix = gauss_newton(b, A)[2]
 
     def X(A: np.ndarray) -> np.ndarray:
         return b.F @ A @ np.linalg.inv(b.E @ A)
@@ -102,21 +133,21 @@ def test_gauge_changes_nothing(setting) -> None:
     b = builder(Q, weights)
     A = some_A(potentials, task.r, 7)
     T = np.random.default_rng(8).normal(size=(task.r, task.r)) + 2 * np.eye(task.r)
-    assert np.isclose(criterion.cost(b, A @ T)[0], criterion.cost(b, A)[0], rtol=1e-9)
+    assert np.isclose(cost(b, A @ T)[0], cost(b, A)[0], rtol=1e-9)
 
 
 def test_order_and_cut_of_the_nodes_change_nothing(setting) -> None:
     task, potentials, builder, Q, weights = setting
     A = some_A(potentials, task.r, 9)
-    whole = batches.Local(builder, Q, weights, 256).total(criterion.gauss_newton, A)
+    whole = Local(builder, Q, weights, 256).total(gauss_newton, A)
     order = np.random.default_rng(1).permutation(len(Q))
     for other in (
-        batches.Local(builder, Q, weights, 7),
-        batches.Local(builder, Q, weights, 64, stream=True),
-        batches.Local(builder, Q[order], weights[order], 100),
+        Local(builder, Q, weights, 7),
+        Local(builder, Q, weights, 64, stream=True),
+        Local(builder, Q[order], weights[order], 100),
     ):
         for ours, theirs in zip(
-            whole[:3], other.total(criterion.gauss_newton, A)[:3], strict=True
+            whole[:3], other.total(gauss_newton, A)[:3], strict=True
         ):
             assert np.allclose(
                 ours, theirs, rtol=1e-10, atol=1e-10 * np.abs(ours).max()
@@ -132,7 +163,7 @@ def test_orientation_makes_det_EA_smooth(
         task = panda.task("panda_hand_tcp", kind)
         Q = rp.Box(q_panda_module, 0.8).random(512, 0)
         J = task.jacobians(Q)
-        N = criterion.oriented_nullspace(J, task, Q)
+        N = oriented_nullspace(J, task, Q)
         assert np.abs(J @ N).max() < 1e-12
         assert (
             np.linalg.det(np.concatenate([J, np.swapaxes(N, 1, 2)], axis=1)) > 0
@@ -151,17 +182,17 @@ def test_sides_find_a_singularity_of_V(
     panda_pose: rp.Task, q_panda_module: np.ndarray
 ) -> None:
     box, potentials = rp.Box(q_panda_module, 0.4), rp.Polynomial(q_panda_module, 1, 0.4)
-    N = criterion.oriented_nullspace(
+    N = oriented_nullspace(
         panda_pose.jacobian(box.center)[None], panda_pose, box.center[None]
     )[0]
-    batch = criterion.Builder(
-        rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N
-    )(*box.nodes(512, 0))
-    assert criterion.cost(batch, N)[1].uniform  # V = N(center)
+    batch = Builder(rp.Pseudoinverse(panda_pose), potentials, np.arange(7), N)(
+        *box.nodes(512, 0)
+    )
+    assert cost(batch, N)[1].uniform  # V = N(center)
     row = redundancy.pseudoinverse(panda_pose.jacobian(box.center))[
         :, :1
     ]  # in the row space at the center
-    sides = criterion.cost(batch, row)[1]
+    sides = cost(batch, row)[1]
     assert not sides.uniform and sides.positive + sides.negative == 512
 
 
@@ -174,7 +205,7 @@ def test_signed_leaf_margin_is_the_leaf_margin(
         task = panda.task("panda_hand_tcp", kind)
         A = np.random.default_rng(1).normal(size=(7, task.r))
         potentials = rp.Polynomial(q_panda_module, 1, 0.6).weighted(A)
-        found = singularity_search.LeafMargin(task, potentials, q_panda_module)(Q)
+        found = LeafMargin(task, potentials, q_panda_module)(Q)
         N, V = redundancy.nullspace(task.jacobians(Q)), potentials.gradients(Q)
         np.testing.assert_allclose(
             np.abs(found), redundancy.leaf_margin(N, V), atol=1e-12
@@ -185,14 +216,7 @@ def test_signed_leaf_margin_is_the_leaf_margin(
     flat = row.weighted(
         np.tile(A[:, :1], task.r)
     )  # all gradients are the same row of J
-    assert (
-        abs(
-            singularity_search.LeafMargin(task, flat, q_panda_module)(
-                q_panda_module[None]
-            )[0]
-        )
-        < 1e-12
-    )
+    assert abs(LeafMargin(task, flat, q_panda_module)(q_panda_module[None])[0]) < 1e-12
 
 
 def test_a_singular_node_is_named_whichever_it_is() -> None:
@@ -202,7 +226,7 @@ def test_a_singular_node_is_named_whichever_it_is() -> None:
         Q[k] = [0.7, 0.0, 0.0]  # stretched
         words = r"the Jacobian loses rank near .*theta1 = 0\.700, theta2 = 0\.000"
         with pytest.raises(rp.SingularityError, match=words):
-            criterion.oriented_nullspace(task.jacobians(Q), task, Q)
+            oriented_nullspace(task.jacobians(Q), task, Q)
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1.5, "0.5"), (np.nan, "nan")])
@@ -224,4 +248,361 @@ def test_the_node_at_which_a_strategy_is_no_inverse_is_named(
     for k in range(3):
         says = f"is missed by {words} at theta1 = {Q[k, 0]:.3f}, "
         with pytest.raises(rp.InputError, match=says):
-            criterion.evaluate(Off(task), potentials, Q)
+            evaluate(Off(task), potentials, Q)
+
+
+def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
+    box, potentials = rp.Box(Q_PANDA, 0.4), rp.Polynomial(Q_PANDA, 2, 0.4)
+    N = oriented_nullspace(
+        panda_pose.jacobian(Q_PANDA)[None], panda_pose, Q_PANDA[None]
+    )[0]
+    builder = Builder(
+        rp.Pseudoinverse(panda_pose), potentials, np.arange(potentials.size), N
+    )
+    Q, weights = box.nodes(64, 0)
+    guarded = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5)
+    A = np.random.default_rng(0).normal(size=(potentials.size, 1))
+    plain, _ = guarded.total(cost, A)
+    at = box.random(4, 1)[:2]
+    guarded.guard(at)
+    inverse = rp.RepeatableInverse(panda_pose, potentials.weighted(A))
+    distance = np.sum(
+        (inverse.batch(at) - rp.Pseudoinverse(panda_pose).batch(at)) ** 2, axis=(1, 2)
+    )
+    with_guards, sides = guarded.total(cost, A)
+    assert with_guards == pytest.approx(plain + 0.5 * distance.sum())
+    assert sides.positive + sides.negative == len(Q) + 2
+    # the first potentials alone: the same as the others' coefficients at 0
+    alone = guarded.total(gauss_newton, A[:7])
+    padded = guarded.total(gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))]))
+    assert alone[0] == pytest.approx(padded[0])
+    assert np.allclose(alone[1], padded[1][:7]) and np.allclose(
+        alone[2], padded[2][:, :7, :, :7]
+    )
+
+
+@pytest.mark.parametrize("wall", [0.03, 0.5, 0.83])
+@pytest.mark.parametrize("bad", [[0.9, 0.0], [0.02, -0.9]])
+def test_the_largest_free_box_ends_just_before_a_wall(
+    wall: float, bad: list[float]
+) -> None:
+    """Whether the wall stands on the line to the configuration that is known, or beside it."""
+    found = largest_free(
+        lambda Q: wall - Q[:, 0], rp.Box(np.zeros(2), 1.0), np.array([bad])
+    )
+    assert isinstance(found, rp.Box) and (found.half_width < wall).all()
+    assert (found.half_width > 0.985 * wall).all()
+    nowhere = largest_free(
+        lambda Q: -1 - Q[:, 0], rp.Box(np.zeros(2), 1.0), np.array([bad])
+    )
+    assert nowhere is None
+
+
+def test_an_arm_stretched_inside_the_region_is_found() -> None:
+    """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
+    short."""
+    task = rp.Robot.load("planar7r").task("tool", "xy")
+    measure = Dexterity(task)
+    for center, width in ((np.full(7, 0.3), 0.4), (np.full(7, -0.1), 0.3)):
+        box = rp.Box(center, width)
+        found = search(measure, box, box.random(2048, 0))
+        assert found.value == 0 and box.contains(found.at[None]).all()
+        sigma = np.linalg.svd(task.jacobian(found.at), compute_uv=False)
+        assert sigma[-1] <= 1e-5 * sigma[0] and np.abs(found.at[1:]).max() < 1e-3
+        with pytest.raises(rp.SingularityError, match="loses rank"):
+            rp.nearest_repeatable(
+                rp.Pseudoinverse(task),
+                None,
+                box,
+                degree=1,
+                options=rp.FitOptions(samples=64, held_out=64),
+            )
+    bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
+    assert search(measure, bent, bent.random(2048, 0)).value > 0.01
+
+
+def test_the_search_looks_into_the_corners_of_wide_boxes_and_narrow_ones() -> None:
+    """A measure that falls in one corner only, and has no slope that leads there."""
+    box = rp.Box(np.arange(5.0), [3.0, 0.02, 5.0, 0.4, 2.0])
+    for side in ([1, 1, 1, 1, 1], [-1, 1, -1, -1, 1]):
+        corner = box.center + side * box.half_width
+
+        def measure(Q: np.ndarray, corner: np.ndarray = corner) -> np.ndarray:
+            near = np.abs(Q - corner) < 0.1 * box.half_width
+            return np.where(near.all(axis=1), -1.0, 1.0)
+
+        Q = box.random(64, 0)
+        assert measure(Q).min() == 1
+        assert search(measure, box, Q).value == -1
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_dexterity_does_not_depend_on_the_unit_of_length(
+    size: float, tmp_path: Path
+) -> None:
+    """Just above 1e-5 of the largest singular value, and just below, where it is 0."""
+    task = planar_task([size, 0.9 * size, 0.8 * size], tmp_path)
+    Q = np.outer([1.0, 0.5, 0.25, 0.125, 0.0625], [0.0, 1e-4, 1e-4]) + [0.3, 0, 0]
+    sigma = np.linalg.svd(task.jacobians(Q), compute_uv=False)
+    ratio = sigma[:, 1] / sigma[:, 0]
+    assert ratio[0] > 2e-5 and ratio[-1] < 1e-5
+    due = np.where(ratio > 1e-5, ratio, 0.0)
+    np.testing.assert_allclose(Dexterity(task)(Q), due, rtol=1e-6)
+
+
+class Open(rp.Box):
+    """A box that does not move points back, as a region may that cannot."""
+
+    def clip(self, Q: np.ndarray) -> np.ndarray:
+        return np.array(Q)
+
+
+def test_the_search_for_singularities_stays_in_the_region() -> None:
+    task = rp.Robot.load("planar7r").task("tool", "xy")
+    for box in (Open(np.full(7, 0.3), 0.25), Open(np.full(7, 0.5), 0.4)):
+        for measure in (
+            Dexterity(task),
+            lambda Q: 2 + Q.sum(axis=1),
+        ):
+            found = search(measure, box, box.random(256, 0))
+            assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9
+
+
+@pytest.fixture(scope="module")
+def fit_of_planar3r():
+    """A function that makes the continuation of a fit of degree 3, with 64 nodes."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    desired, box = rp.Pseudoinverse(task), rp.Box([0.3, 1.0, 0.8], 0.3)
+    potentials = rp.Polynomial(box.center, 3, box.half_width)
+    Q, weights = box.nodes(64, 0)
+    chosen = independent(desired, potentials, Q, weights)
+    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+    builder = Builder(desired, potentials, chosen.kept, N)
+
+    def made(warm: np.ndarray | None = None) -> Continuation:
+        nodes = BarrierCost(Local(builder, Q, weights, 16), builder, 1 / len(Q))
+        problem = FitProblem(desired, potentials, box, rp.FitOptions(), warm)
+        return Continuation(problem, chosen, nodes)
+
+    return made
+
+
+def test_lower_degrees_are_offered_after_the_highest(fit_of_planar3r) -> None:
+    first, *ladder = fit_of_planar3r().regular()
+    assert [len(one.A) for one in ladder] == [len(first.A), 9, 3]
+    assert first.cost == pytest.approx(ladder[0].cost, rel=1e-3)
+    assert ladder[0].cost < 0.5 * ladder[1].cost < 0.25 * ladder[2].cost
+    assert max(one.steps for one in (first, *ladder)) < 8  # as Newton's method would
+    # a design of degree 1 replaces the ladder: it is offered as it is
+    warm = fit_of_planar3r(ladder[2].A)
+    best, last = warm.regular()
+    assert best.cost == pytest.approx(first.cost, rel=1e-3)
+    assert np.array_equal(last.A, ladder[2].A) and not last.converged
+    assert last.cost == pytest.approx(ladder[2].cost) and last.gradient_norm == 0
+    assert last.steps == 0 and last.sides.uniform
+
+
+def test_the_gradient_norm_belongs_to_the_coefficients_found(fit_of_planar3r) -> None:
+    """A descent that begins where another ended stops there, and has the same gradient."""
+    way = fit_of_planar3r()
+    (first, *_) = way.regular()
+    noise = np.random.default_rng(0).normal(size=first.A.shape)
+    coarse = way.descend(way.coarse, first.A + 1e-3 * noise, 1e-6, 0.1)
+    again = way.descend(way.coarse, coarse.A, 1e-6, np.inf)
+    assert coarse.steps > 0 and np.allclose(again.A, coarse.A, rtol=1e-9, atol=0)
+    assert coarse.gradient_norm == pytest.approx(again.gradient_norm, rel=1e-6)
+
+
+def test_singular_configurations_alone_become_barrier_points() -> None:
+    """PPR on few nodes: two descents end in a singularity between them, which few of the 16
+    searches find; the third does not."""
+    task = rp.Robot.load("ppr").task(None, "xy")
+    desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 3.1)
+    potentials, (Q, weights) = rp.Polynomial(np.zeros(3), 3, 3.1), box.nodes(64, 0)
+    chosen = independent(desired, potentials, *box.nodes(512, 0))
+    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+    builder = Builder(desired, potentials, chosen.kept, N)
+    nodes = BarrierCost(Local(builder, Q, weights, 64), builder, 1 / len(Q))
+    problem = FitProblem(desired, potentials, box, rp.FitOptions())
+    way = Continuation(problem, chosen, nodes)
+    found = way.fit_degree(len(chosen.kept), None)
+    assert found is not None and found.sides.uniform
+    assert nodes.guards and all(1 <= len(Q) < 8 for Q in nodes.guards)
+    points = np.concatenate(nodes.guards)
+    assert box.contains(points).all() and (way.margin(found.A)(points) > 0).all()
+
+
+def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) -> None:
+    """Where no V is found singular, and no error was raised: at the last barrier point."""
+    way = fit_of_planar3r()
+    Q = way.problem.region.random(32, 0)
+    for at in (way.problem.region.center, Q[3]):
+        error = way.refusal(Q, None)
+        assert "32 nodes do not determine 19 potentials" in str(error)
+        assert "give more samples" in str(error) and error.free is None
+        assert np.array_equal(error.at, at)
+        way.coarse.guard(Q[3:5])
+
+
+def test_converged_tells_the_truth(fitted: Callable[..., rp.Design]) -> None:
+    """A quasi-Newton method that starts where Gauss–Newton stopped finds next to nothing more."""
+    for kind in ("pose", "axis"):
+        design = fitted(kind, 0.4, 2, samples=1024)
+        assert design.converged
+        task, potentials, box = design.task, design.potentials, design.region
+        N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[
+            0
+        ]
+        batch = Builder(design.desired, potentials, np.arange(potentials.size), N)(
+            *box.nodes(1024, 0)
+        )
+        shape = design.coefficients.shape
+
+        def flat(a: np.ndarray, batch=batch, shape=shape) -> tuple[float, np.ndarray]:
+            value, half, *_ = gauss_newton(batch, a.reshape(shape))
+            return value, 2 * half.ravel()
+
+        start = design.coefficients.ravel()
+        assert np.isclose(flat(start)[0], design.fit_cost, rtol=1e-9)
+        found = scipy.optimize.minimize(
+            flat, start, jac=True, method="L-BFGS-B", options={"maxiter": 60}
+        )
+        assert found.fun > (1 - 2e-3) * design.fit_cost
+        # and from a poor start it does find more: the check has teeth
+        poor = (
+            start
+            + 0.2
+            * np.random.default_rng(0).normal(size=start.size)
+            * np.abs(start).max()
+        )
+        assert flat(poor)[0] > 1.02 * design.fit_cost
+
+
+@pytest.mark.slow
+def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
+    fitted: Callable[..., rp.Design],
+) -> None:
+    design = fitted("pose", 0.8, 1)
+    extended = design.evaluate_baselines()[1]
+    assert extended.evaluation is None
+    assert (
+        "algorithmic singularity" in extended.refused
+        and "panda_joint4 = " in extended.refused
+    )
+    # the point it names lies in the box, and det J_V has another sign there than at the center
+    inverse = rp.ExtendedJacobian(design.task, Q_PANDA)
+    margin = LeafMargin(design.task, inverse.potentials, Q_PANDA)
+    at = search(margin, design.region, design.region.random(2048, 0)).at
+    free = largest_free(margin, design.region, at[None])
+    assert design.region.contains(at[None])[0]
+    sides = [
+        np.sign(
+            np.linalg.det(
+                np.vstack([design.task.jacobian(q), inverse.potentials.gradient(q).T])
+            )
+        )
+        for q in (Q_PANDA, at)
+    ]
+    assert sides[0] == -sides[1]
+    assert isinstance(free, rp.Box)
+    again = replace(design, inverse=inverse, region=free)
+    assert rp.compare(again).evaluations[0].leaf_margin > 0
+
+
+def test_the_coordinates_of_a_fit_are_orthonormal(panda_pose: rp.Task) -> None:
+    """Mean over all nodes of (D B)ᵀ D B = I, however many there are."""
+    potentials, region = rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4)
+    Q, weights = region.nodes(2048, 0)
+    chosen = independent(rp.Pseudoinverse(panda_pose), potentials, Q, weights)
+    D = potentials.gradients(Q)[:, :, chosen.kept] @ chosen.basis
+    assert len(chosen.kept) == potentials.size and chosen.dropped == ()
+    gram = np.einsum("K,Kai,Kaj->ij", weights, D, D)
+    assert np.abs(gram - np.eye(len(gram))).max() < 1e-9
+    assert np.array_equal(chosen.basis, np.triu(chosen.basis))
+
+
+def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(
+    panda_pose: rp.Task,
+) -> None:
+    """Of degree 3 on 256 nodes, margins in corners of Ω are far below those at the nodes."""
+    box = rp.Box(panda_pose.reference, 0.05)
+    options = rp.FitOptions(samples=256, held_out=256)
+    potentials = rp.Polynomial(panda_pose.reference, 3, 0.05)
+    found = rp.nearest_repeatable(
+        rp.Pseudoinverse(panda_pose), potentials, box, options=options
+    )
+    side = np.sign(np.random.default_rng(0).standard_normal((1000, 7)))
+    Q = np.concatenate([box.random(4096, 5), box.center + box.half_width * side])
+    margins = LeafMargin(panda_pose, found.inverse.potentials, box.center)(Q)
+    assert margins.min() > found.leaf_margin - 0.01
+
+
+def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
+    potentials = design_map(panda_design, points=9)
+    i, j = potentials.joints
+    assert (
+        i != j
+        and np.isclose(potentials.x[0], Q_PANDA[i] - 0.4)
+        and np.isclose(potentials.y[-1], Q_PANDA[j] + 0.4)
+    )
+    q = Q_PANDA.copy()
+    q[i], q[j] = potentials.x[2], potentials.y[7]
+    G_d = panda_design.desired(q)
+    assert np.isclose(
+        potentials.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d)
+    )
+    assert np.isclose(potentials.reference[7, 2], np.linalg.norm(G_d))
+    N = redundancy.nullspace(panda_design.task.jacobian(q))
+    assert np.isclose(
+        potentials.leaf_margin[7, 2],
+        redundancy.leaf_margin(N, panda_design.inverse.potentials.gradient(q)),
+    )
+    with pytest.raises(rp.InputError, match="two different joints"):
+        design_map(panda_design, (1, 1))
+
+
+def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None:
+    """planar3r, whose J loses rank at θ₂ = θ₃ = 0; and ppr, where only d₁ and θ₃ count in h."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    center = np.array([0.3, 0.5, 0.5])
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(center, 0.2),
+        degree=1,
+        options=rp.FitOptions(samples=512, held_out=64),
+    )
+    wide = replace(design, region=rp.Box([0.3, 0.0, 0.0], 0.5))
+    found = design_map(wide, (1, 2), points=5)
+    assert np.array_equal(np.argwhere(np.isnan(found.distance)), [[2, 2]])
+    assert np.array_equal(np.isnan(found.reference), np.isnan(found.distance))
+    q = np.array([0.3, found.x[4], found.y[1]])
+    G_d = np.linalg.pinv(task.jacobian(q))
+    assert np.isclose(found.reference[1, 4], np.linalg.norm(G_d))
+    assert np.isclose(found.distance[1, 4], np.linalg.norm(design.inverse(q) - G_d))
+    for pair in ((0, 3), (-1, 1), (2, 2)):
+        with pytest.raises(rp.InputError, match="from 0 to 2"):
+            design_map(wide, pair)
+    task = rp.Robot.load("ppr").task(None, "xy")
+    few = rp.FitOptions(samples=512, held_out=64)
+    flat = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(np.zeros(3), 1.0), degree=2, options=few
+    )
+    for slide in (0, 1):  # h = θ₃ + d²: the other slide changes neither inverse
+        potentials = rp.Polynomial(np.zeros(3), 2, 1.0)
+        rows = potentials.exponents.tolist()
+        A = np.zeros((potentials.size, 1))
+        A[[rows.index([0, 0, 1]), rows.index((2 * np.eye(3)[slide]).tolist())]] = 1
+        bent = rp.RepeatableInverse(flat.task, potentials.weighted(A))
+        assert design_map(replace(flat, inverse=bent), points=3).joints == (
+            slide,
+            2,
+        )
+
+
+def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
+    design = fitted("pose", 0.4, 2, samples=512, held_out=256)
+    degrees = degree_curve(design)
+    assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
+        1
+    ] == design.cost < degrees[0][1]

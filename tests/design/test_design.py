@@ -6,24 +6,19 @@ import re
 import time
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
 from arms import spatial_task
+from commands import main
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import (
-    criterion,
-    design_map,
-    evaluation,
-    independence,
-    singularity_search,
-)
-from repctl_pin.potentials import PotentialBasis
-from repctl_pin.show.plots import design_figure
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 
@@ -112,41 +107,6 @@ def test_a_summary_computes_nothing_and_baselines_report_progress(
         True,
         True,
     ]
-
-
-@pytest.mark.slow
-def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
-    panda: rp.Robot,
-) -> None:
-    design = panda_design_of(panda, "pose", 0.8, 1)
-    extended = design.evaluate_baselines()[1]
-    assert extended.evaluation is None
-    assert (
-        "algorithmic singularity" in extended.refused
-        and "panda_joint4 = " in extended.refused
-    )
-    # the point it names lies in the box, and det J_V has another sign there than at the center
-    inverse = rp.ExtendedJacobian(design.task, Q0)
-    with pytest.raises(rp.SingularRegionError) as error:
-        evaluation.evaluate_design(inverse, design.desired, design.region)
-    at = error.value.at
-    free = singularity_search.largest_free(
-        singularity_search.LeafMargin(design.task, inverse.potentials, Q0),
-        design.region,
-        at[None],
-    )
-    assert design.region.contains(at[None])[0]
-    sides = [
-        np.sign(
-            np.linalg.det(
-                np.vstack([design.task.jacobian(q), inverse.potentials.gradient(q).T])
-            )
-        )
-        for q in (Q0, at)
-    ]
-    assert sides[0] == -sides[1]
-    assert isinstance(free, rp.Box)
-    assert evaluation.evaluate_design(inverse, design.desired, free).leaf_margin > 0
 
 
 @pytest.fixture(scope="module")
@@ -281,40 +241,6 @@ def test_the_standard_error_is_true() -> None:
     assert 26 <= inside <= 30  # 95 % is what two standard errors should hold
 
 
-def test_converged_tells_the_truth(panda: rp.Robot) -> None:
-    """A quasi-Newton method that starts where Gauss–Newton stopped finds next to nothing more."""
-    for kind in ("pose", "axis"):
-        design = panda_design_of(panda, kind, 0.4, 2, samples=1024)
-        assert design.converged
-        task, potentials, box = design.task, design.potentials, design.region
-        N = criterion.oriented_nullspace(
-            task.jacobian(box.center)[None], task, box.center[None]
-        )[0]
-        batch = criterion.Builder(
-            design.desired, potentials, np.arange(potentials.size), N
-        )(*box.nodes(1024, 0))
-        shape = design.coefficients.shape
-
-        def flat(a: np.ndarray, batch=batch, shape=shape) -> tuple[float, np.ndarray]:
-            cost, half, *_ = criterion.gauss_newton(batch, a.reshape(shape))
-            return cost, 2 * half.ravel()
-
-        start = design.coefficients.ravel()
-        assert np.isclose(flat(start)[0], design.fit_cost, rtol=1e-9)
-        found = scipy.optimize.minimize(
-            flat, start, jac=True, method="L-BFGS-B", options={"maxiter": 60}
-        )
-        assert found.fun > (1 - 2e-3) * design.fit_cost
-        # and from a poor start it does find more: the check has teeth
-        poor = (
-            start
-            + 0.2
-            * np.random.default_rng(0).normal(size=start.size)
-            * np.abs(start).max()
-        )
-        assert flat(poor)[0] > 1.02 * design.fit_cost
-
-
 def test_leaf_margin_is_searched_between_the_nodes(panda: rp.Robot) -> None:
     design = panda_design_of(panda, "pose", 0.8, 1, samples=1024, held_out=256)
     Q = design.region.random(2**14, 99)
@@ -355,11 +281,12 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
 # ---- laws ----------------------------------------------------------------------------------------
 
 
-class Mixed(PotentialBasis):
+class Mixed(rp.Joined):
     """The same space of potentials in another basis."""
 
     def __init__(self, family: rp.Polynomial, M: np.ndarray) -> None:
-        self.family, self.M, self.size = family, M, family.size
+        super().__init__(family)
+        self.family, self.M = family, M
 
     def values(self, Q: np.ndarray) -> np.ndarray:
         return self.family.values(Q) @ self.M
@@ -415,12 +342,17 @@ def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
-def test_restarts_never_make_it_worse(panda: rp.Robot) -> None:
+def test_restarts_can_find_a_better_design() -> None:
+    task = rp.Robot.load("ppr").task(None, "xy")
+    desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 1.5)
+    options = rp.FitOptions(samples=128, held_out=64)
     plain, more = (
-        panda_design_of(panda, "axis", 0.4, 1, samples=1024, held_out=256, restarts=k)
-        for k in (0, 2)
+        rp.nearest_repeatable(
+            desired, None, box, degree=3, options=replace(options, restarts=k)
+        )
+        for k in (0, 4)
     )
-    assert more.fit_cost <= plain.fit_cost * (1 + 1e-9)
+    assert more.converged and more.fit_cost < plain.fit_cost * (1 - 1e-6)
 
 
 def test_designs_are_compared_on_common_nodes(
@@ -578,33 +510,33 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
     q0[0] = task.upper[0] - 0.12
     box, plain = rp.Box(q0, 0.3), rp.Pseudoinverse(task)
     spared = rp.WeightedInverse(task, rp.LimitWeight(task))
-    corners, margins, distances = (
-        np.random.default_rng(0).uniform(-0.05, 0.05, (60, 3, 3)),
-        [],
-        [],
-    )
+    corners = np.random.default_rng(0).uniform(-0.05, 0.05, (60, 3, 3))
+    margins, designs = [], []
     for desired in (plain, spared):
-        inverse = rp.nearest_repeatable(
+        design = rp.nearest_repeatable(
             desired,
             None,
             box,
             degree=2,
             options=rp.FitOptions(samples=1024, held_out=256),
-        ).inverse
-        loops = (rp.polygon(task, q0, few) for few in corners)
+        )
+        designs.append(design)
         loops = [
-            rp.follow(inverse, loop, q0, cycles=1, steps=32, integrator=rp.LeafLock(2))
-            for loop in loops
+            rp.follow(
+                design.inverse,
+                rp.polygon(task, q0, few),
+                q0,
+                cycles=1,
+                steps=32,
+                integrator=rp.LeafLock(2),
+            )
+            for few in corners
         ]
         margins.append([loop.limit_margin.min() for loop in loops])
-        distances.append(
-            evaluation.evaluate_design(
-                inverse, plain, box, samples=1024
-            ).relative_distance
-        )
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
     assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
-    assert distances[1] < distances[0] + 0.05
+    usual, other = rp.compare(*designs).evaluations  # both against J⁺
+    assert other.relative_distance < usual.relative_distance + 0.05
 
 
 # ---- refusals ------------------------------------------------------------------------------------
@@ -811,20 +743,6 @@ def test_gradients_that_are_none_are_refused_by_name(panda_pose: rp.Task) -> Non
         rp.nearest_repeatable(desired, Broken(0), region, options=few)
 
 
-def test_the_coordinates_of_a_fit_are_orthonormal(panda_pose: rp.Task) -> None:
-    """Mean over all nodes of (D B)ᵀ D B = I, however many there are."""
-    potentials, region = rp.Polynomial(Q0, 2, 0.4), rp.Box(Q0, 0.4)
-    Q, weights = region.nodes(2048, 0)
-    chosen = independence.independent(
-        rp.Pseudoinverse(panda_pose), potentials, Q, weights
-    )
-    D = potentials.gradients(Q)[:, :, chosen.kept] @ chosen.basis
-    assert len(chosen.kept) == potentials.size and chosen.dropped == ()
-    gram = np.einsum("K,Kai,Kaj->ij", weights, D, D)
-    assert np.abs(gram - np.eye(len(gram))).max() < 1e-9
-    assert np.array_equal(chosen.basis, np.triu(chosen.basis))
-
-
 def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
     """Two are needed, and one is left: the others follow the task, an earlier one, or nothing."""
     task = rp.Robot.load("planar4r").task(None, "xy")
@@ -871,12 +789,13 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
 
 
 def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> None:
-    arguments = panda_design.inverse, panda_design.desired, panda_design.region
     few, many = (
-        evaluation.evaluate_design(*arguments, samples=samples, seed=7)
+        rp.compare(replace(panda_design, held_out=samples, seed=6)).evaluations[0]
         for samples in (64, 4096)
     )
     assert many.cost_error < few.cost_error / 4
+    assert len(many.replicates) == 32 and f"cost={many.cost}" in repr(many)
+    assert "replicates" not in repr(many) and "leaf_margin_at" not in repr(many)
     assert abs(few.cost - panda_design.cost) < 4 * few.cost_error
 
 
@@ -910,104 +829,53 @@ def test_an_inverse_that_is_none_is_refused_with_the_residual(
 # ---- arrays for pictures -------------------------------------------------------------------------
 
 
-def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
-    potentials = design_map.design_map(panda_design, points=9)
-    i, j = potentials.joints
-    assert (
-        i != j
-        and np.isclose(potentials.x[0], Q0[i] - 0.4)
-        and np.isclose(potentials.y[-1], Q0[j] + 0.4)
-    )
-    q = Q0.copy()
-    q[i], q[j] = potentials.x[2], potentials.y[7]
-    G_d = panda_design.desired(q)
-    assert np.isclose(
-        potentials.distance[7, 2], np.linalg.norm(panda_design.inverse(q) - G_d)
-    )
-    assert np.isclose(potentials.reference[7, 2], np.linalg.norm(G_d))
-    N = redundancy.nullspace(panda_design.task.jacobian(q))
-    assert np.isclose(
-        potentials.leaf_margin[7, 2],
-        redundancy.leaf_margin(N, panda_design.inverse.potentials.gradient(q)),
-    )
-    with pytest.raises(rp.InputError, match="two different joints"):
-        design_map.design_map(panda_design, (1, 1))
-
-
-def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter(
-    ppr_design: rp.Design,
+def test_the_curve_and_the_figure_hold_the_costs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """planar3r, whose J loses rank at θ₂ = θ₃ = 0; and ppr, where only d₁ and θ₃ count in h."""
-    task = rp.Robot.load("planar3r").task(None, "xy")
-    center = np.array([0.3, 0.5, 0.5])
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
+    """In the picture of the command: the cost of each degree, those of the baselines, and the
+    distance over the two joints along which it changes most."""
+    figures: list[Figure] = []
+
+    def kept(figure: Figure, *_: object, **__: object) -> None:
+        figures.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", kept)
+    few = ["--samples", "512", "--held-out", "256", "--out", str(tmp_path)]
+    box = ["--region", "0.3", "--start", "0.3,1.0,0.8", "--task", "xy"]
+    assert main(["design", "planar3r", *box, "--degree", "2", *few]) == 0
+    design = rp.load(tmp_path / "design.json")
+    lower = rp.nearest_repeatable(
+        design.desired,
         None,
-        rp.Box(center, 0.2),
+        design.region,
         degree=1,
-        options=rp.FitOptions(samples=512, held_out=64),
+        options=rp.FitOptions(held_out=256),
     )
-    wide = replace(design, region=rp.Box([0.3, 0.0, 0.0], 0.5))
-    found = design_map.design_map(wide, (1, 2), points=5)
-    assert np.array_equal(np.argwhere(np.isnan(found.distance)), [[2, 2]])
-    assert np.array_equal(np.isnan(found.reference), np.isnan(found.distance))
-    q = np.array([0.3, found.x[4], found.y[1]])
-    G_d = np.linalg.pinv(task.jacobian(q))
-    assert np.isclose(found.reference[1, 4], np.linalg.norm(G_d))
-    assert np.isclose(found.distance[1, 4], np.linalg.norm(design.inverse(q) - G_d))
-    for pair in ((0, 3), (-1, 1), (2, 2)):
-        with pytest.raises(rp.InputError, match="from 0 to 2"):
-            design_map.design_map(wide, pair)
-    for slide in (0, 1):  # h = θ₃ + d²: the other slide changes neither inverse
-        potentials = rp.Polynomial(np.zeros(3), 2, 1.0)
-        rows = potentials.exponents.tolist()
-        A = np.zeros((potentials.size, 1))
-        A[[rows.index([0, 0, 1]), rows.index((2 * np.eye(3)[slide]).tolist())]] = 1
-        bent = rp.RepeatableInverse(ppr_design.task, potentials.weighted(A))
-        assert design_map.design_map(
-            replace(ppr_design, inverse=bent), points=3
-        ).joints == (
-            slide,
-            2,
-        )
-
-
-def test_the_curve_and_the_figure_hold_the_costs(panda: rp.Robot) -> None:
-    design = panda_design_of(panda, "pose", 0.4, 2, samples=512, held_out=256)
-    degrees = design_map.degree_curve(design)
-    assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
-        1
-    ] == design.cost < degrees[0][1]
-    baselines = design.evaluate_baselines()
-    figure = design_figure(
-        design,
-        design_map.design_map(design, points=5),
-        degrees,
-        baselines,
-        title="title",
-    )
-    ax = figure.axes[0]
-    assert np.allclose(ax.lines[0].get_ydata(), [cost for _, cost, _ in degrees])
+    ax, second, *_ = figures[0].axes
+    costs = ax.lines[0].get_ydata()
+    assert np.allclose(costs, [lower.cost, design.cost], rtol=1e-6)
+    assert np.array_equal(ax.lines[0].get_xdata(), [1, 2])
     levels = [
         line.get_ydata()[0] for line in ax.lines if line.get_linestyle() in ("--", ":")
     ]
-    assert np.allclose(levels, [b.evaluation.cost for b in baselines])
-    assert ax.get_yscale() == "log" and "rad" in figure.axes[1].get_xlabel()
-
-
-def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(
-    panda_pose: rp.Task,
-) -> None:
-    """Of degree 3 on 256 nodes, margins in corners of Ω are far below those at the nodes."""
-    box = rp.Box(panda_pose.reference, 0.05)
-    options = rp.FitOptions(samples=256, held_out=256)
-    potentials = rp.Polynomial(panda_pose.reference, 3, 0.05)
-    found = rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), potentials, box, options=options
-    )
-    side = np.sign(np.random.default_rng(0).standard_normal((1000, 7)))
-    Q = np.concatenate([box.random(4096, 5), box.center + box.half_width * side])
-    margins = singularity_search.LeafMargin(
-        panda_pose, found.inverse.potentials, box.center
-    )(Q)
-    assert margins.min() > found.leaf_margin - 0.01
+    due = [baseline.evaluation.cost for baseline in design.evaluate_baselines()]
+    assert np.allclose(levels, due) and len(levels) == 2
+    assert ax.get_yscale() == "log" and "rad" in second.get_xlabel()
+    box, ways, changes = design.region, np.linspace(-1, 1, 17)[:, None], []
+    for width in np.diag(box.half_width):
+        Q = box.center + ways * width
+        gap = np.linalg.norm(
+            design.inverse.batch(Q) - design.desired.batch(Q), axis=(1, 2)
+        )
+        changes.append(np.ptp(gap))
+    i, j = sorted(np.argsort(changes)[-2:])
+    names = design.task.joint_names
+    assert names[i] in second.get_xlabel() and names[j] in second.get_ylabel()
+    (shade,) = (one for one in second.collections if isinstance(one, QuadMesh))
+    values = np.asarray(shade.get_array()).reshape(61, 61)
+    for row, column in ((0, 60), (30, 7), (51, 44)):
+        q = np.array(box.center)
+        q[[i, j]] += box.half_width[[i, j]] * (np.array([column, row]) / 30 - 1)
+        G, G_d = design.inverse(q), design.desired(q)
+        due = np.linalg.norm(G - G_d) / np.linalg.norm(G_d)
+        assert values[row, column] == pytest.approx(due, rel=1e-9)

@@ -207,6 +207,7 @@ def test_search_over_the_family_finds_k_star(task: rp.Task, a: float, b: float) 
     )
     assert found.cost == pytest.approx(mean_cost(a, b, k), rel=1e-10)
     assert found.cost_error < 1e-10 and found.scanned_costs.min() >= found.cost - 1e-12
+    assert "scanned" not in repr(found) and f"cost={found.cost}" in repr(found)
 
 
 @pytest.mark.parametrize("a, b", [(0.3, 0.3 + PI), (-PI, PI)])

@@ -3,17 +3,18 @@ interruption."""
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
+import weakref
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.design import criterion, workers
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 OPTIONS = {"samples": 1024, "held_out": 256, "batch": 128}
@@ -27,12 +28,20 @@ def processes() -> Iterator[Executor]:
         yield pool
 
 
-def design(panda: rp.Robot, *, degree=2, progress=False, **options) -> rp.Design:
+def design(
+    panda: rp.Robot,
+    *,
+    degree=2,
+    progress=False,
+    potentials=None,
+    box=None,
+    **options,
+) -> rp.Design:
     task = panda.task("panda_hand_tcp", "axis")
     return rp.nearest_repeatable(
         rp.Pseudoinverse(task),
-        None,
-        rp.Box(Q0, 0.4),
+        potentials,
+        box or rp.Box(Q0, 0.4),
         degree=degree,
         options=rp.FitOptions(**(OPTIONS | options)),
         progress=progress,
@@ -65,14 +74,38 @@ def test_threads_give_the_same_design(panda: rp.Robot, alone: rp.Design) -> None
         assert same(design(panda, executor=pool), alone)
 
 
+class Watched(rp.Box):
+    """A box that knows which arrays of weights of its nodes are still in memory."""
+
+    def nodes(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        Q, weights = super().nodes(count, seed)
+        weights = np.array(weights)
+        self.__dict__.setdefault("alive", []).append(weakref.ref(weights))
+        return Q, weights
+
+    def held(self) -> int:
+        gc.collect()
+        return sum(one() is not None for one in self.__dict__["alive"])
+
+
 def test_few_nodes_first_then_all(panda: rp.Robot, few_nodes: None) -> None:
     """2048 nodes start from the optimum on 1024; nothing is left on the worker."""
     many = {"samples": 2048, "degree": 1, "batch": 256}
     one = design(panda, **many)
+    box, held = Watched(Q0, 0.4), []
+
+    def tell(step: str, share: float) -> None:
+        held.append(box.held() if step.startswith("step") else 0)
+
     with ThreadPoolExecutor(1) as pool:
-        assert same(design(panda, executor=pool, **many), one)
-        assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
+        assert same(design(panda, box=box, executor=pool, progress=tell, **many), one)
+        pool.submit(abs, -1).result()  # after what the design still asked of it
+        assert max(held) > 0 == box.held()
     assert one.converged and one.samples == 2048
+    Q, weights = rp.Box(Q0, 0.4).nodes(2048, 0)
+    away = one.inverse.batch(Q) - one.desired.batch(Q)
+    cost = weights @ (away**2).sum(axis=(1, 2))  # on all of them
+    assert one.fit_cost == pytest.approx(cost, rel=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -94,92 +127,120 @@ def test_a_cluster_gives_the_same_design(
         assert same(design(panda, executor=client, stream=True), alone)
 
 
-class Counting(ThreadPoolExecutor):
-    """One thread, and the number of tasks that it was given."""
+class Counting(Executor):
+    """One thread, and the number of tasks that it was given; as often as asked, it is another
+    thread, and what the last one held is lost."""
 
-    def __init__(self) -> None:
-        super().__init__(1)
-        self.tasks = 0
+    def __init__(self, life: float = np.inf) -> None:
+        self.tasks, self.life, self.thread = 0, life, ThreadPoolExecutor(1)
 
     def submit(self, *task, **options):
         self.tasks += 1
-        return super().submit(*task, **options)
+        if self.tasks % self.life == 0:
+            self.thread.shutdown()
+            self.thread = ThreadPoolExecutor(1)
+        return self.thread.submit(*task, **options)
+
+
+class Gradients(rp.Joined):
+    """A basis that counts the calls of its gradients with so many nodes."""
+
+    calls: ClassVar[list[int]] = []
+
+    def gradients(self, Q: np.ndarray) -> np.ndarray:
+        self.calls.append(len(Q))
+        return super().gradients(Q)
 
 
 def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(
     panda: rp.Robot,
 ) -> None:
-    task = panda.task("panda_hand_tcp", "pose")
-    box, potentials = rp.Box(Q0, 0.4), rp.Polynomial(Q0, 1, 0.4)
-    N = criterion.oriented_nullspace(task.jacobian(Q0)[None], task, Q0[None])[0]
-    builder = criterion.Builder(rp.Pseudoinverse(task), potentials, np.arange(7), N)
-    Q, w = box.nodes(512, 0)
-    with Counting() as pool:
-        streamed = workers.hand_out(builder, Q, w, 64, pool, stream=True)
-        assert streamed.total(criterion.cost, N) == streamed.total(criterion.cost, N)
-        assert pool.tasks == 16
-        batches = workers.hand_out(builder, Q, w, 64, pool)
-        first = batches.total(criterion.cost, N)
-        assert pool.tasks == 24
-        assert batches.total(criterion.cost, N) == first
-        assert pool.tasks == 25  # the worker is asked once for all that it holds
-        held = pool.submit(lambda: dict(workers._held.batches)).result()
-        assert sorted(held) == list(range(8)) and all(
-            len(pieces) == 1 for pieces in held.values()
+    """A worker is asked once for all that it holds. What one that ended held is built again."""
+    found, tasks, built = [], [], []
+    for life, stream in ((np.inf, False), (np.inf, True), (11, False)):
+        pool = Counting(life)
+        Gradients.calls.clear()
+        basis = Gradients(rp.Polynomial(Q0, 1, 0.4))
+        found.append(
+            design(
+                panda,
+                degree=None,
+                potentials=basis,
+                samples=512,
+                batch=64,
+                executor=pool,
+                stream=stream,
+            )
         )
-        pool.submit(_drop_one).result()
-        again = batches.total(criterion.cost, N)
-        assert again == first
-        kept = pool.submit(lambda: dict(workers._held.batches)).result()
-        assert sum(kept[i][0] is held[i][0] for i in held) == 7 and sorted(
-            kept
-        ) == sorted(held)
-        batches.close()
-        assert pool.submit(lambda: dict(workers._held.batches)).result() == {}
+        tasks.append(pool.tasks)
+        built.append(Gradients.calls.count(64))
+    assert same(found[1], found[0]) and same(found[2], found[0])
+    sums = built[1] // 8  # a stream builds its eight batches for each sum
+    assert built[1] == 8 * sums and sums > 4 and tasks[1] == 8 * sums
+    assert built[0] == 8 and 0 < tasks[0] - (8 + sums - 1) < 3  # and to forget them
+    assert 8 < built[2] < built[1] and tasks[2] > tasks[0]
 
 
-class Answers:
-    """A Dask client in this process: it computes at once, and says what it was asked."""
-
-    def __init__(self) -> None:
-        self.submitted: list[Any] = []
-        self.cancelled: list[Any] = []
-
-    def submit(self, function: Any, batches: Any, *, pure: bool) -> Any:
-        assert not pure  # the same batches may have other coefficients
-        whole = getattr(batches, "result", lambda: batches)
-        future = SimpleNamespace(result=lambda: function(whole()))
-        self.submitted.append(future)
-        return future
-
-    def cancel(self, futures: list[Any]) -> None:
-        self.cancelled += futures
-
-
-def test_a_cluster_is_asked_no_more_after_a_failure() -> None:
+def test_a_cluster_is_asked_no_more_after_a_failure(panda: rp.Robot) -> None:
     """Batches are built once unless they are streamed; what a sum still waits for is cancelled."""
-    pieces, told = [[1.0, 2.0], [3.0], [4.0, 5.0, 6.0]], []
+    distributed = pytest.importorskip("distributed")
 
-    def squared(batch: float, power: int) -> tuple[float, int]:
-        if power > 2 and batch == 3.0:
-            raise ZeroDivisionError
-        return batch**power, 1
+    class Answers(distributed.Client):
+        """A Dask client in this process: it computes when asked for a result, and says what it was
+        asked."""
 
-    for stream, built in ((False, 3), (True, 0)):
+        def __init__(self) -> None:
+            self.submitted: list[Any] = []
+            self.cancelled: list[Any] = []
+            self.lists = 0
+
+        def submit(self, function: Any, batches: Any, *, pure: bool) -> Any:
+            assert not pure  # the same batches may have other coefficients
+            whole, known = getattr(batches, "result", lambda: batches), []
+            self.lists += function is list
+
+            def result() -> Any:
+                if not known:
+                    known.append(function(whole()))
+                return known[0]
+
+            future = SimpleNamespace(result=result)
+            self.submitted.append(future)
+            return future
+
+        def cancel(self, futures: list[Any]) -> None:
+            self.cancelled += futures
+
+        def __del__(self) -> None:
+            """There is nothing to close."""
+
+    shares: list[float] = []
+
+    def tell(step: str, share: float) -> None:
+        shares.append(share if step == "512 nodes" else 0.0)
+
+    few = {"samples": 512, "batch": 64, "degree": 1}
+    alone = design(panda, **few)
+    for stream, built in ((False, 8), (True, 0)):
+        client, shares[:] = Answers(), []
+        assert same(
+            design(panda, executor=client, stream=stream, progress=tell, **few), alone
+        )
+        sums = (len(client.submitted) - built) // 8
+        assert client.lists == built and len(client.submitted) == 8 * sums + built
+        assert sums > 4 and not client.cancelled
+        assert shares.count(0.125) == shares.count(1.0) == sums
         client = Answers()
-        batches = workers.OnCluster(pieces, client, stream, told.append)
-        assert len(client.submitted) == built
-        for _ in range(2):
-            assert batches.total(squared, 2) == (91.0, 6)
-        assert len(client.submitted) == built + 6 and not client.cancelled
-        with pytest.raises(ZeroDivisionError):
-            batches.total(squared, 3)
-        assert client.cancelled == client.submitted[-3:]
-    assert told == 2 * [*2 * [1 / 3, 2 / 3, 1.0], 1 / 3]
-
-
-def _drop_one() -> None:
-    workers._held.batches.pop(3)
+        potentials = rp.Polynomial(Q0, 1) + rp.CustomPotentials([_nan_in_a_corner])
+        with pytest.raises(rp.InputError, match="_nan_in_a_corner is nan"):
+            design(
+                panda,
+                potentials=potentials,
+                executor=client,
+                stream=stream,
+                **(few | {"degree": None, "samples": 4096}),
+            )
+        assert client.cancelled and client.cancelled == client.submitted[client.lists :]
 
 
 def test_what_cannot_be_sent_is_refused_before_any_work(
@@ -204,6 +265,13 @@ def test_what_cannot_be_sent_is_refused_before_any_work(
         )
 
 
+def test_an_executor_of_another_kind_is_refused(panda: rp.Robot) -> None:
+    """It has a submit of its own, which nothing says how to wait for."""
+    other = SimpleNamespace(submit=lambda *_: None)
+    with pytest.raises(rp.InputError, match="Executor or a Dask Client, not Simple"):
+        design(panda, executor=other)
+
+
 def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> None:
     class_free = rp.Polynomial(Q0, 1) + rp.CustomPotentials([_nan_in_a_corner])
     task = panda.task("panda_hand_tcp", "pose")
@@ -219,7 +287,8 @@ def test_an_error_on_a_worker_arrives(panda: rp.Robot, processes: Executor) -> N
 
 
 def _nan_in_a_corner(q: np.ndarray) -> float:
-    return float("nan") if (q - Q0)[:3].min() > 0.3 else float(q[0] ** 2)
+    """Not at the 512 nodes that choose the potentials, but at three of the 4096 of the fit."""
+    return float("nan") if (q - Q0)[:3].min() > 0.33 else float(q[0] ** 2)
 
 
 def test_progress_is_reported(panda: rp.Robot) -> None:

@@ -2,92 +2,133 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from arms import spatial_task
-from cell_functions import CELLS, function_of
+from arms import planar_urdf, spatial_urdf
+from cell_functions import CELLS, chart_of, function_of
 from controls import NEEDS_C, own_cache  # noqa: F401
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import chart as charts
-from repctl_pin.inverse_function import chart_solve, kinematics, margins, posture_search
-from repctl_pin.robot.bodies import bodies_of
 
 EXACT = 1e-12
 
 
-def agree_in_place(task: rp.Task) -> None:
-    """Compare f and J with the task's own."""
-    Q = np.clip(
-        task.reference + np.random.default_rng(0).normal(size=(20, task.n)), -3, 3
-    )
-    fast = chart_solve.compiled_chain(task)
-    assert fast is not None
-    p, R, J = fast.placed(Q)
+def both_ways(text: str, kind: str, folder: Path) -> list[rp.Task]:
+    """The arm, and the same one with 32 more joints before its tip, which follow its first joint
+    and undo each other: more than the C code takes."""
+    tip = text[text.rindex("<joint ") :]
+    (last,) = re.findall('<parent link="([^"]*)"/>', tip)
+    (first, *_), chain = re.findall('<joint name="([^"]*)"', text), ""
+    for i in range(32):
+        link = (
+            f'<parent link="{f"more{i - 1}" if i else last}"/><child link="more{i}"/>'
+        )
+        chain += (
+            f'<link name="more{i}"/><joint name="m{i}" type="revolute">{link}'
+            '<axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="1" velocity="9"/>'
+            f'<mimic joint="{first}" multiplier="{1 - 2 * (i % 2)}" offset="0"/></joint>'
+        )
+    longer = text.replace(tip, chain + tip.replace(f'"{last}"', '"more31"', 1))
+    tasks = []
+    for name, one in (("arm", text), ("longer", longer)):
+        (folder / f"{name}.urdf").write_text(one)
+        tasks.append(rp.Robot.load(folder / f"{name}.urdf").task("tool", kind))
+    assert tasks[1].model.njoints > 33 and tasks[0].n == tasks[1].n
+    return tasks
+
+
+def moved(chart: Any, task: rp.Task) -> Any:
+    """The same chart for the same arm in another file."""
+    cell = chart.cell
+    turned = cell.rotation if len(cell.rotation) else 0.0
+    same = rp.Cell(task, cell.placement, cell.half_width, turned)
+    return replace(chart, cell=same)
+
+
+def agree_in_place(chart: Any) -> None:
+    """Compare R, J and the residual with the task's own, anywhere the arm can be."""
+    cell, task, rng = chart.cell, chart.cell.task, np.random.default_rng(0)
+    Q = np.clip(task.reference + rng.normal(size=(20, task.n)), -3, 3)
+    U, s = np.zeros((20, cell.k)), np.zeros((20, task.r))
+    at = chart.solve(U, s, Q, iterations=0)
     places = [task.placement(q) for q in Q]
-    assert np.abs(p - [x.translation for x in places]).max() < EXACT
-    assert np.abs(R - [x.rotation for x in places]).max() < EXACT
-    assert np.abs(J - task.jacobians(Q)).max() < EXACT
+    assert np.array_equal(at.Q, Q)
+    assert np.abs(at.R - [x.rotation for x in places]).max() < EXACT
+    assert np.abs(at.J - task.jacobians(Q)).max() < EXACT
+    due = [np.abs(task.error(q, cell.placement)).max() for q in Q]
+    assert np.abs(at.residual - due).max() < EXACT
 
 
 @NEEDS_C
 @pytest.mark.parametrize("kind", ["pose", "axis", "position", "xz"])
-def test_kinematics_in_c_are_the_tasks(kind: str, tmp_path: Path) -> None:
-    """Also of random axes with prismatic joints, and of tiago's torso."""
-    agree_in_place(rp.Robot.load("tiago").task("wrist_ft_tool_link", kind))
-    agree_in_place(spatial_task(8, tmp_path, kind=kind, seed=1))
-
-
-@NEEDS_C
-@pytest.mark.parametrize("name", CELLS)
-def test_newtons_method_in_c_is_numpys(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The same solutions, residuals and failures, from good starts and from bad ones."""
-    chart = function_of(name).chart
-    U, r = chart.cell.sample(64), chart.cell.task.r
-    s = np.where(np.arange(64) < 32, 0.05, 4.0)[:, None] * np.ones(r)
-    fast = chart.solve(U, s)
-    with monkeypatch.context() as patch:
-        for module in (charts, kinematics):
-            patch.setattr(module, "compiled_chain", lambda task: None)
-        slow = chart.solve(U, s)
+def test_newtons_method_in_c_is_numpys(kind: str, tmp_path: Path) -> None:
+    """The same kinematics, solutions, residuals and failures, from good starts and from bad ones,
+    on random axes with prismatic joints."""
+    arm, _ = tasks = both_ways(spatial_urdf(8, 1), kind, tmp_path)
+    turned = 0.3 * (kind in ("pose", "axis"))
+    cell = rp.Cell(arm, arm.placement(arm.reference), 0.02, turned)
+    charts = [moved(chart_of(cell, arm.reference, 1, 64), task) for task in tasks]
+    U = cell.sample(64)
+    s = np.where(np.arange(64) < 32, 0.02, 4.0)[:, None] * np.ones(arm.r)
+    fast, slow = (chart.solve(U, s) for chart in charts)
     assert np.array_equal(fast.found, slow.found) and fast.found[:32].all()
     for one in ("Q", "R", "J", "q_ref", "n_ref", "U"):
         away = np.abs(getattr(fast, one) - getattr(slow, one))[slow.found]
         assert away.max() < 1e-11
     assert fast.residual[slow.found].max() < EXACT
+    for chart in charts:
+        agree_in_place(chart)
 
 
-def test_the_lowest_body_distance_is_that_of_all() -> None:
-    """Where hulls overlap, few bodies are tested, and the minimum is still that of all poses."""
-    task = rp.Robot.load("xarm7").task("link_eef", "pose")
-    rng, bodies = np.random.default_rng(0), bodies_of(task)
-    for size in (0.1, 1.0):
-        Q = task.reference + size * rng.normal(size=(40, task.n))
-        exact = bodies.distances(Q)
-        found, share = margins.lowest_distances(bodies, Q)
-        assert found.min() == exact.min()
-        assert abs(share - (exact < 0).mean()) < 0.2
-        assert (found >= exact - 1e-12).all() or exact.min() < 0
-    # and of a configuration whose hulls overlap, in the middle of a cell, but no bodies
-    q = np.array([-1.25, -0.15, 0.35, -0.1, -0.8, -0.87, 0.43])
-    assert bodies.hull_distances(q[None])[0] < -0.005
-    (one,) = posture_search.judged(
-        rp.Pseudoinverse(task), rp.Cell(task, task.placement(q), 1e-3), q[None]
-    )
-    assert one.share == 1 and one.body_distance >= 0
+@NEEDS_C
+@pytest.mark.parametrize("kind", ["pose", "axis", "position", "xz"])
+def test_kinematics_of_a_torso_and_of_joints_that_slide(kind: str) -> None:
+    task = rp.Robot.load("tiago").task("wrist_ft_tool_link", kind)
+    cell = rp.Cell(task, task.placement(task.reference), 0.02)
+    agree_in_place(chart_of(cell, task.reference, 1, 16))
 
 
-@pytest.mark.parametrize("columns", [(), (2,)])
-def test_a_singular_matrix_leaves_the_others_solved(columns: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(0)
-    A, x = rng.normal(size=(5, 4, 4)), rng.normal(size=(5, 4, *columns))
-    b = np.einsum("kij,kj...->ki...", A, x)
-    np.testing.assert_allclose(kinematics.solved(A, b), x, rtol=1e-9)
-    A[2] = 0.0
-    found = kinematics.solved(A, b)
-    np.testing.assert_allclose(np.delete(found, 2, 0), np.delete(x, 2, 0), rtol=1e-9)
-    assert np.isnan(found[2]).all()
+@pytest.mark.parametrize("name", CELLS)
+def test_solutions_satisfy_both_equations(name: str) -> None:
+    """f(q) = x(u) by the task, and n_refᵀ (q − q_ref) = s; none is found that does not."""
+    chart = function_of(name).chart
+    cell, r = chart.cell, chart.cell.task.r
+    U = cell.sample(64)
+    s = np.where(np.arange(64) < 32, 0.05, 4.0)[:, None] * np.ones(r)
+    at = chart.solve(U, s)
+    q_ref, n_ref = chart.reference(U)
+    assert at.found[:32].all()
+    for i in np.flatnonzero(at.found):
+        assert np.abs(cell.task.error(at.Q[i], cell.at(U[i]))).max() < 1e-11
+        assert np.abs(n_ref[i].T @ (at.Q[i] - q_ref[i]) - s[i]).max() < 1e-11
+
+
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=NEEDS_C)])
+def test_a_singular_matrix_leaves_the_others_solved(
+    compiled: bool, tmp_path: Path
+) -> None:
+    """One of the starts is a stretched arm, whose J has a row of zeros."""
+    tasks = both_ways(planar_urdf([1.0, 0.9, 0.8]), "xy", tmp_path)
+    task, q = tasks[0 if compiled else 1], np.array([0.3, 0.9, 0.8])
+    cell = rp.Cell(tasks[0], task.placement(q), 0.02)
+    chart = moved(chart_of(cell, q, 2, 32), task)
+    U, s = 0.5 * cell.sample(8), np.zeros((8, 1))
+    alone = chart.solve(U, s)
+    starts = alone.Q + 0.01
+    starts[3] = 0.0
+    assert np.linalg.matrix_rank(task.jacobian(starts[3])) == 1
+    among = chart.solve(U, s, starts)
+    others = np.delete(np.arange(8), 3)
+    assert alone.found.all() and among.found[others].all() and not among.found[3]
+    assert np.abs(among.Q - alone.Q)[others].max() < 1e-11
+    ends = chart.solve(U, s, starts, iterations=0)
+    dF, B = chart.derivative(ends, np.zeros((8, 1, 2)))
+    assert np.isnan(dF[3]).all() and np.isnan(B[3]).all()
+    J = task.jacobians(starts)
+    assert np.allclose((J @ dF)[others], cell.half_width * np.eye(2), atol=1e-9)
+    assert np.allclose((J @ B)[others], 0, atol=1e-9)

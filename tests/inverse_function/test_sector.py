@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from dataclasses import replace
+from html import unescape
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import Q_PANDA, planar_task
-from cell_functions import panda
+from arms import Q_PANDA, planar_task, spatial_urdf
+from cell_functions import panda, tour
+from commands import main
 from design_file import checksum
+from matplotlib.figure import Figure
+from page_file import read
 from sectors import WIDTHS, found, sector_of
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import cell_evaluation, sample_path, turning
 
 # ---- coordinates ---------------------------------------------------------------------------------
 
@@ -199,6 +204,25 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
     assert np.allclose(F.inverse.leaf(moved), c)
 
 
+@pytest.mark.parametrize(("name", "i"), [("pose", 5), ("position", 1)])
+def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
+    """One pose at a time and in a batch: just inside its range, and just outside."""
+    F, cell = found(name).function, found(name).cell
+    for side in (-1, 1):
+        for factor, inside in ((0.999, True), (1.001, False), (1.5, False)):
+            u = 0.3 * np.ones(cell.k)
+            u[i] = side * factor
+            p, R = cell.placements(u[None])
+            x = pin.SE3(R[0], p[0])
+            if inside:
+                assert np.abs(F(x) - F.batch([x])[0]).max() < 1e-11
+                continue
+            says = f"lies outside the cell: {cell.names[i]} is "
+            for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
+                with pytest.raises(rp.InputError, match=says):
+                    evaluate()
+
+
 @pytest.mark.parametrize("name", WIDTHS)
 def test_the_controller_is_the_derivative_of_f(name: str) -> None:
     design = found(name)
@@ -225,36 +249,63 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
         assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-9)
 
 
+def speeds_of(design: rp.CellDesign, U: np.ndarray) -> tuple[np.ndarray, ...]:
+    """‖G E C‖² of the function and of G_d, and that of their difference, at poses given in all
+    coordinates of the sector; nothing here knows of a symmetry."""
+    Q = design.function.batch(U)
+    R = np.array([design.task.placement(q).rotation for q in Q])
+    E = design.cell.twists(U, R) @ design.cell.speeds(U)
+    own, wanted = (G.batch(Q) @ E for G in (design.inverse, design.desired))
+    return tuple((X**2).sum(axis=(1, 2)) for X in (own, wanted, own - wanted))
+
+
 @pytest.mark.parametrize("name", ["pose", "axis", "one orientation"])
 def test_the_cost_of_the_reduced_function_is_that_of_the_whole(name: str) -> None:
-    """The chart in all coordinates knows nothing of symmetry: same joints, same speeds."""
+    """Its held-out poses at any angle and spin: the same figures."""
     design = found(name)
-    chart, whole = design.function.chart, turning.expanded(design.function.chart)
-    U = np.random.default_rng(3).uniform(-1, 1, (32, whole.cell.k))
-    zero = np.zeros((32, design.task.r))
-    points = whole.solve(U, zero)
-    assert np.allclose(points.Q, design.function.batch(U), atol=1e-11)
-    every = cell_evaluation.speeds(design.desired, whole, points)
-    fewer = cell_evaluation.speeds(
-        design.desired, chart, chart.solve(chart.cell._split(U)[0], zero)
+    cell, j = design.cell, design.evaluation
+    reduced = design.function.chart.cell
+    removed = [list(cell.moved).index(one.coordinate) for one in reduced.removed]
+    U = np.random.default_rng(3).uniform(-1, 1, (64, cell.k))
+    held_out = reduced.sample(design.held_out, design.seed + 2)
+    U[:, np.delete(np.arange(cell.k), removed)] = held_out
+    own, wanted, off = speeds_of(design, U)
+    assert removed and j.coverage == 1
+    assert j.cost == pytest.approx(off.mean(), rel=1e-6)
+    extra = np.sqrt(own.mean() / wanted.mean()) - 1
+    assert j.extra_speed == pytest.approx(extra, rel=1e-6)
+    assert j.extra_speed_worst >= np.sqrt((own / wanted).max()) - 1 - 1e-9
+
+
+def test_how_far_round_the_tool_and_what_ends_it() -> None:
+    """The range of the spin is that of the last joint, around a middle that is not the posture's;
+    at both ends the joint is inside its limits, a little further it is not."""
+    sector = sector_of("one orientation", spin="all", angle=0.3)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(sector.task),
+        sector,
+        posture=rp.solve_ik(sector.task, Q_PANDA, sector.placement),
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
     )
-    assert np.allclose(every.own, fewer.own, rtol=1e-7)
-    assert np.allclose(every.difference, fewer.difference, rtol=1e-5, atol=1e-9)
-    assert np.allclose(every.direction, fewer.direction, rtol=1e-6)
-
-
-def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
-    from repctl_pin.inverse_function.cost import Cost
-    from repctl_pin.inverse_function.monomials import Monomials
-
-    design = found("pose")
-    chart, terms = design.function.chart, Monomials(design.function.chart.cell.k, 1)
-    cost = Cost(design.desired, chart, terms, chart.cell.sample(8))
-    a = 0.02 * np.random.default_rng(0).normal(size=(terms.size, 1))
-    gradient, _ = cost.model(cost.value(a))
-    d = np.random.default_rng(1).normal(size=a.shape)
-    ends = [cost.value(a + w * 1e-5 * d).cost for w in (1, -1)]
-    assert np.isclose((ends[0] - ends[1]) / 2e-5, gradient @ d.ravel(), rtol=1e-5)
+    F, cell, task = design.function, design.cell, design.task
+    _, turn = design.evaluation.turns
+    i = list(cell.names).index("spin")
+    assert turn.coordinate == "spin" and turn.reach == 2 * cell.widths[5]
+    turned = pin.log3(sector.placement.rotation.T @ cell.placement.rotation)
+    assert np.abs(turned[:2]).max() < 1e-9 and 0.1 < abs(turned[2]) < np.pi
+    U = np.random.default_rng(4).uniform(-1, 1, (200, cell.k))
+    U[:, i] = np.sign(U[:, i])
+    Q = F.batch(U)
+    assert np.abs(task.errors(Q, [cell.at(u) for u in U])).max() < 1e-10
+    margin = task.limit_margin(Q)[:, 6]
+    for side in (-1, 1):
+        assert 0 <= margin[U[:, i] == side].min() < 0.1
+    reduced = F.chart.cell
+    V = reduced.sample(64, 5)
+    q_ref, _ = F.chart.reference(V)
+    solved = F.chart.solve(V, np.zeros((64, 1)))
+    assert np.abs(solved.Q - q_ref).max() < 6e-5  # it is still the function
 
 
 def test_how_far_round_and_what_ends_it() -> None:
@@ -278,27 +329,8 @@ def test_how_far_round_and_what_ends_it() -> None:
         U[:, 1] = end * np.pi / cell.widths[1] * 0.999
         with pytest.raises(rp.InputError, match="panda_joint1 = .* outside its limits"):
             F.batch(U)
-    map_ = turning.turn_at(F.chart, F.chart.cell.sample(4))
-    assert map_ is not None and np.allclose(
-        map_, turn.joint_range
-    )  # one orientation: no spread
     assert f"{np.degrees(turn.reach):.4g}° at every covered pose" in design.summary()
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
-
-
-def test_tilts_narrow_the_range_of_the_angle() -> None:
-    """By what joint 1 differs over the tilts at one radius and height, of poses of our own."""
-    design = found("pose")
-    chart, (turn, *_) = design.function.chart, design.evaluation.turns
-    cell = chart.cell
-    edge = np.array([u for u in cell.corners() if (u[:2] == 1).all()])
-    inside = np.random.default_rng(3).uniform(-1, 1, (200, cell.k))
-    inside[:, :2] = 1.0
-    U = np.concatenate([edge, inside])
-    spread = np.ptp(chart.solve(U, np.zeros((len(U), 1))).Q[:, 0])
-    map_ = turning.turn_at(chart, U[:2])
-    assert map_ is not None and spread > 0.05
-    assert np.allclose(map_, turn.joint_range - spread, atol=0.02)
 
 
 def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
@@ -341,20 +373,32 @@ def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(
     np.testing.assert_allclose(cell.limit_margin(Q), expected, atol=1e-12)
 
 
-def test_a_desired_inverse_without_the_symmetry_is_not_reduced() -> None:
-    sector = sector_of("pose", angle=0.5)
-    plain, limits = (
-        rp.Pseudoinverse(sector.task),
-        rp.WeightedInverse(sector.task, rp.LimitWeight(sector.task)),
-    )
-    assert [one.coordinate for one in turning.reduced(sector, plain).removed] == [1, 5]
-    first = np.diag([2.0, 1, 1, 1, 1, 1, 1])  # constant in the joints: both remain
-    weighted = rp.WeightedInverse(sector.task, first)
-    assert [one.coordinate for one in turning.reduced(sector, weighted).removed] == [
+def test_a_desired_inverse_without_the_symmetry_is_not_reduced(tmp_path: Path) -> None:
+    """A weight that is constant in the joints leaves the symmetry; one that changes with the first
+    joint does not, at some configurations only."""
+    assert [one.coordinate for one in found("pose").function.chart.cell.removed] == [
         1,
         5,
     ]
-    assert turning.reduced(sector, limits).removed == ()
+    task, q = planar_task([0.5, 0.4, 0.3], tmp_path), [0.2, 0.8, 0.8]
+    sector = rp.Sector(task, task.placement(q), radius=0.05, angle=0.3)
+    few = rp.FitOptions(samples=16, held_out=64)
+    for weight, removed in (
+        (np.diag([2.0, 1.0, 1.0]), [1]),
+        (lambda q: np.diag([2 + np.sin(q[0]) * max(0.0, 0.4 - q[1]), 1.0, 1.0]), []),
+    ):
+        design = rp.nearest_inverse_function(
+            rp.WeightedInverse(task, weight),
+            sector,
+            posture=q,
+            degree=1,
+            options=few,
+        )
+        kept = design.function.chart.cell
+        assert [one.coordinate for one in kept.removed] == removed
+
+
+def test_all_round_requires_the_symmetry_of_the_cost() -> None:
     free = sector_of("one orientation")
     with pytest.raises(
         rp.InputError, match="angle 'all' requires the symmetry .* body_distance="
@@ -382,10 +426,10 @@ def test_an_arm_without_the_symmetry_has_the_same_coordinates(tmp_path: Path) ->
     assert shifted.symmetries == () and symmetric.function.chart.cell.k == 2
     ordinary = rp.nearest_inverse_function(desired, shifted, **how)
     assert ordinary.function.chart.cell.k == 3 and ordinary.evaluation.turns == ()
-    whole = turning.expanded(symmetric.function.chart)
-    judged = cell_evaluation.evaluate_cell(desired, whole, 128, 5, quick=True)
-    assert np.isclose(judged.cost, symmetric.cost, rtol=0.1)
-    assert ordinary.cost < 1.02 * judged.cost
+    U = sector.sample(256, 5)
+    costs = [speeds_of(design, U)[2].mean() for design in (symmetric, ordinary)]
+    assert np.isclose(costs[0], symmetric.cost, rtol=0.1)
+    assert costs[1] < 1.02 * costs[0]
 
 
 def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
@@ -406,7 +450,7 @@ def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
     assert np.allclose(
         np.diff(q, axis=0), [[np.diff(angles)[0], 0, 0]] * 22, atol=1e-12
     )
-    path = sample_path.tour(design.cell)
+    path = tour(design.cell)
     motion = rp.follow(design.inverse, path, F(path.placement(0.0)), steps=300)
     assert motion.drift[-1] < 1e-5
 
@@ -436,16 +480,21 @@ def test_a_file_that_claims_a_symmetry(tmp_path: Path) -> None:
         rp.load(tmp_path / "cell.json")
 
 
-def test_the_tour_of_a_sector_closes_and_stays_inside() -> None:
-    cell = found("pose").cell
-    path = sample_path.tour(cell, 1)
-    h = 1e-6
-    for s in (0.1, 0.77):
-        assert np.abs(cell.coordinates_of(path.placement(s))).max() <= 1
-        ends = [path.placement(s + w * h) for w in (1, -1)]
-        v = (ends[0].translation - ends[1].translation) / (2 * h)
-        w = pin.log3(ends[0].rotation @ ends[1].rotation.T) / (2 * h)
-        assert np.allclose(path.twist(s), [*v, *w], atol=1e-5)
+def test_the_tour_of_a_sector_closes_and_stays_inside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command follows it: through every coordinate, to 0.9 of its range and no further."""
+    design = found("pose")
+    rp.save(design, tmp_path / "cell.json")
+    given = ["follow", str(tmp_path / "cell.json"), "--steps", "400"]
+    assert main([*given, "--csv", str(tmp_path / "way.csv")]) == 0
+    assert "tour 0 of the cell" in capsys.readouterr().out
+    rows = np.loadtxt(tmp_path / "way.csv", delimiter=",", skiprows=1, comments="#")
+    Q = rows[:, 2:9]
+    U = np.array([design.cell.coordinates_of(design.task.placement(q)) for q in Q])
+    np.testing.assert_allclose(np.abs(U).max(axis=0), 0.9, atol=5e-3)
+    assert np.abs(Q[0] - Q[-1]).max() < 1e-6
+    assert np.abs(design.function.batch(U) - Q).max() < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -486,16 +535,82 @@ def test_a_sector_says_its_size_and_where_a_pose_is(
     assert sector.symmetry() == "not used"
 
 
-def test_the_edges_of_a_sector() -> None:
-    from repctl_pin.show.cell_page import box_of
+@pytest.fixture(scope="module")
+def drawn(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[rp.CellDesign, Path, Figure]:
+    """A sector by the command, its page, and the figure that it draws: an arm whose first axis is
+    vertical, and whose other ones point anywhere."""
+    folder, figures = tmp_path_factory.mktemp("sector"), []
+    text = re.sub(
+        "<origin [^>]*/><axis [^>]*/>",
+        '<axis xyz="0 0 1"/>',
+        spatial_urdf(6, 7),
+        count=1,
+    )
+    (folder / "arm.urdf").write_text(text, encoding="utf-8")
+    arm = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "axis"]
+    sizes = ["--radius", "0.02", "--height", "0.03", "--half-angle", "0.15"]
+    few = ["--start", ",".join(6 * ["0.4"]), "--degree", "1", "--held-out", "64"]
+    drawn = Figure.savefig
 
-    sector = sector_of("pose", angle=1.0)
-    p = box_of(sector)
-    U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (len(p), 1, 1)))
-    assert np.allclose(np.abs(U[:, [0, 2]]), 1) and np.abs(U[:, 1]).max() <= 1 + 1e-9
-    steps = np.diff(U[:, :3], axis=0)
-    assert (np.abs(steps) > 1e-9).sum(
-        axis=1
-    ).max() == 1  # along one coordinate at a time
-    ends = {tuple(map(int, np.rint(u))) for u in U[np.abs(U[:, 1]) > 1 - 1e-9][:, :3]}
-    assert len(ends) == 8
+    def kept(figure: Figure, *given: Any, **options: Any) -> None:
+        figures.append(figure)
+        drawn(figure, *given, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", kept)
+        assert main([*arm, "--sector", *sizes, *few, "--out", str(folder)]) == 0
+    task = rp.Robot.load(folder / "arm.urdf").task("tool", "axis")
+    design = rp.load(folder / "cell.json", task)
+    assert isinstance(design, rp.CellDesign)
+    return design, folder / "cell.html", figures[0]
+
+
+def test_the_maps_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None:
+    """Limit margin and extra joint speed, pose by pose, and the range of the angle: that of the
+    joint less what it differs by over the tilts at one radius and height."""
+    design, _, figure = drawn
+    F, cell, (turn,) = design.function, design.cell, design.evaluation.turns
+    maps = [
+        mesh.get_array().reshape(33, 33)
+        for ax in figure.axes
+        for mesh in ax.collections[:1]
+        if mesh.get_array() is not None and mesh.get_array().size == 33 * 33
+    ]
+    rng = np.random.default_rng(0)
+    for row, column in ((0, 0), (32, 5), (16, 30)):
+        U = rng.uniform(-1, 1, (200, cell.k))
+        U[:, 0], U[:, 2] = column / 16 - 1, row / 16 - 1
+        U[:, 1] = 0.0
+        U[:4, 3:] = [[-1, -1], [-1, 1], [1, -1], [1, 1]]
+        U[4, 3:] = 0.0
+        Q = F.batch(U)
+        range_ = turn.joint_range - np.ptp(Q[:, 0])
+        assert maps[2][row, column] == pytest.approx(np.degrees(range_), abs=0.1)
+        least = np.delete(design.task.limit_margin(Q[4]), 0).min()
+        assert maps[0][row, column] == pytest.approx(least, rel=1e-6)
+        own, wanted, _ = speeds_of(design, U[4:5])
+        extra = 100 * (np.sqrt(own / wanted) - 1)
+        assert maps[1][row, column] == pytest.approx(extra[0], rel=1e-5)
+    assert len(maps) == 3
+
+
+def test_the_edges_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None:
+    """In the page of the command: every edge, along one coordinate at a time, to all corners."""
+    sector, file = drawn[0].cell, drawn[1]
+    page = unescape(file.read_text("utf-8"))
+    inner = page.partition('srcdoc="')[2].partition('"></iframe>')[0]
+    scene, _, numbers = read(inner)
+    edges, way = scene["paths"]
+    p = numbers[len(numbers) - 3 * (edges + way) : len(numbers) - 3 * way]
+    p = p.reshape(edges, 3)
+    U, _ = sector.coordinates(p, np.tile(sector.placement.rotation, (edges, 1, 1)))
+    U = U[:, :3]
+    near = 1 - 40 * scene["resolution"]
+    assert (np.abs(U[:, [0, 2]]) > near).all() and np.abs(U).max() < 2 - near
+    steps = np.diff(U, axis=0)
+    assert (np.abs(steps) > 2 * (1 - near)).sum(axis=1).max() == 1
+    corners = [tuple(np.rint(u).astype(int)) for u in U if np.abs(u).min() > near]
+    traced = {frozenset(ends) for ends in pairwise(corners) if len({*ends}) == 2}
+    assert len({*corners}) == 8 and len(traced) == 12

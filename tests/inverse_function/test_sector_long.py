@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from cell_functions import tour
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.sample_path import tour
 
 pytestmark = pytest.mark.slow
 _BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "repeatability"
