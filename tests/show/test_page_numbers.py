@@ -52,12 +52,12 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
     scene = read(html)[0]
     drawn, whole = Drawn(study.robot), study.task.to_robot
     arm = scene["arms"][0]
-    flagged = {s["name"] for s, its in zip(arm["shapes"], arm["part"], strict=True) if its}
+    flagged = {
+        s["name"] for s, its in zip(arm["shapes"], arm["part"], strict=True) if its
+    }
     part_of = np.isin(drawn.names, list(flagged))
 
-    def off(
-        now: NDArray[np.float64], then: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def off(now: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
         return drawn.moved(*whole(np.array([now, then])))
 
     # the headline's and the callouts' part is the one that is farthest off
