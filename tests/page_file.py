@@ -87,10 +87,11 @@ class Drawn:
             None,
             [str(folder) for folder in robot.package_dirs],
         )
-        solids = self._bodies.geometryObjects
-        self.names = [solid.name for solid in solids]
-        self.links = [robot.model.frames[solid.parentFrame].name for solid in solids]
-        self.points = [_corners(solid) for solid in solids]
+        self.solids = list(self._bodies.geometryObjects)
+        self.names = [solid.name for solid in self.solids]
+        frames = robot.model.frames
+        self.links = [frames[solid.parentFrame].name for solid in self.solids]
+        self.points = [_corners(solid) for solid in self.solids]
 
     def placements(self, Q: np.ndarray) -> np.ndarray:
         """Placements (T, S, 4, 4) in the world at configurations (T, nq) of the whole robot."""
@@ -134,3 +135,69 @@ def _corners(solid: pin.GeometryObject) -> np.ndarray:
     ]
     upper = shape.radius * np.swapaxes(rims, 1, 2).reshape(-1, 3) + [0, 0, half]
     return np.vstack([upper, upper * [1, 1, -1]])
+
+
+class Pane:
+    """What a page holds of one arm: ``names`` of its bodies, their placements (T, S, 4, 4) at the
+    shown samples, ``tip`` and ``elbow`` (T, K, 3) of its chains, ``origin`` (T, 3) of what is
+    violated, and the ``points`` of each moving body by which the page measures."""
+
+    def __init__(self, scene: dict[str, Any], arm: dict[str, Any], take: Any) -> None:
+        samples = len(scene["cycles"]) * scene["perCycle"]
+        shapes = arm["shapes"]
+        self.names = [shape["name"] for shape in shapes]
+        moving = [k for k, shape in enumerate(shapes) if shape["pose"] is None]
+        poses = np.empty((samples, len(shapes), 7))
+        poses[:, moving] = take(samples, len(moving), 7)
+        for k, shape in enumerate(shapes):
+            if shape["pose"] is not None:
+                poses[:, k] = shape["pose"]
+        self.placements = matrices(poses)
+        self.tip, self.elbow = (take(samples, arm["chains"], 3) for _ in range(2))
+        self.origin = take(samples, 3) if arm["broken"] else None
+        self.points = {self.names[k]: take(shapes[k]["points"], 3) for k in moving}
+
+    def of(self, drawn: Drawn) -> np.ndarray:
+        """The placements in the order of another reader's bodies."""
+        return self.placements[:, [self.names.index(name) for name in drawn.names]]
+
+
+def matrices(poses: np.ndarray) -> np.ndarray:
+    """Poses (T, M, 7) as matrices (T, M, 4, 4), by Pinocchio."""
+    return np.array(
+        [[pin.XYZQUATToSE3(p).homogeneous for p in row] for row in poses.astype(float)]
+    )
+
+
+def panes(
+    scene: dict[str, Any], numbers: np.ndarray
+) -> tuple[list[Pane], list[np.ndarray]]:
+    """What the numbers of a page are: its arms, and its paths (P, 3)."""
+    at = 0
+
+    def take(*shape: int) -> np.ndarray:
+        nonlocal at
+        part, at = numbers[at : at + int(np.prod(shape))], at + int(np.prod(shape))
+        return part.reshape(shape)
+
+    arms = [Pane(scene, arm, take) for arm in scene["arms"]]
+    paths = [take(count, 3) for count in scene["paths"]]
+    assert at == len(numbers)
+    return arms, paths
+
+
+def circling(
+    task: rp.Task, q0: Any, *, radius: float, steps: int, other: str = "repeatable"
+) -> dict[str, rp.Motion]:
+    """J⁺ for two circles of 2 s, and beside it a control that closes: the extended Jacobian with
+    constant rows."""
+    path = rp.circle(task, q0, radius)
+    N0 = np.linalg.svd(task.jacobian(q0))[2][task.m :]
+    closing = rp.CustomInverse(
+        task, lambda q: np.linalg.inv(np.vstack([task.jacobian(q), N0]))[:, : task.m]
+    )
+    controls = {"J⁺": rp.Pseudoinverse(task), other: closing}
+    return {
+        name: rp.follow(control, path, q0, cycles=2, steps=steps, period=2.0)
+        for name, control in controls.items()
+    }

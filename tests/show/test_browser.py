@@ -21,12 +21,11 @@ from browser import (
     wait_until_drawn,
 )
 from numpy.typing import ArrayLike, NDArray
-from page_file import Drawn, read
+from page_file import Drawn, circling, read
 
 import repctl_pin as rp
 
 ROOT = Path(__file__).parents[2]
-RADIUS, STEPS, CYCLES = 0.1, 60, 2
 FOUR = [1.6, -1.6, -0.1, 1.4]
 """A start of four links."""
 
@@ -43,22 +42,12 @@ SHOWN = (
 """Robots whose pages are looked at, beside the planar one with two sliding joints."""
 
 
-def circling(
+def on_a_circle(
     robot: rp.Robot, q0: ArrayLike, other: str = "repeatable"
 ) -> dict[str, rp.Motion]:
-    """J⁺ on a circle, and beside it a control that closes: the extended Jacobian with constant
-    rows."""
+    """J⁺ for two cycles of 60 steps, and beside it a control that closes."""
     task = robot.task(kind="xy")
-    path = rp.circle(task, q0, RADIUS)
-    N0 = np.linalg.svd(task.jacobian(q0))[2][task.m :]
-    closing = rp.CustomInverse(
-        task, lambda q: np.linalg.inv(np.vstack([task.jacobian(q), N0]))[:, : task.m]
-    )
-    controls = {"J⁺": rp.Pseudoinverse(task), other: closing}
-    motions = {
-        name: rp.follow(control, path, q0, cycles=CYCLES, steps=STEPS, period=2.0)
-        for name, control in controls.items()
-    }
+    motions = circling(task, q0, radius=0.1, steps=60, other=other)
     assert motions[other].drift[-1] < 1e-6 < 1e-4 < motions["J⁺"].drift[-1]
     return motions
 
@@ -316,7 +305,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
         '<robot name="planar4r"', '<robot name="&lt;i&gt;four&lt;/i&gt;"'
     )
     (tmp_path / "four.urdf").write_text(named, encoding="utf-8")
-    motions = circling(rp.Robot.load(tmp_path / "four.urdf"), FOUR)
+    motions = on_a_circle(rp.Robot.load(tmp_path / "four.urdf"), FOUR)
     page = write(tmp_path, motions)
     open_page(driver, page)
 
@@ -472,7 +461,7 @@ def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
         re.sub(r"<visual>.*?</visual>", "", text, flags=re.DOTALL), encoding="utf-8"
     )
     robot = rp.Robot.load(urdf)
-    motions = circling(robot, [0.3, 0.8, 0.8])
+    motions = on_a_circle(robot, [0.3, 0.8, 0.8])
     page = write(tmp_path, motions | {"again": motions["J⁺"]})
     open_page(driver, page)
     assert errors(driver) == []
@@ -490,7 +479,7 @@ def test_it_opens_on_the_end_walks_the_cycles_and_runs(
     driver: Any, tmp_path: Path
 ) -> None:
     """The first ten seconds: what has crept is seen at once; who wants no motion gets none."""
-    page = write(tmp_path, circling(rp.Robot.load("planar4r"), FOUR))
+    page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
     watch = (
         "window.shown = []; (function look() { requestAnimationFrame(look);"
         "if (window.repctl && repctl.ready && shown.at(-1) !== repctl.time) "
@@ -623,7 +612,7 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
     slow = re.sub(r'velocity="[^"]*"', 'velocity="0.01"', ppr)  # one more note each
     long = slow.replace("theta3", "a_joint_with_a_long_name_that_has_to_break")
     (tmp_path / "long.urdf").write_text(long, encoding="utf-8")
-    motions = circling(
+    motions = on_a_circle(
         rp.Robot.load(tmp_path / "long.urdf"), [0.0, 0.0, 0.8], "nearest repeatable"
     )
     open_page(driver, write(tmp_path, motions))
