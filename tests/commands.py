@@ -11,12 +11,14 @@ from argparse import ArgumentParser, _SubParsersAction
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import pytest
-from matplotlib.figure import Figure
 
 import repctl_pin as rp
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 main: Callable[[list[str]], int] = entry_points(group="console_scripts")[
     "repctl"
@@ -80,11 +82,14 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     written as one pixel. Gives the figures, as they come."""
     figures: list[Figure] = []
 
-    def save(figure: Figure, file: BinaryIO, **_: Any) -> None:
+    def save(figure: Figure, file: BinaryIO | str | Path, **_: Any) -> None:
         figures.append(figure)
-        file.write(PIXEL)
+        if isinstance(file, str | Path):
+            Path(file).write_bytes(PIXEL)
+        else:
+            file.write(PIXEL)
 
-    monkeypatch.setattr(Figure, "savefig", save)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
     return figures
 
 

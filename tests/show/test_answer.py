@@ -90,7 +90,9 @@ def beyond() -> rp.Study:
     return rp.study(problem, cycles=2, steps=60, degree=1)
 
 
-def test_violations_are_marked_and_named(beyond: rp.Study, folder: Path) -> None:
+def test_violations_are_marked_and_named(
+    study: rp.Study, beyond: rp.Study, folder: Path
+) -> None:
     text, _ = printed(beyond, folder)
     motion, task = beyond.row("pseudoinverse").motion, beyond.task
     outside = (motion.q < task.lower) | (motion.q > task.upper)
@@ -101,6 +103,23 @@ def test_violations_are_marked_and_named(beyond: rp.Study, folder: Path) -> None
     into = f"{100 * share:.0f} % into cycle {cycle + 1:.0f}"
     name = task.joint_names[joint]
     assert f"! usual control: {name} exceeds its limits {into}" in text
+    # nor is the speed of a motion compared that violates a limit
+    assert beyond.row("repeatable").motion.first_violation is not None
+    assert not [note for note in beyond.notes if note.startswith("joint speed: ")]
+    assert [note for note in study.notes if note.startswith("joint speed: ")]
+
+
+def test_what_lies_outside_the_region_is_the_loudest_line(
+    study: rp.Study, folder: Path
+) -> None:
+    motion = study.row("repeatable").motion
+    small = replace(motion, region=rp.Box(study.q0, 0.2))
+    share = np.mean((np.abs(motion.q - study.q0) > 0.2).any(axis=1))
+    assert 0 < share < 1 and small.outside == pytest.approx(share)
+    warning = f"warning: {100 * share:.1f} % of the motion lies outside Ω"
+    outside = changed(study, repeatable={"motion": small})
+    for options in ([], ["--full"]):
+        assert printed(outside, folder, *options)[0].startswith(warning)
 
 
 def test_it_fits_24_rows_and_80_columns(
