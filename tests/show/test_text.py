@@ -4,13 +4,14 @@ written. What commands and pages print of motions is tested from outside."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from terminals import terminal_of
 
 import repctl_pin as rp
-from repctl_pin.show.text.headline import Headline, Outcome, headline_of
+from repctl_pin.show.text.headline import Outcome, headline_of
 from repctl_pin.show.text.lines import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.numbers import metres, number, percent, radians
 from repctl_pin.show.text.parts import part_name
@@ -92,7 +93,8 @@ CLOSED = Outcome(
 BACK = "After 10 cycles both hands are back. "
 
 
-def words(told: Headline) -> tuple[str, str]:
+def words(told: Any) -> tuple[str, str]:
+    """The sentence and the notes of a headline."""
     sentence = "".join(span.text for span in told.sentence)
     return sentence.replace("\u00a0", " "), " ".join(
         n.text for n in told.notes
