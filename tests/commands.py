@@ -90,6 +90,8 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
             file.write(PIXEL)
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+    layout = "matplotlib.layout_engine.ConstrainedLayoutEngine.execute"
+    monkeypatch.setattr(layout, lambda *_: None)
     return figures
 
 

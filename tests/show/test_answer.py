@@ -149,16 +149,21 @@ def test_it_fits_24_rows_and_80_columns(
 def test_a_stopped_motion_is_named_in_the_sentence(
     study: rp.Study, folder: Path
 ) -> None:
-    stopped = {"motion": None, "stopped": "the Jacobian loses rank"}
+    stopped = {"motion": None, "stopped": "the Jacobian <loses> rank"}
     plain = changed(study, pseudoinverse=stopped, posture=stopped)
-    text, _ = printed(replace(plain, notes=()), folder)
-    assert text.startswith(
-        "Usual control stopped: the Jacobian loses rank. After 3 cycles the hand is back."
+    text, _ = printed(replace(plain, notes=()), folder / "stuck", "--report")
+    assert " ".join(text.split()).startswith(
+        "Usual control stopped: the Jacobian <loses> rank. After 3 cycles the hand is back."
     )
+    report = (folder / "stuck" / "report.html").read_text(encoding="utf-8")
+    why = "the Jacobian &lt;loses&gt; rank."
+    assert f"<p>The pseudoinverse J⁺ stopped: {why}</p>" in report
+    (summary,) = re.findall(r'(?s)<section class="summary">.*?</section>', report)
+    assert "nan" not in summary and "its extra joint speed is unknown" in summary
     assert answered(text, "link 4 off|farthest part off")[:2] == ["stopped"] * 2
     assert answered(text, "extra joint speed")[2] == "–"
-    assert "note: + posture: the Jacobian loses rank" in text
-    why = "stopped: the Jacobian loses rank."
+    assert "note: + posture: the Jacobian <loses> rank" in text
+    why = "stopped: the Jacobian <loses> rank."
     assert verdict_of(plain, folder).startswith(f"J⁺ {why} Elbow displacement")
     ours = changed(study, repeatable=stopped)
     assert verdict_of(ours, folder).startswith(f"nearest repeatable {why} Elbow")

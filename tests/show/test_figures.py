@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from page_file import COLOURS
 
 import repctl_pin as rp
+from repctl_pin.show.plots.cycles import margin_over_cycles
 from repctl_pin.show.plots.designs import joint_map, maps_that_vary, varies
 from repctl_pin.show.plots.motions import drift_over_cycles, joints_figure
 
@@ -156,18 +157,6 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(
     assert ax.get_ylim()[0] <= 0 and "(rad)" in ax.get_ylabel()
 
 
-def test_joints_without_limits_are_said(study: rp.Study, tmp_path: Path) -> None:
-    robot = rp.Robot.load("planar4r")
-    robot.lower, robot.upper = np.full(4, -np.inf), np.full(4, np.inf)
-    free = robot.task(kind="xy")
-    rows = tuple(replace(r, motion=replace(r.motion, task=free)) for r in study.rows)
-    figures = figures_of(replace(study, rows=rows), tmp_path)
-    margins = figures["cycle"].axes[1]
-    assert [text.get_text() for text in margins.texts] == ["no joint limits"]
-    for ax in figures["joints"].axes:
-        assert ax.get_title(loc="right") == "no limits"
-
-
 def test_units_of_mixed_arms(mixed: tuple[rp.Study, dict]) -> None:
     _, figures = mixed
     assert "(rad/s and m/s)" in figures["cycle"].axes[0].get_ylabel()
@@ -268,6 +257,17 @@ def test_the_joints_shown_are_the_four_that_drift_most() -> None:
     seen = [ax.get_title(loc="left") for ax in joints_figure(shown, "").axes]
     most = drifting_most(shown[0][1], 4)
     assert seen == [task.joint_names[joint] for joint in most]
+
+
+def test_joints_without_limits_are_said(study: rp.Study) -> None:
+    robot = rp.Robot.load("planar4r")
+    robot.lower, robot.upper = np.full(4, -np.inf), np.full(4, np.inf)
+    motion = study.row("pseudoinverse").motion
+    free = [("a", replace(motion, task=robot.task(kind="xy")), "#000000")]
+    (said,) = margin_over_cycles(axes(), free).texts
+    assert said.get_text() == "no joint limits"
+    for ax in joints_figure(free, "").axes:
+        assert ax.get_title(loc="right") == "no limits"
 
 
 def test_maps_that_hardly_vary_are_not_drawn() -> None:

@@ -165,6 +165,8 @@ def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(
         rp.Problem(str(tmp_path / "long.urdf"), region=0.1), cycles=1, steps=40
     )
     assert study.row("repeatable").motion.closes
+    why = "11 joints never move tool in all coordinates of a pose task"
+    assert f"using task xy, because {why}" in study.notes
     (note,) = [note for note in study.notes if note.startswith("degree 1 is used")]
     assert "for 11 joints" in note and "--" not in note
     said: list[str] = []

@@ -124,27 +124,6 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
-def test_why_a_kind_was_taken_is_told(tmp_path: Path) -> None:
-    """With six joints or fewer they are too few, with seven of a planar arm they cannot; a pose
-    task needs no word, nor a kind that was given, as above."""
-    few = {"cycles": 1, "steps": 20, "degree": 1}
-    (tmp_path / "seven.urdf").write_text(planar_urdf([0.2] * 7))
-    for robot, told in (
-        (
-            "planar3r",
-            "using task xy, because 3 joints are not redundant for a pose task",
-        ),
-        (
-            tmp_path / "seven.urdf",
-            "using task xy, because 7 joints never move tool in all coordinates of a pose task",
-        ),
-        (MY_ARM, None),
-    ):
-        notes = rp.study(rp.Problem(robot, region=0.1), **few).notes
-        said = [note for note in notes if note.startswith("using task")]
-        assert said == ([told] if told else [])
-
-
 def test_the_default_region_holds_the_motion() -> None:
     """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
     its time."""
@@ -206,6 +185,8 @@ def test_what_is_shown_was_computed_by_the_study(small: rp.Study, full: str) -> 
 
 
 def test_options_are_what_was_asked(small: rp.Study) -> None:
+    """A pose is controlled where nothing else was asked, and nothing said of it."""
+    assert not [note for note in small.notes if note.startswith("using task")]
     assert small.path.name == "circle of radius 0.05 m in yz"
     points = small.path.points(64)
     assert np.ptp(points[:, 0]) < 1e-12 and np.isclose(
