@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import base64
+import contextlib
+import io
 import json
+import sys
 from argparse import ArgumentParser, _SubParsersAction
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import pytest
+
+import repctl_pin as rp
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 main: Callable[[list[str]], int] = entry_points(group="console_scripts")[
     "repctl"
@@ -24,9 +34,11 @@ OUT = [
 
 def parsers() -> dict[str, ArgumentParser]:
     """The parsers of all commands by their names; that of ``repctl`` itself has none."""
-    from repctl_pin.cli import parser
-
-    whole = parser()
+    asked: list[ArgumentParser] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ArgumentParser, "print_help", lambda it, *_: asked.append(it))
+        assert main([]) == 2  # without a command, the help of all
+    (whole,) = asked
     (commands,) = (
         action.choices
         for action in whole._actions
@@ -65,16 +77,40 @@ def computed_once(compute: Callable[..., Any]) -> Callable[..., Any]:
     return computed
 
 
-def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out what a test does not look at, and what takes half of a command's time: pages and
-    figures are written, but hold nothing."""
-    from repctl_pin.show import study_files
-    from repctl_pin.show.page import playback
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Leave out what a test does not look at, and what takes half of a command's time: figures are
+    written as one pixel. Gives the figures, as they come."""
+    figures: list[Figure] = []
 
-    for module in (study_files, playback):
-        monkeypatch.setattr(
-            module, "playback_page", lambda *_, **__: "<html><head></head></html>"
-        )
-    monkeypatch.setattr(study_files, "png", lambda *_, **__: b"")
-    for figure in ("drift_figure", "joints_figure"):
-        monkeypatch.setattr(study_files, figure, lambda *_, **__: None)
+    def save(figure: Figure, file: BinaryIO | str | Path, **_: Any) -> None:
+        figures.append(figure)
+        if isinstance(file, str | Path):
+            Path(file).write_bytes(PIXEL)
+        else:
+            file.write(PIXEL)
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+    layout = "matplotlib.layout_engine.ConstrainedLayoutEngine.execute"
+    monkeypatch.setattr(layout, lambda *_: None)
+    return figures
+
+
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+)
+
+
+def printed(study: rp.Study, folder: Path, *options: str) -> tuple[str, list[Figure]]:
+    """What ``repctl study`` prints of a study that is there already, and the figures in the files
+    that it writes into a folder. It prints to a terminal if the test has set one up."""
+    screen = type(sys.stdout) if isinstance(sys.stdout, io.StringIO) else io.StringIO
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(screen()) as out,
+    ):
+        figures = without_pictures(patch)
+        patch.setattr(rp, "Problem", lambda *_, **__: None)
+        patch.setattr(rp, "study", lambda *_, **__: study)
+        name = str(study.robot.description.path)
+        assert main(["study", name, "--out", str(folder), *options]) == 0
+    return out.getvalue(), figures

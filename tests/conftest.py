@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import os
 import shlex
 
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 from arms import Q_PANDA
 from browser import browser, require_browser
+from commands import without_pictures
 from controls import c_compiler, shared_folder
 
 import repctl_pin as rp
@@ -142,10 +142,4 @@ def blank_pictures(
     """Write one pixel in place of each figure, except where a test is marked ``pictures``."""
     if request.node.get_closest_marker("pictures") is not None:
         return
-    pixel = base64.b64decode(
-        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
-    )
-    for module in ("plots.motions", "study_files", "report"):
-        monkeypatch.setattr(
-            f"repctl_pin.show.{module}.png", lambda *_args, **_options: pixel
-        )
+    without_pictures(monkeypatch)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import sys
 import unicodedata
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 import pytest
 
 from repctl_pin import cli
-from repctl_pin.show.text import lines
 
 SIZES = (80, 24), (200, 60)
 """Columns and rows."""
@@ -24,12 +22,18 @@ def terminal_of(columns: int, rows: int) -> Iterator[io.StringIO]:
     """Make stdout a terminal of this size."""
     with (
         pytest.MonkeyPatch.context() as patch,
-        contextlib.redirect_stdout(io.StringIO()) as out,
+        contextlib.redirect_stdout(Screen()) as out,
     ):
         patch.setenv("COLUMNS", str(columns))
         patch.setenv("LINES", str(rows))
-        patch.setattr(lines, "on_terminal", lambda stream: stream is sys.stdout)
         yield out
+
+
+class Screen(io.StringIO):
+    """A terminal, as a program sees it."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def fit_terminals(monkeypatch: pytest.MonkeyPatch) -> list[str]:

@@ -3,20 +3,19 @@ them."""
 
 from __future__ import annotations
 
+import html
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import main, parsers, refused
-from page_file import Visuals, read
+from arms import planar_urdf
+from commands import main, parsers, printed, refused, told
+from page_file import Drawn, Pane, panes, read
 
 import repctl_pin as rp
-from repctl_pin.motion import csv_text, read_motions
-from repctl_pin.show import page as pages
-from repctl_pin.show import study_files
 
 KEYS = {
     "J⁺": "pseudoinverse",
@@ -35,81 +34,108 @@ def study() -> rp.Study:
 def folder(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of the study, without what the figures show."""
     folder = tmp_path_factory.mktemp("study")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("repctl_pin.show.study_files.png", lambda *_, **__: b"")
-        study_files.write_study(study, folder)
+    printed(study, folder)
     return folder
 
 
-def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path) -> None:
-    tracks = pages.read_playbacks(folder / "motion.csv", study.robot)
-    assert [t.label for t in tracks] == [row.label for row in study.rows]
-    for track, row in zip(tracks, study.rows, strict=True):
-        assert track.cycles == 3 and track.unit == "rad and m"
+@pytest.fixture
+def animated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[dict, dict, list[Pane]]]:
+    """What the command tells of a motion in a file, the scene of its page, and its arms."""
+
+    def animate(robot: object, file: Path, *options: str) -> tuple:
+        given = ("animate", str(robot), "--motion", str(file))
+        answer = told(capsys, *given, "--out", str(tmp_path / "out"), *options)
+        (page,) = answer["files"]
+        scene, _, numbers = read(Path(page).read_text(encoding="utf-8"))
+        return answer, scene, panes(scene, numbers)[0]
+
+    return animate
+
+
+def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path, animated) -> None:
+    answer, scene, arms = animated("ppr", folder / "motion.csv")
+    assert [arm["label"] for arm in scene["arms"]] == [row.label for row in study.rows]
+    assert answer["cycles"] == 3 and answer["frame"] == "tool"
+    drawn, per = Drawn(study.robot), scene["perCycle"]
+    rows = np.r_[:61, 60:121, 120:181]
+    assert per == 61
+    for row, arm, pane in zip(study.rows, scene["arms"], arms, strict=True):
+        assert arm["unit"] == "rad and m"
         np.testing.assert_allclose(
-            study.task.from_robot(track.Q), row.motion.q, atol=1e-9
+            answer["drift"][row.key], row.motion.drift, atol=1e-8
         )
-        np.testing.assert_allclose(track.drift, row.motion.drift, atol=1e-8)
+        expected = drawn.placements(study.task.to_robot(row.motion.q[rows]))
+        np.testing.assert_allclose(pane.of(drawn), expected, atol=1e-6)
 
 
-def test_a_followed_csv_is_read_back(study: rp.Study, tmp_path: Path) -> None:
+def test_a_followed_csv_is_read_back(study: rp.Study, tmp_path: Path, animated) -> None:
+    """The file says how many cycles it holds; so can the command."""
     motion = study.row("repeatable").motion
-    (tmp_path / "mine.csv").write_text(csv_text(motion), encoding="utf-8")
-    (track,) = pages.read_playbacks(tmp_path / "mine.csv", study.robot, cycles=3)
-    np.testing.assert_array_equal(study.task.from_robot(track.Q), motion.q)
-    assert track.label == "mine" and track.cycles == 3
-    (same,) = pages.read_playbacks(
-        tmp_path / "mine.csv", study.robot
-    )  # the file says how often round
-    assert same.cycles == 3 and np.array_equal(same.drift, track.drift)
+    file = rp.write_motion(motion, tmp_path / "mine.csv")
+    for more in ([], ["--cycles", "3"]):
+        answer, scene, _ = animated("ppr", file, *more)
+        assert answer["cycles"] == 3 and scene["arms"][0]["label"] == "mine"
+        assert answer["drift"] == {"mine": motion.drift.tolist()}
 
 
-@pytest.mark.parametrize(
-    "names", [("a,b", 'say "x"', "two\nlines"), ("a b", "ü", "tab\t\u0085")]
-)
+def named(folder: Path, names: tuple[str, ...]) -> rp.Robot:
+    """A planar arm whose joints have these names."""
+    text = planar_urdf([1, 0.8, 0.6])
+    for k, name in enumerate(names, 1):
+        text = text.replace(f'"theta{k}"', f'"{html.escape(name)}"')
+    (folder / "named.urdf").write_text(text, encoding="utf-8")
+    return rp.Robot.load(folder / "named.urdf")
+
+
 def test_any_name_of_a_joint_comes_back_from_csv_and_yaml(
-    names, study: rp.Study, tmp_path: Path
+    tmp_path: Path, animated
 ) -> None:
     yaml = pytest.importorskip("yaml")
-    motion = study.row("repeatable").motion
-    task = SimpleNamespace(robot_joints=names, joints=motion.task.joints, n=len(names))
-    named = object.__new__(rp.Motion)
-    vars(named).update(vars(motion) | {"task": task})
-    file = tmp_path / "m.csv"
-    file.write_text(csv_text([("mine", named)], most=10))
-    (found,) = read_motions(file, names)
-    assert found.joints == names and found.cycles == 3 and found.q.shape == (31, 3)
-    np.testing.assert_allclose(found.q, motion.q[::6], atol=1e-9)
-    file = rp.write_motion(named, tmp_path / "m.yaml", allow_violations=True)
+    names = ("a b: c", "ü#", "it's")
+    task = named(tmp_path, names).task(kind="xy")
+    path = rp.circle(task, [0.3, 0.8, 0.8], 0.1)
+    control = rp.Pseudoinverse(task)
+    motion = rp.follow(control, path, [0.3, 0.8, 0.8], cycles=3, steps=10)
+    file = rp.write_motion(motion, tmp_path / "m.csv")
+    answer, _, arms = animated(tmp_path / "named.urdf", file)
+    assert answer["drift"] == {"m": motion.drift.tolist()}
+    expected = task.positions(motion.q[np.r_[:11, 10:21, 20:31]])
+    np.testing.assert_allclose(arms[0].tip[:, 0], expected, atol=1e-6)
+    file = rp.write_motion(motion, tmp_path / "m.yaml", allow_violations=True)
     assert yaml.safe_load(file.read_text(encoding="utf-8"))["joint_names"] == list(
         names
     )
+    for bad in ("a,b", 'say "x"', "c;d"):
+        with pytest.raises(rp.InputError, match="which breaks CSV files; rename it"):
+            named(tmp_path, (bad,))
 
 
-def test_two_columns_of_one_name_are_refused(study: rp.Study) -> None:
-    motion = study.row("repeatable").motion
+def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
     for names in (("time", "b", "c"), ("a", "a_velocity", "c")):
-        task = SimpleNamespace(robot_joints=names)
+        task = named(tmp_path, names).task(kind="xy")
+        path = rp.circle(task, [0.3, 0.8, 0.8], 0.1)
+        motion = rp.follow(rp.Pseudoinverse(task), path, [0.3, 0.8, 0.8], cycles=1)
         with pytest.raises(rp.InputError, match="two columns are named"):
-            csv_text(
-                SimpleNamespace(
-                    **(vars(motion) | {"task": task, "joints": motion.joints})
-                )
-            )
+            rp.write_motion(motion, tmp_path / "m.csv")
 
 
-def test_joints_without_a_column_stay_at_the_reference(tmp_path: Path) -> None:
-    robot = rp.Robot.load("panda")
+def test_joints_without_a_column_stay_at_the_reference(
+    tmp_path: Path, animated
+) -> None:
+    robot = rp.Robot.load("planar4r")
     rows = "\n".join(f"{k / 10},{0.1 * k}" for k in range(5))
-    (tmp_path / "one.csv").write_text(f"time, panda_joint2\n{rows}\n", encoding="utf-8")
-    (track,) = pages.read_playbacks(tmp_path / "one.csv", robot)
+    (tmp_path / "one.csv").write_text(f"time, theta2\n{rows}\n", encoding="utf-8")
+    _, _, (arm,) = animated("planar4r", tmp_path / "one.csv")
     expected = np.tile(robot.reference, (5, 1))
-    expected[:, robot.joint_names.index("panda_joint2")] = 0.1 * np.arange(5)
-    np.testing.assert_allclose(track.Q, expected)
+    expected[:, robot.joint_names.index("theta2")] = 0.1 * np.arange(5)
+    drawn = Drawn(robot)
+    np.testing.assert_allclose(arm.of(drawn), drawn.placements(expected), atol=1e-6)
 
 
 def test_a_files_times_say_how_fast_its_joints_are(
-    study: rp.Study, tmp_path: Path
+    study: rp.Study, tmp_path: Path, animated
 ) -> None:
     """In the second of two cycles the lift moves at three times its speed limit; without times
     nobody knows."""
@@ -122,16 +148,16 @@ def test_a_files_times_say_how_fast_its_joints_are(
     rows = np.c_[
         np.arange(41) / 20, 0.1 * np.arange(41), 0.3 + np.r_[0, np.cumsum(0.1 * speeds)]
     ]
-    for header, told in (("cycle,time,d1", True), ("cycle,d1", False)):
-        cells = rows if told else rows[:, [0, 2]]
+    for header, timed in (("cycle,time,d1", True), ("cycle,d1", False)):
+        cells = rows if timed else rows[:, [0, 2]]
         lines = "\n".join(",".join(map(repr, map(float, row))) for row in cells)
         (tmp_path / "fast.csv").write_text(f"{header}\n{lines}\n", encoding="utf-8")
-        (track,) = pages.read_playbacks(tmp_path / "fast.csv", study.robot)
-        page = pages.playback_page([pages.TracedChain(study.task, 0)], [track])
-        (arm,) = read(page)[0]["arms"]
-        assert (" times the speed limit." in page) == told
-        assert (arm["broken"] is not None) == told
-        if told:
+        answer, scene, _ = animated("ppr", tmp_path / "fast.csv")
+        page = Path(answer["files"][0]).read_text(encoding="utf-8")
+        (arm,) = scene["arms"]
+        assert (" times the speed limit." in page) == timed
+        assert (arm["broken"] is not None) == timed
+        if timed:
             assert (
                 arm["broken"]["words"] == "d1 past its speed limit"
                 and arm["broken"]["cycle"] == 2
@@ -159,131 +185,15 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_a_bad_motion_is_refused_with_its_line(
-    case: str, study: rp.Study, tmp_path: Path
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     content, words = BAD[case]
     file = tmp_path / "bad.csv"
     if content is not None:
         file.write_bytes(content)
-    with pytest.raises(rp.InputError, match=words):
-        pages.read_playbacks(file, study.robot)
-
-
-def test_the_page_holds_what_the_motions_did(study: rp.Study) -> None:
-    motions = [study.row(key).motion for key in ("pseudoinverse", "repeatable")]
-    tracks = [
-        pages.playback_of("a", motions[0], "#D55E00"),
-        pages.playback_of("b", motions[1], "#0072B2"),
-    ]
-    scene, _, numbers = read(
-        pages.playback_page([pages.TracedChain(study.task, 2)], tracks, seconds=3.0)
-    )
-    frames = pages.choose_frames(181, 3)
-    visuals = Visuals.of(study.robot)
-    expected = []
-    for motion in motions:
-        Q = motion.q[frames.index]
-        placements = visuals.placements(study.task.to_robot(Q))
-        moving = (
-            np.ptp(placements, axis=0).reshape(len(visuals.shapes), -1).max(axis=1)
-            > 1e-12
-        )
-        tip = study.task.positions(Q)
-        elbow = np.array([study.task.joint_origins(q)[2] for q in Q])
-        drift = pages.body_points.body_drift(
-            pages.body_points.corners(visuals.shapes), placements, frames.per_cycle
-        )
-        points = np.vstack(
-            [p for p, moves in zip(drift.points, moving, strict=True) if moves]
-        )
-        expected += [
-            np.round(pages.poses_of(placements), 7)[:, moving],
-            tip,
-            elbow,
-            points,
-        ]
-    path = expected[1][
-        : frames.per_cycle
-    ]  # by default, what the first did in its first cycle
-    np.testing.assert_allclose(
-        numbers, np.concatenate([e.ravel() for e in [*expected, path]]), atol=1e-6
-    )
-    assert (
-        [a["label"] for a in scene["arms"]] == ["a", "b"]
-        and scene["planar"]
-        and scene["seconds"] == 3.0
-    )
-    assert scene["arms"][0]["drift"] == motions[0].drift.tolist()
-
-
-def test_every_limb_leaves_its_traces() -> None:
-    """Two hands of one robot: each its own traces and path, and both drifts in the caption's
-    words."""
-    robot = rp.Robot.load("baxter")
-    left, right = (robot.task(f"{side}_gripper") for side in ("left", "right"))
-    Q = robot.reference + np.linspace(0, 0.3, 21)[:, None] * np.cos(
-        np.arange(len(robot.reference))
-    )
-    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0]])
-    track = pages.Playback("moved", "#0072B2", Q, 2, np.array([0.1, 0.2]))
-    page = pages.playback_page(
-        [pages.TracedChain(left, 3), pages.TracedChain(right, 5)],
-        [track],
-        paths=[square, 2 * square[:3]],
-    )
-    scene, _, numbers = read(page)
-    assert scene["paths"] == [4, 3] and scene["arms"][0]["chains"] == 2
-    np.testing.assert_allclose(
-        numbers[-21:].reshape(7, 3), [*square, *(2 * square[:3])]
-    )
-    rows = Q[pages.choose_frames(21, 2).index]
-    (arm,) = scene["arms"]
-    broken, joints = arm["broken"], 3 * len(rows)
-    # before the paths, the points of the moving bodies
-    end = -21 - 3 * sum(
-        shape["points"] for shape in arm["shapes"] if shape["pose"] is None
-    )
-    joint = broken["words"].removesuffix(" past its limit")
-    chains = [
-        robot.joint_names.index(name)
-        for name in (*left.joint_names, *right.joint_names)
-    ]
-    outside = ((Q < robot.lower) | (Q > robot.upper))[:, chains]
-    row = int(np.argmax(outside.any(axis=1)))
-    assert outside[row, [*left.joint_names, *right.joint_names].index(joint)]
-    assert broken["at"] == pytest.approx(row / 10)
-    task = left if joint in left.joint_names else right
-    origins = [
-        task.joint_origins(task.from_robot(q))[task.joint_names.index(joint)]
-        for q in rows
-    ]
-    np.testing.assert_allclose(
-        numbers[end - joints : end].reshape(-1, 3), origins, atol=1e-6
-    )
-    ways = numbers[: end - joints][-2 * len(rows) * 2 * 3 :].reshape(2, len(rows), 2, 3)
-    for k, (task, elbow) in enumerate(((left, 3), (right, 5))):
-        np.testing.assert_allclose(
-            ways[0, :, k],
-            [task.placement(task.from_robot(q)).translation for q in rows],
-            atol=1e-6,
-        )
-        np.testing.assert_allclose(
-            ways[1, :, k],
-            [task.joint_origins(task.from_robot(q))[elbow] for q in rows],
-            atol=1e-6,
-        )
-    assert "left_gripper" in scene["caption"] and "right_gripper" in scene["caption"]
-
-
-def test_motions_of_different_length_are_refused(study: rp.Study) -> None:
-    from dataclasses import replace
-
-    track = pages.playback_of("a", study.row("repeatable").motion, "#000000")
-    with pytest.raises(rp.InputError, match="as many cycles and steps"):
-        pages.playback_page(
-            [pages.TracedChain(study.task, 0)],
-            [track, replace(track, Q=track.Q[:61], cycles=1)],
-        )
+    given = ("animate", "ppr", "--motion", str(file), "--out", str(tmp_path / "out"))
+    assert re.search(words, refused(capsys, *given))
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_command_from_a_csv_a_design_and_options(

@@ -15,7 +15,6 @@ from arms import heed_interrupts
 from commands import computed_once, main
 
 import repctl_pin as rp
-from repctl_pin.urdf import catalogue
 
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
 
@@ -74,10 +73,16 @@ def test_json_and_quiet(tmp_path, monkeypatch) -> None:
 
 
 def test_robots_and_inspect(tmp_path, monkeypatch) -> None:
-    """Two robots of the catalogue; test_readme.py lists all in a slow test."""
-    two = [entry for entry in catalogue.entries() if entry.name in ("panda", "baxter")]
-    monkeypatch.setattr(catalogue, "entries", lambda: two)
-    done = repctl("robots", "--json", cwd=tmp_path)
+    """Two robots of the catalogue, and a small one for all others; test_readme.py lists all in a
+    slow test."""
+    load, small = rp.Robot.load, rp.Robot.load("planar3r")
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            rp.Robot,
+            "load",
+            lambda name: load(name) if name in ("panda", "baxter") else small,
+        )
+        done = repctl("robots", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["frame"]: row for row in json.loads(done.stdout)}
     assert (

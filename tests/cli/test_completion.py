@@ -13,7 +13,6 @@ from commands import main, parsers
 from page_file import COLOURS
 
 import repctl_pin as rp
-from repctl_pin.cli import completion
 
 COMMANDS = {name: parser for name, parser in parsers().items() if name}
 PLANES = ("xy", "xz", "yz")
@@ -67,18 +66,26 @@ def test_every_shell_gets_a_script(
         assert done.returncode == 0, done.stderr
 
 
-def test_every_word_is_one_the_commands_take() -> None:
-    known = {
-        name
-        for part in COMMANDS.values()
-        for action in part._actions
-        for name in action.option_strings
-    }
-    assert set(completion.WORDS) <= known
-    words = {name: text.split() for name, text in completion.WORDS.items()}
-    assert set(words["--task"]) == set(KINDS)
-    assert set(words["--plane"]) == set(PLANES) and set(words["--only"]) == set(COLOURS)
-    for weight in words["--weight"]:
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_every_word_is_one_the_commands_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["completion", "bash"]) == 0
+    (tmp_path / "complete.bash").write_text(capsys.readouterr().out, encoding="utf-8")
+
+    def words(command: str, option: str) -> set[str]:
+        return offered(tmp_path, command, "panda", option, "") - {"complete.bash"}
+
+    assert words("study", "--task") == set(KINDS)
+    assert words("study", "--plane") == set(PLANES)
+    assert words("animate", "--only") == set(COLOURS)
+    assert words("study", "--degree") == {"1", "2", "3", "4"}
+    for weight in words("check", "--weight"):
         assert main(["check", "panda", "--weight", weight, "--samples", "8"]) == 0
-    for path in words["--path"]:
+    strategies = words("follow", "--strategy")
+    assert len(strategies) == 3
+    assert all(name in COMMANDS["follow"].format_help() for name in strategies)
+    paths = words("study", "--path")
+    assert len(paths) == 5
+    for path in paths:
         assert rp.Problem("planar3r", path=path)

@@ -1,24 +1,22 @@
-"""The first answer of a study: its sentence and its short table say what the motions did."""
+"""What a study prints: its sentences and its tables say what the motions did."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import printed
+from page_file import Drawn
+from said import reads, value_of
 from shown import answered
 from terminals import terminal_of
 
 import repctl_pin as rp
-from repctl_pin.motion.joint_motion import Violation, violations_of
-from repctl_pin.robot.visuals import Visuals
-from repctl_pin.show.page.outcomes import farthest_body, study_headline
-from repctl_pin.show.text import coloured, number, percent, study_answer
-from repctl_pin.show.text.lines import COLUMNS, Span, wrapped
-from repctl_pin.show.text.numbers import metres
 
-FILES = ["open   out/animation.html", "wrote  drift.png beside it"]
+LIMITS = "Joint limits respected."
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +25,20 @@ def study() -> rp.Study:
     return rp.study("planar4r", cycles=3, steps=60, degree=1)
 
 
-def text_of(study: rp.Study) -> str:
-    return coloured(study_answer(study, FILES))
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("answer")
+
+
+@pytest.fixture(scope="module")
+def answer(study: rp.Study, folder: Path) -> str:
+    return printed(study, folder)[0]
+
+
+def verdict_of(study: rp.Study, folder: Path) -> str:
+    """The first line of the full table."""
+    text, _ = printed(study, folder, "--full")
+    return " ".join(text.partition("\n\n")[0].split())
 
 
 def changed(study: rp.Study, **rows: dict) -> rp.Study:
@@ -38,123 +48,198 @@ def changed(study: rp.Study, **rows: dict) -> rp.Study:
     )
 
 
-def test_it_says_what_the_motions_did(study: rp.Study) -> None:
-    text = text_of(study)
+def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
     plain, posture, closed = (
         study.row(key).motion for key in ("pseudoinverse", "posture", "repeatable")
     )
-    visuals, off = Visuals.of(study.robot), []
-    for motion in (plain, posture):
-        ends = visuals.placements(study.task.to_robot(motion.q[[0, -1]]))
-        moved = np.linalg.norm(
-            (ends[1] - ends[0])[:, :3, 3], axis=1
-        )  # of the bodies' middles
-        link, way = farthest_body(study.robot, study.task.to_robot(motion.q[[0, -1]]))
-        assert link == "link4" and moved.max() < way < 2 * moved.max()
-        off.append(metres(way))
-    plain_words = " ".join(text.split())
-    assert plain_words.startswith(
+    drawn, off = Drawn(study.robot), answered(answer, "link 4 off")
+    for motion, said in zip((plain, posture), off, strict=False):
+        moved = drawn.moved(*study.task.to_robot(motion.q[[-1, 0]]))
+        assert drawn.links[moved.argmax()] == "link4" and reads(said, moved.max())
+    assert off[2:] == ["0"]
+    sentence = (
         "After 3 cycles both hands are back. Link 4 of one arm is not: "
-    )
-    assert (
         f"{off[0]} off under the usual control, 0 under the repeatable one."
-        in plain_words
     )
-    told = "".join(span.text for span in study_headline(study).sentence)
-    assert plain_words.startswith(
-        " ".join(told.split())
-    )  # the page's and the report's own
+    assert " ".join(answer.split()).startswith(sentence)
     page = re.sub(r"<[^>]*>", "", rp.animation(study).page)
-    assert told in page
-    assert answered(text, "link 4 off") == [*off, "0"]
-    drifts = [number(motion.drift[-1]) for motion in (plain, posture)]
-    assert answered(text, "joints off") == [*drifts, "0"]
-    assert answered(text, "first cycle closes") == ["no", "no", "yes"]
-    speeds = [
-        percent(m.first_rms_speed / plain.first_rms_speed - 1)
-        for m in (posture, closed)
-    ]
-    assert answered(text, "extra joint speed, cycle 1") == ["–", *speeds]
-    assert answered(text, "limits") == ["kept"] * 3 and "!" not in text
+    assert sentence in page.replace("\u00a0", " ")
+    drifts = answered(answer, "joints off")
+    for motion, said in zip((plain, posture), drifts, strict=False):
+        assert reads(said, motion.drift[-1], 3)
+    assert drifts[2:] == ["0"]
+    assert answered(answer, "first cycle closes") == ["no", "no", "yes"]
+    none, *speeds = answered(answer, "extra joint speed, cycle 1")
+    for motion, said in zip((posture, closed), speeds, strict=True):
+        share = motion.first_rms_speed / plain.first_rms_speed - 1
+        assert value_of(said) == pytest.approx(share, abs=5.01e-4)
+    assert none == "–"
+    assert answered(answer, "limits") == ["kept"] * 3 and "!" not in answer
     (bound,) = re.findall(
-        r"^leaf margin in Ω: proved > ([\d.]+)$", text, flags=re.MULTILINE
+        r"^leaf margin in Ω: proved > ([\d.]+)$", answer, flags=re.MULTILINE
     )
     assert 0 <= study.design.proof.leaf_margin - float(bound) < 1e-2
 
 
-def test_it_fits_24_rows_and_80_columns(study: rp.Study) -> None:
+@pytest.fixture(scope="module")
+def beyond() -> rp.Study:
+    """A motion that leaves its limits: theta1 ends at 2π, where this circle takes it."""
+    problem = rp.Problem(
+        "planar3r", start=[6.2, 1.0, -1.4], path="circle:0.4:0", plane="xy"
+    )
+    return rp.study(problem, cycles=2, steps=60, degree=1)
+
+
+def test_violations_are_marked_and_named(
+    study: rp.Study, beyond: rp.Study, folder: Path
+) -> None:
+    text, _ = printed(beyond, folder)
+    motion, task = beyond.row("pseudoinverse").motion, beyond.task
+    outside = (motion.q < task.lower) | (motion.q > task.upper)
+    first = int(np.argmax(outside.any(axis=1)))
+    (joint,) = np.flatnonzero(outside[first])
+    cycle, share = divmod(first / 60, 1)
+    assert answered(text, "limits")[0] == f"cycle {cycle + 1:.0f}!"
+    into = f"{100 * share:.0f} % into cycle {cycle + 1:.0f}"
+    name = task.joint_names[joint]
+    assert f"! usual control: {name} exceeds its limits {into}" in text
+    # nor is the speed of a motion compared that violates a limit
+    assert beyond.row("repeatable").motion.first_violation is not None
+    assert not [note for note in beyond.notes if note.startswith("joint speed: ")]
+    assert [note for note in study.notes if note.startswith("joint speed: ")]
+
+
+def test_what_lies_outside_the_region_is_the_loudest_line(
+    study: rp.Study, folder: Path
+) -> None:
+    motion = study.row("repeatable").motion
+    small = replace(motion, region=rp.Box(study.q0, 0.2))
+    share = np.mean((np.abs(motion.q - study.q0) > 0.2).any(axis=1))
+    assert 0 < share < 1 and small.outside == pytest.approx(share)
+    warning = f"warning: {100 * share:.1f} % of the motion lies outside Ω"
+    outside = changed(study, repeatable={"motion": small})
+    for options in ([], ["--full"]):
+        assert printed(outside, folder, *options)[0].startswith(warning)
+
+
+def test_it_fits_24_rows_and_80_columns(
+    study: rp.Study, beyond: rp.Study, answer: str, folder: Path
+) -> None:
     """With the command above and the next prompt below, however many notes there are."""
     many = replace(study, notes=tuple(f"{k} " + "word " * 30 for k in range(9)))
-    long = Violation(3.5, 4, ("link_" * 9, "joint_" * 9))
+    (one,) = beyond.row("pseudoinverse").violations
+    long = replace(one, moment=3.5, cycle=4, names=("link_" * 9, "joint_" * 9))
     bad = {"violations": (long,) * 3}
     far = changed(many, pseudoinverse=bad, posture=bad, repeatable=bad)
-    for one in (study, many, far):
-        lines = text_of(one).splitlines()
-        assert len(lines) <= 22 and max(map(len, lines)) <= COLUMNS
+    noted, violated = (printed(one, folder)[0] for one in (many, far))
+    for text in (answer, noted, violated):
+        lines = text.splitlines()
+        assert len(lines) <= 22
+        assert all(len(line) <= 80 or str(folder) in line for line in lines)
+    assert re.search(r"^note: 0 word.*^\d more notes: --full$", noted, re.M | re.S)
+    page, beside = noted.splitlines()[-3:-1]
+    assert page == f"open   {folder}/animation.html"
+    files = "drift.png, joints.png, motion.csv, control.json"
+    assert beside == f"wrote  {files} beside it"
     assert re.search(
-        r"^note: 0 word.*^\d more notes: --full$", text_of(many), re.M | re.S
-    )
-    assert text_of(many).splitlines()[-3:-1] == FILES
-    assert re.search(
-        r"^! usual control: .*^1\d more notes: --full$", text_of(far), re.M | re.S
+        r"^! usual control: .*^1\d more notes: --full$", violated, re.M | re.S
     )
 
 
-def test_violations_are_marked_and_named(study: rp.Study) -> None:
-    plain = study.row("pseudoinverse").motion
-    far = np.where(plain.t > plain.t[-1] / 2, 10.0, 0.0)[:, None]
-    motion = replace(plain, q=plain.q + far)
-    text = text_of(
-        changed(
-            study, pseudoinverse={"motion": motion, "violations": violations_of(motion)}
-        )
+def test_a_stopped_motion_is_named_in_the_sentence(
+    study: rp.Study, folder: Path
+) -> None:
+    stopped = {"motion": None, "stopped": "the Jacobian <loses> rank"}
+    plain = changed(study, pseudoinverse=stopped, posture=stopped)
+    text, _ = printed(replace(plain, notes=()), folder / "stuck", "--report")
+    assert " ".join(text.split()).startswith(
+        "Usual control stopped: the Jacobian <loses> rank. After 3 cycles the hand is back."
     )
-    name = study.task.joint_names[0]
-    assert answered(text, "limits") == ["cycle 2!", "kept", "kept"]
-    assert f"! usual control: {name} exceeds its limits 52 % into cycle 2" in text
-
-
-def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study) -> None:
-    stopped = {"motion": None, "stopped": "the Jacobian loses rank"}
-    text = text_of(changed(study, pseudoinverse=stopped))
-    assert text.startswith(
-        "Usual control stopped: the Jacobian loses rank. After 3 cycles the hand is back."
-    )
-    assert answered(text, "link 4 off")[0] == "stopped"
-    assert answered(text, "extra joint speed")[1:] == ["–", "–"]
-    both = text_of(changed(study, pseudoinverse=stopped, repeatable=stopped))
-    assert " ".join(both.split()).count("stopped: the Jacobian loses rank.") == 2
-    few = replace(changed(study, posture={"motion": None, "stopped": "why"}), notes=())
-    assert "note: + posture: why" in text_of(few)
+    report = (folder / "stuck" / "report.html").read_text(encoding="utf-8")
+    why = "the Jacobian &lt;loses&gt; rank."
+    assert f"<p>The pseudoinverse J⁺ stopped: {why}</p>" in report
+    (summary,) = re.findall(r'(?s)<section class="summary">.*?</section>', report)
+    assert "nan" not in summary and "its extra joint speed is unknown" in summary
+    assert answered(text, "link 4 off|farthest part off")[:2] == ["stopped"] * 2
+    assert answered(text, "extra joint speed")[2] == "–"
+    assert "note: + posture: the Jacobian <loses> rank" in text
+    why = "stopped: the Jacobian <loses> rank."
+    assert verdict_of(plain, folder).startswith(f"J⁺ {why} Elbow displacement")
+    ours = changed(study, repeatable=stopped)
+    assert verdict_of(ours, folder).startswith(f"nearest repeatable {why} Elbow")
 
 
 def test_only_a_terminal_shows_tones_and_as_colours(
-    study: rp.Study, monkeypatch: pytest.MonkeyPatch
+    study: rp.Study, answer: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("TERM", "xterm")
-    plain = text_of(study)
     with terminal_of(80, 24):
-        shown = text_of(study)
-        assert coloured([Span("\x1b[2J", "bad")]) == "\x1b[31m\\x1b[2J\x1b[0m"
+        shown, _ = printed(study, folder)
         monkeypatch.setenv("NO_COLOR", "1")
-        assert text_of(study) == plain
+        assert printed(study, folder)[0] == answer
         monkeypatch.delenv("NO_COLOR")
         monkeypatch.setenv("TERM", "dumb")
-        assert text_of(study) == plain
-    assert "\x1b" not in plain and re.sub(r"\x1b\[\d+m", "", shown) == plain
-    off = answered(plain, "link 4 off")[0]
+        assert printed(study, folder)[0] == answer
+    assert "\x1b" not in answer and re.sub(r"\x1b\[\d+m", "", shown) == answer
+    off = answered(answer, "link 4 off")[0]
     assert f"\x1b[31m{off} off\x1b[0m" in shown and "\x1b[32myes\x1b[0m" in shown
 
 
-def test_a_wrapped_sentence_keeps_its_pieces() -> None:
-    off = Span("3\u00a0cm\u00a0off", "bad")
-    out = wrapped([Span("word " * 15), off, Span(" under it. "), Span("x" * 90)])
-    assert [span.tone for span in out] == ["", "bad", "", ""] and out[
-        1
-    ].text == "3 cm off"
-    assert "".join(span.text for span in out).splitlines() == [
-        "word " * 14 + "word",
-        "3 cm off under it.",
-        "x" * 90,
-    ]
+def test_the_verdict_holds_the_motions_numbers(study: rp.Study, folder: Path) -> None:
+    plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
+    ends = [study.task.joint_origins(q)[study.elbow] for q in plain.q[[0, -1]]]
+    once = np.sqrt(np.mean(closed.qdot[:60] ** 2) / np.mean(plain.qdot[:60] ** 2)) - 1
+    ways = [np.sum(np.diff(m.q, axis=0) ** 2) for m in (closed, plain)]
+    said = re.fullmatch(
+        r"Elbow displacement after 3 cycles: (.*) \(J⁺\) → 0 \(repeatable\)\. "
+        r"Joint speed, relative to J⁺: (.*) in cycle 1, (.*) over 3 cycles\. "
+        + re.escape(LIMITS),
+        verdict_of(study, folder),
+    )
+    assert said is not None
+    assert reads(said[1], np.linalg.norm(ends[1] - ends[0]))
+    assert value_of(said[2]) == pytest.approx(once, abs=5.01e-4)
+    assert value_of(said[3]) == pytest.approx(
+        np.sqrt(ways[0] / ways[1]) - 1, abs=5.01e-4 if "." in said[3] else 5.01e-3
+    )
+
+
+def test_a_lost_hand_comes_first(study: rp.Study, folder: Path) -> None:
+    """A hand 0.57 m off its path in the last quarter."""
+    motion = study.row("pseudoinverse").motion
+    error = np.where(np.arange(len(motion.t)) > 0.75 * len(motion.t), 0.572, 0.0)
+    lost = replace(motion, tracking_error=error)
+    assert lost.path_loss[1:] == (0.572, 0.0) and motion.path_loss is None
+    assert verdict_of(
+        changed(study, pseudoinverse={"motion": lost}), folder
+    ).startswith(
+        "End effector: leaves the path in cycle 3, by up to 57 cm (J⁺) → on the path "
+        "(repeatable)."
+    )
+
+
+def test_a_motion_is_closed_exactly_where_the_first_line_says_0(
+    study: rp.Study, folder: Path
+) -> None:
+    """One rule for both, which joints that are off by 1e-5 rad do not meet."""
+    closed = study.row("repeatable").motion
+    ramp = np.outer(closed.t / closed.t[-1], np.eye(study.task.n)[0])
+    for gap, closes in ((2e-6, True), (2e-5, False)):
+        still = replace(closed, q=closed.q + gap * ramp)
+        told = verdict_of(changed(study, repeatable={"motion": still}), folder)
+        assert told.split(" → ")[1].startswith("0 (") == still.closes == closes
+
+
+def test_the_joint_that_turns_most_is_named_from_the_motion(
+    study: rp.Study, folder: Path
+) -> None:
+    """Where the elbow, which is a joint's origin, stays although the joints behind it turn."""
+    motion = study.row("pseudoinverse").motion
+    turn = np.where(motion.t == motion.t[-1], 0.5, 0.0)[:, None] * [0, 0, 0.3, -1.0]
+    turned = replace(motion, q=motion.q[0] + turn)
+    one = changed(study, pseudoinverse={"motion": turned})
+    name = study.task.joint_names[3]
+    told = verdict_of(one, folder)
+    assert told.startswith("Elbow and joint displacement after 3 cycles: ")
+    assert f", {name} 0.5 rad (J⁺)" in told

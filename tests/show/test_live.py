@@ -27,14 +27,12 @@ from browser import (
     picture_now,
     wait_until_drawn,
 )
-from commands import refused
-from page_file import Visuals
+from commands import main, refused
+from page_file import Drawn, matrices, read
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketHandler, websocket_connect
 
 import repctl_pin as rp
-from repctl_pin.cli.terminal import until_stopped
-from repctl_pin.show.page import poses_of
 
 Q0 = np.array([0.3, 0.8, 0.8])
 
@@ -127,15 +125,21 @@ def test_poses_arrive_and_keys_come_back(task: rp.Task) -> None:
         told = loop.run_until_complete(talk(view))
         until(lambda: view.offset[0])
         np.testing.assert_allclose(view.offset, [0.02, 0.01, 0])
-        visuals = Visuals.of(task.robot)
+        with urllib.request.urlopen(view.url) as answer:
+            scene = read(answer.read().decode("utf-8"))[0]
+        shapes = scene["arms"][0]["shapes"]
+        moving = [shape["name"] for shape in shapes if shape["pose"] is None]
+        drawn = Drawn(task.robot)
+        order = [drawn.names.index(name) for name in moving]
+        assert len(moving) > 5
         for numbers, shown, before in zip(
             told, (first, now, now), (first, first, now), strict=True
         ):
-            expected = poses_of(
-                visuals.placements(task.to_robot(np.array([*shown, *before])))
-            )[:, view._moving]
-            size, both = expected.size, task.positions(np.array([*shown, *before]))
-            np.testing.assert_allclose(numbers[:size], expected.ravel(), atol=1e-6)
+            both = task.positions(np.array([*shown, *before]))
+            expected = drawn.placements(task.to_robot(np.array([*shown, *before])))
+            size = 4 * len(moving) * 7
+            poses = numbers[:size].reshape(4, len(moving), 7)
+            np.testing.assert_allclose(matrices(poses), expected[:, order], atol=1e-6)
             drift = np.linalg.norm(np.array(shown) - before, axis=1)
             np.testing.assert_allclose(
                 numbers[size : size + 5], [*drift, 0, shown is now, 0], atol=1e-6
@@ -353,20 +357,29 @@ def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
         process.wait()
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda n: n.name
-)
-def test_ctrl_c_and_a_closed_terminal_end_the_loop(number: signal.Signals) -> None:
+def test_ctrl_c_ends_the_loop(
+    design: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """As the signals above do; twice is once."""
+    number = signal.SIGINT
+    shown = rp.Viewer.show
+
+    def stopped(*given: Any, **more: Any) -> None:
+        shown(*given, **more)
+        signal.raise_signal(number)
+        signal.raise_signal(number)
+
+    monkeypatch.setattr(rp.Viewer, "show", stopped)
     before = signal.signal(number, signal.SIG_DFL)
     try:
-        with until_stopped() as stop:
-            assert not stop.is_set()
-            signal.raise_signal(number)
-            signal.raise_signal(number)  # twice is once
-            assert stop.wait(1)
+        assert main(["animate", str(design), *LIVE, "--no-browser", "--json"]) == 0
         assert signal.getsignal(number) == signal.SIG_DFL
     finally:
         signal.signal(number, before)
+    captured = capsys.readouterr()
+    assert captured.err == "" and not is_open(port_of(json.loads(captured.out)["url"]))
 
 
 def test_what_does_not_go_with_live_is_refused(

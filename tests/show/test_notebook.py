@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import changed, errors, picture, schemes, wait_until_drawn
-from page_file import Visuals
+from commands import printed
+from matplotlib.figure import Figure
+from page_file import Drawn
+from said import reads
 
 import repctl_pin as rp
 from repctl_pin.show.notebook import inline
-from repctl_pin.show.plots import drawn, drift_figure, joints_figure
-from repctl_pin.show.text import drift_words, joints_words, study_table
 
 SETTING = {"cycles": 2, "degree": 1, "steps": 60}
 
@@ -25,11 +26,18 @@ CELLS = (
     "import repctl_pin as rp\nfrom repctl_pin.show.notebook import inline",
     f"study = rp.study('ppr', **{SETTING})",
     "inline(study, height=500)",
-    "from repctl_pin.show.plots.motions import drawn, drift_figure, drift_over_cycles",
-    "inline(drift_figure(drawn(study), 'Drift'))",
-    "import matplotlib.pyplot as plt\nax = drift_over_cycles(plt.figure().add_subplot(), "
-    "drawn(study))",
+    "from matplotlib.figure import Figure\nmine = Figure()\n"
+    "lines = mine.add_subplot().plot(study.row('pseudoinverse').motion.drift)",
+    "inline(mine)",
+    "import matplotlib.pyplot as plt\nax = plt.figure().add_subplot()",
 )
+
+
+def mine(study: rp.Study) -> Figure:
+    """The figure of the fourth cell."""
+    figure = Figure()
+    figure.add_subplot().plot(study.row("pseudoinverse").motion.drift)
+    return figure
 
 
 def test_results_print_in_words() -> None:
@@ -64,8 +72,24 @@ def study() -> rp.Study:
 
 
 @pytest.fixture(scope="module")
-def cell(study: rp.Study) -> Any:
-    return inline(study, height=500)
+def cell(study: rp.Study) -> tuple[Any, list[Figure]]:
+    """What a cell shows, and the figures that were drawn for it."""
+    save, figures = Figure.savefig, []
+
+    def saved(figure: Figure, *given: Any, **options: Any) -> None:
+        figures.append(figure)
+        save(figure, *given, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", saved)
+        return inline(study, height=500), figures
+
+
+@pytest.fixture(scope="module")
+def full(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What ``repctl study --full`` prints of the study."""
+    text, _ = printed(study, tmp_path_factory.mktemp("full"), "--full")
+    return text.partition("\n\nwrote ")[0]
 
 
 @pytest.fixture(scope="module")
@@ -121,27 +145,53 @@ def drawing(figure: Any) -> np.ndarray:
 
 
 def test_a_cell_holds_the_page_the_table_and_the_figures(
-    study: rp.Study, cell: Any
+    study: rp.Study, cell: tuple[Any, list[Figure]], full: str
 ) -> None:
-    text = cell._repr_html_()
+    shown, figures = cell
+    text = shown._repr_html_()
     held = re.search(r'srcdoc="([^"]*)"', text)
     assert held is not None and html.unescape(held[1]) == rp.animation(study).page
     assert "height: 500px" in text
     told = re.search(r"<pre[^>]*>(.*?)</pre>", text, re.DOTALL)
-    assert told is not None and html.unescape(told[1]) == repr(cell) == study_table(
-        study
-    )
-    words = [html.unescape(alt) for alt in re.findall('alt="([^"]*)"', text)]
-    assert words == [drift_words(study), joints_words(study)]
-    for image, figure in zip(
-        pictures(text), (drift_figure, joints_figure), strict=True
+    assert told is not None and html.unescape(told[1]) == repr(shown) == full
+    for image, figure in zip(pictures(text), figures, strict=True):
+        np.testing.assert_array_equal(image, drawing(figure))
+    drift, joints = figures
+    motion = study.row("pseudoinverse").motion
+    assert drift.axes[0].lines[0].get_ydata().tolist() == motion.drift.tolist()
+    for ax, q in zip(joints.axes, motion.q.T, strict=True):
+        assert ax.lines[0].get_ydata().tolist() == q.tolist()
+
+
+def test_pictures_have_words(study: rp.Study, cell: tuple[Any, list[Figure]]) -> None:
+    """For who cannot see them: the drift of every strategy, and of every joint under J⁺."""
+    found = re.findall('alt="([^"]*)"', cell[0]._repr_html_())
+    drift, joints = (html.unescape(words) for words in found)
+    parts = drift.removeprefix("Joint drift after each cycle: ").split("; ")
+    assert parts.pop() == "in rad and m."
+    for row, part in zip(study.rows, parts, strict=True):
+        said = re.fullmatch(
+            re.escape(row.label)
+            + r" from (\S+) after the first cycle to (\S+) after the last",
+            part,
+        )
+        assert said is not None
+        for words, value in zip(said.groups(), row.motion.drift, strict=True):
+            assert reads(words, value, 3 if value >= 1e-3 else 1)
+    motion = study.row("pseudoinverse").motion
+    said = re.search(r"At the end of J⁺ the joints have drifted by: (.*)\.$", joints)
+    for part, name, value in zip(
+        said[1].split(", "),
+        study.task.joint_names,
+        motion.q[-1] - motion.q[0],
+        strict=True,
     ):
-        np.testing.assert_array_equal(image, drawing(figure(drawn(study), "")))
+        assert part == f"{name} {value:+.3g}"
 
 
 def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
-    (image,) = pictures(inline(drift_figure(drawn(study), "Drift"))._repr_html_())
-    np.testing.assert_array_equal(image, drawing(drift_figure(drawn(study), "Drift")))
+    (image,) = pictures(inline(mine(study))._repr_html_())
+    np.testing.assert_array_equal(image, drawing(mine(study)))
     page = inline('<p title="x">&amp;</p>')
     held = re.search(r'srcdoc="([^"]*)"', page._repr_html_())
     assert held is not None and html.unescape(held[1]) == '<p title="x">&amp;</p>'
@@ -156,15 +206,12 @@ def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
 
 
 def test_a_kernel_shows_the_scene_and_the_figures(
-    notebook: Any, study: rp.Study, cell: Any
+    notebook: Any, study: rp.Study, cell: tuple[Any, list[Figure]], full: str
 ) -> None:
     scene, figure, of_pyplot = (notebook.cells[k] for k in (2, 4, 5))
-    assert shown(scene) == {
-        "text/html": cell.html,
-        "text/plain": study_table(study),
-    }
+    assert shown(scene) == {"text/html": cell[0].html, "text/plain": full}
     (image,) = pictures(shown(figure)["text/html"])
-    np.testing.assert_array_equal(image, drawing(drift_figure(drawn(study), "Drift")))
+    np.testing.assert_array_equal(image, drawing(mine(study)))
     assert shown(of_pyplot)["image/png"]  # as any of pyplot's figures
     assert not any(notebook.cells[k].outputs for k in (0, 1, 3))  # nothing is printed
 
@@ -206,7 +253,7 @@ def test_the_exported_notebook_plays_in_a_browser(
     assert driver.execute_script(wheel)
     driver.execute_script("document.activeElement.blur()")
     assert not driver.execute_script(wheel)
-    count = len(Visuals.of(rp.Robot.load("ppr")).shapes)
+    count = len(Drawn(rp.Robot.load("ppr")).names)
     assert driver.execute_script("return [repctl.meshes(0), repctl.meshes(1)]") == [
         count,
         count,

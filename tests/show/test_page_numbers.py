@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 from browser import errors, open_page
 from numpy.typing import NDArray
-from page_file import Visuals, read
+from page_file import Drawn, read
+from said import reads
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Shape
-from repctl_pin.show.page import read_surface
-from repctl_pin.show.page.body_points import corners
-from repctl_pin.show.text import metres, number
 
 ROBOTS = ("panda", "tiago", "baxter", "kinova", "talos", "planar3r", "xarm7", "ppr")
 
@@ -31,50 +28,51 @@ return times.map((t) => { repctl.seek(t);
 """
 
 
-@cache
-def points_of(shape: Shape) -> NDArray[np.float64]:
-    """All points of a mesh, not those of its hull alone; corners of another shape."""
-    if shape.kind != "mesh":
-        return corners([shape])[0]
-    return read_surface(shape.path).points * shape.scale
-
-
-def off(
-    study: rp.Study, now: NDArray[np.float64], then: NDArray[np.float64], link: str
-) -> float:
-    """How far the farthest point of a link's shapes has moved, m; of all links for an empty
-    name."""
-    visuals = Visuals.of(study.robot)
-    ends = visuals.placements(study.task.to_robot(np.array([now, then])))
-    ways = [
-        np.linalg.norm(
-            np.c_[p, np.ones(len(p))] @ (ends[0, s] - ends[1, s])[:3].T, axis=1
-        ).max()
-        for s, shape in enumerate(visuals.shapes)
-        if link in ("", shape.link)
-        for p in [points_of(shape)]
-    ]
-    return float(max(ways))
-
-
 def written(value: float) -> set[str]:
     """The words for a length; both, where it is as near to one as to the other."""
     near = (value * (1 - 1e-4), value, value * (1 + 1e-4))
-    return {"0 off" if v < 1e-4 else f"{metres(v)} off" for v in near}
+    return {"0 off" if v < 1e-4 else f"{rounded(v)} off" for v in near}
+
+
+def rounded(length: float) -> str:
+    """Two digits, in the unit that suits."""
+    scale, unit = (
+        (1, "m")
+        if length >= 0.995
+        else (100, "cm")
+        if length >= 0.00995
+        else (1000, "mm")
+    )
+    return f"{float(f'{scale * length:.2g}'):g} {unit}"
 
 
 def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> None:
     html = rp.animation(study).page
     page.write_text(html, encoding="utf-8")
     scene = read(html)[0]
-    shapes = Visuals.of(study.robot).shapes
-    link = shapes[scene["arms"][0]["part"].index(True)].link
+    drawn, whole = Drawn(study.robot), study.task.to_robot
+    arm = scene["arms"][0]
+    flagged = {
+        s["name"] for s, its in zip(arm["shapes"], arm["part"], strict=True) if its
+    }
+    part_of = np.isin(drawn.names, list(flagged))
+
+    def off(now: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
+        return drawn.moved(*whole(np.array([now, then])))
+
+    # the headline's and the callouts' part is the one that is farthest off
+    ways = off(*study.row("pseudoinverse").motion.q[[-1, 0]])
+    assert part_of[ways.argmax()]
+    assert len(set(np.array(drawn.links)[part_of])) == 1
+    words = rounded(ways.max()).replace(" ", " ")
+    exact = f"{drawn.links[ways.argmax()]}: {ways.max():.3g} m"
+    assert f'title="{exact}">{words}' in html
     open_page(driver, page)
     told = driver.execute_script(TOLD, times)
     for k, key in enumerate(("pseudoinverse", "repeatable")):
         motion = study.row(key).motion
         grid, joints = np.arange(len(motion.q)) / motion.steps, [0.0, *motion.drift]
-        ends = [off(study, q, motion.q[0], "") for q in motion.q[:: motion.steps]]
+        ends = [off(q, motion.q[0]).max() for q in motion.q[:: motion.steps]]
         np.testing.assert_allclose(  # the bars
             scene["arms"][k]["off"], np.c_[ends[:-1], ends[1:]], rtol=1e-5, atol=1e-7
         )
@@ -85,7 +83,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             at = [
                 [np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)
             ]
-            value = off(study, np.array(at[0]), np.array(at[1]), link)
+            value = off(*map(np.array, at))[part_of].max()
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
             said = {f"{name} {words} now" for words in written(value)}
             assert part[k] in said, (time, value)
@@ -95,8 +93,10 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             assert int(now) == done
             ends_of = "1 cycle" if done == 1 else f"{done} cycles"
             assert when == (f"After {ends_of}" if done else "At the start")
-            size = 0 if joints[done] < 1e-6 else number(joints[done])
-            assert f"joints {size} {study.task.unit}, root of" in exact[k]
+            said = re.search(r"joints (\S+) (.*), root of", exact[k])
+            assert said is not None and said[2] == study.task.unit
+            size = 0.0 if joints[done] < 1e-6 else joints[done]
+            assert said[1] == "0" if size == 0 else reads(said[1], size, 3)
     assert errors(driver) == []
 
 

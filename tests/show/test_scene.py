@@ -1,165 +1,151 @@
-"""What is inside an animation page: read back, against what went in."""
+"""What is inside an animation page: read back, against the motions and Pinocchio."""
 
 from __future__ import annotations
 
+import html
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
-import umsgpack
-from page_file import BLUE, Visuals, read, summed
-from test_surfaces import DAE
+from arms import planar_urdf
+from page_file import COLOURS, Drawn, circling, panes, read
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Shape
-from repctl_pin.show.page import (
-    Arm,
-    animation_page,
-    choose_frames,
-    key,
-    poses_of,
-    read_surface,
-)
-from repctl_pin.show.page import html as page_html
-from repctl_pin.show.page.body_points import corners
-from repctl_pin.show.page.html import differences, pack
-from repctl_pin.show.page.meshes import record
 
-PATH = np.stack(
-    [np.cos(np.linspace(0, 6.3, 50)), np.sin(np.linspace(0, 6.3, 50)), np.zeros(50)], 1
-)
-WORDS: dict[str, Any] = {"seconds": 4.0, "title": "a title", "caption": "a caption"}
-
-
-def swinging(name: str, cycles: int = 2, steps: int = 20) -> tuple[Arm, Arm]:
-    """Two arms, all joints swinging a little round the reference; numbers enough for a page."""
-    robot = rp.Robot.load(name)
-    visuals = Visuals.of(robot)
-    s = np.linspace(0, cycles, cycles * steps + 1)
-    Q = robot.reference + 0.2 * np.sin(2 * np.pi * s)[:, None] * np.cos(
-        np.arange(len(robot.reference))
-    )
-    placements = visuals.placements(Q)
-    drift = 0.1 * np.arange(1, cycles + 1)
-    tip, elbow = placements[:, -1:, :3, 3], placements[:, 1:2, :3, 3]
-    first = Arm("J⁺", visuals.shapes, placements, tip, elbow, drift)
-    return first, replace(
-        first, label="repeatable", color=BLUE, cycle_drift=1e-13 * drift
-    )
-
-
-def page_of(arms: Sequence[Arm], **words: Any) -> str:
-    """The page of arms that hold all samples of all cycles."""
-    frames = choose_frames(len(arms[0].tip), len(arms[0].cycle_drift))
-    shown = [
-        replace(
-            a,
-            **{
-                name: getattr(a, name)[frames.index]
-                for name in ("placements", "tip", "elbow")
-            },
-        )
-        for a in arms
-    ]
-    return animation_page(shown, [PATH], frames=frames, **(WORDS | words))
-
-
-def vertices(shape: Shape) -> np.ndarray:
-    """Every point of a mesh, or the corners that stand for another shape."""
-    if shape.kind == "mesh":
-        return read_surface(shape.path).points * shape.scale
-    return corners([shape])[0]
-
-
-def matrices(poses: np.ndarray) -> np.ndarray:
-    """Poses (T, M, 7) as matrices (T, M, 4, 4), by Pinocchio."""
-    return np.array(
-        [[pin.XYZQUATToSE3(p).homogeneous for p in row] for row in poses.astype(float)]
-    )
+ROOT = Path(__file__).parents[2]
 
 
 @cache
-def known(name: str) -> tuple[tuple[Arm, Arm], str]:
-    """Two swinging arms and their page, made once."""
-    arms = swinging(name)
-    return arms, page_of(arms)
+def known(name: str) -> tuple[dict[str, rp.Motion], str, Drawn]:
+    """Two motions of an arm, their page, and what it draws, made once."""
+    flat = name == "ppr"
+    task = rp.Robot.load(name).task(kind="xy" if flat else "pose")
+    start = [0.0, 0.0, 0.5] if flat else task.reference
+    radius = 0.3 if flat else 0.05
+    motions = circling(task, start, radius=radius, steps=20, other="nearest repeatable")
+    return motions, rp.animation(motions, seconds=4.0).page, Drawn(task.robot)
+
+
+def fastest_in_the_self_motion(task: rp.Task, q: np.ndarray) -> int:
+    """The joint whose origin is the elbow."""
+    step = 1e-6 * np.linalg.svd(task.jacobian(q))[2][-1]
+    ways = task.joint_origins(q + step) - task.joint_origins(q - step)
+    return int(np.linalg.norm(ways[: task.n], axis=1).argmax())
 
 
 @pytest.mark.parametrize(
     "name", ["panda", pytest.param("talos", marks=pytest.mark.slow), "ppr"]
 )
 def test_page_holds_what_went_in(name: str) -> None:
-    arms, page = known(name)
-    frames = choose_frames(41, 2)
-    scene, commands, motion = read(page)
-    assert (scene["title"], scene["caption"], scene["seconds"]) == (
-        "a title",
-        "a caption",
-        4.0,
-    )
+    motions, page, drawn = known(name)
+    scene, _, numbers = read(page)
+    arms, (path,) = panes(scene, numbers)
+    task = motions["J⁺"].task
+    assert scene["title"] == f"{task.robot.name}: {motions['J⁺'].path.name}"
+    assert scene["caption"].startswith(f"{task.frame}: ") and scene["seconds"] == 4.0
     assert (scene["cycles"], scene["perCycle"], scene["problems"]) == ([1, 2], 21, [])
-    # every distinct body once, for both arms together
-    sent = [c for c in commands if c["type"] == "set_object"]
-    bodies = list(dict.fromkeys(key(s) for s in arms[0].shapes))
-    assert [c["path"] for c in sent] == [f"/library/{k}" for k in range(len(bodies))]
-    at = 0
-    for arm, told in zip(arms, scene["arms"], strict=True):
-        assert (told["label"], told["color"]) == (arm.label, arm.color)
-        np.testing.assert_allclose(told["drift"], arm.cycle_drift)
-        assert [s["name"] for s in told["shapes"]] == [s.name for s in arm.shapes]
-        assert [bodies[s["body"]] for s in told["shapes"]] == [
-            key(s) for s in arm.shapes
-        ]
-        assert [s["scale"] for s in told["shapes"]] == [
-            list(s.scale) for s in arm.shapes
-        ]
-        expected = arm.placements[frames.index]
-        moving = [k for k, s in enumerate(told["shapes"]) if s["pose"] is None]
-        size = len(frames.index) * len(moving) * 7
-        poses = motion[at : at + size].reshape(len(frames.index), len(moving), 7)
-        np.testing.assert_allclose(matrices(poses), expected[:, moving], atol=1e-6)
-        for k, shape in enumerate(told["shapes"]):
-            if shape["pose"] is not None:
-                still = matrices(np.array(shape["pose"])[None, None])[0, 0]
-                np.testing.assert_allclose(
-                    np.broadcast_to(still, expected[:, k].shape),
-                    expected[:, k],
-                    atol=1e-6,
-                )
-        at += size
-        for point in (arm.tip[:, 0], arm.elbow[:, 0]):
-            np.testing.assert_allclose(
-                motion[at : at + 3 * len(frames.index)].reshape(-1, 3),
-                point[frames.index],
-                atol=1e-6,
-            )
-            at += 3 * len(frames.index)
+    assert scene["planar"] == (name == "ppr")
+    rows = np.r_[:21, 20:41]  # of both cycles, both ends
+    first = np.tile(np.r_[:20, 0], 2)  # the same moment of cycle 1
+    for key, (label, motion), arm, told in zip(
+        ("pseudoinverse", "repeatable"),
+        motions.items(),
+        arms,
+        scene["arms"],
+        strict=True,
+    ):
+        assert (told["label"], told["color"]) == (label, COLOURS[key])
+        assert told["drift"] == motion.drift.tolist()
+        assert sorted(arm.names) == sorted(drawn.names)
+        Q = task.to_robot(motion.q)
+        expected = drawn.placements(Q[rows])
+        np.testing.assert_allclose(arm.of(drawn), expected, atol=1e-6)
+        np.testing.assert_allclose(
+            arm.tip[:, 0], task.positions(motion.q[rows]), atol=1e-6
+        )
+        elbow = fastest_in_the_self_motion(task, motion.q[0])
+        origins = [task.joint_origins(q)[elbow] for q in motion.q[rows]]
+        np.testing.assert_allclose(arm.elbow[:, 0], origins, atol=1e-6)
         # how far each body is off its place in cycle 1, by the points that the page measures with
-        first = np.tile(np.r_[:20, 0], 2)  # the same moment of cycle 1
-        expected_off = np.zeros(len(frames.index))
-        for k, (shape, drawn) in enumerate(
-            zip(told["shapes"], arm.shapes, strict=True)
-        ):
-            if shape["pose"] is not None:
+        ways = expected - drawn.placements(Q[first])
+        off = np.zeros(len(rows))
+        for k, body in enumerate(drawn.names):
+            if body not in arm.points:
+                assert np.ptp(expected[:, k], axis=0).max() < 1e-9
                 continue
-            points = motion[at : at + 3 * shape["points"]].reshape(-1, 3)
-            at += 3 * shape["points"]
-            every = vertices(drawn)
-            for rows, found in ((every, expected_off), (points, np.zeros(len(first)))):
-                moved = np.c_[rows, np.ones(len(rows))] @ (expected - expected[first])[
-                    :, k
-                ].swapaxes(1, 2)
-                np.maximum(found, np.linalg.norm(moved, axis=2).max(axis=1), out=found)
-        ends = expected_off[[[0, 20], [21, 41]]]
-        np.testing.assert_allclose(told["off"], ends, atol=2e-6)
-    np.testing.assert_allclose(motion[at:].reshape(-1, 3), PATH, atol=1e-6)
+            every, few = drawn.points[k], arm.points[body]
+            by_all, by_few = (
+                np.linalg.norm(
+                    np.c_[p, np.ones(len(p))] @ ways[:, k, :3].swapaxes(1, 2), axis=2
+                ).max(axis=1)
+                for p in (every, few)
+            )
+            np.testing.assert_allclose(by_few, by_all, atol=2e-6)
+            off = np.maximum(off, by_all)
+        np.testing.assert_allclose(told["off"], off[[[0, 20], [21, 41]]], atol=2e-6)
+    np.testing.assert_allclose(path, motions["J⁺"].path.points(), atol=1e-6)
+
+
+def test_every_body_is_sent_once() -> None:
+    """Eleven shapes of panda, whose fingers are one mesh, for both arms together."""
+    _, page, drawn = known("panda")
+    scene, commands, _ = read(page)
+    solids = dict(zip(drawn.names, drawn.solids, strict=True))
+    sent = [c["path"] for c in commands if c["type"] == "set_object"]
+    assert sent == [f"/library/{k}" for k in range(10)]
+    for arm in scene["arms"]:
+        files = {}
+        for shape in arm["shapes"]:
+            solid = solids[shape["name"]]
+            files.setdefault(shape["body"], set()).add(solid.meshPath)
+            assert shape["scale"] == solid.meshScale.tolist()
+        assert sorted(files) == list(range(10))
+        assert all(len(one) == 1 for one in files.values())
+
+
+def test_a_mesh_goes_in_as_its_triangles() -> None:
+    """As many as Pinocchio reads, of the same box and volume, with normals outward."""
+    _, page, drawn = known("panda")
+    scene, commands, _ = read(page)
+    sent = {c["path"]: c["object"] for c in commands if c["type"] == "set_object"}
+    solids = dict(zip(drawn.names, drawn.solids, strict=True))
+    for shape in scene["arms"][0]["shapes"]:
+        (geometry,) = sent[f"/library/{shape['body']}"]["geometries"]
+        kept = geometry["data"]["attributes"]
+        points = np.frombuffer(kept["position"]["array"].data, "<f4").reshape(-1, 3)
+        normals = np.frombuffer(kept["normal"]["array"].data, "i1").reshape(-1, 3)
+        index = geometry["data"]["index"]
+        kind = {"Uint16Array": "<u2", "Uint32Array": "<u4"}[index["type"]]
+        faces = np.frombuffer(index["array"].data, kind).reshape(-1, 3)
+        triangles = points.astype(float)[faces]
+        theirs = solids[shape["name"]].geometry
+        corners, size = theirs.vertices(), np.ptp(theirs.vertices())
+        assert (
+            0.999 * theirs.num_tris < len(faces) <= theirs.num_tris
+        )  # but for needles
+        for end in (np.min, np.max):
+            np.testing.assert_allclose(
+                end(triangles, axis=(0, 1)), end(corners, axis=0), atol=2e-6
+            )
+        volume = (
+            np.einsum(
+                "fi,fi->", triangles[:, 0], np.cross(*triangles[:, 1:].swapaxes(0, 1))
+            )
+            / 6
+        )
+        assert volume == pytest.approx(theirs.computeVolume(), abs=1e-5 * size**3)
+        flat = np.cross(*np.diff(triangles, axis=1).swapaxes(0, 1))
+        size = np.linalg.norm(flat, axis=1)
+        big = size > 1e-9
+        turned = np.einsum(
+            "fi,fci->fc", flat / np.maximum(size, 1e-9)[:, None], normals[faces] / 127
+        )
+        assert turned[big].min() > 0.7  # smoothed within 38°
+        np.testing.assert_allclose(np.linalg.norm(normals / 127, axis=1), 1, atol=0.01)
 
 
 def test_bodies_are_sent_as_meshcat_sends_them() -> None:
@@ -167,16 +153,26 @@ def test_bodies_are_sent_as_meshcat_sends_them() -> None:
     from meshcat.commands import SetObject
     from meshcat.path import Path as ScenePath
 
-    shape = next(shape for shape in swinging("ppr")[0].shapes if shape.kind == "box")
-    sizes = {"box": (0.1, 0.2, 0.3), "cylinder": (0.05, 0.4)}
-    shapes = [
-        replace(shape, kind=kind, size=size, path=None) for kind, size in sizes.items()
-    ]
-    commands = [umsgpack.unpackb(command) for command in record(shapes)[0]]
-    sent = [command for command in commands if command["type"] == "set_object"]
-    theirs = [g.Mesh(g.Box([0.1, 0.2, 0.3])), g.Mesh(g.Cylinder(0.4, 0.05))]
-    for k, (ours, mesh) in enumerate(zip(sent, theirs, strict=True)):
-        expected = SetObject(mesh, path=ScenePath(("library", str(k)))).lower()
+    _, page, drawn = known("ppr")
+    scene, commands, _ = read(page)
+    sent = {c["path"]: c for c in commands if c["type"] == "set_object"}
+    for kind in ("Box", "Cylinder"):
+        solid = next(s for s in drawn.solids if type(s.geometry).__name__ == kind)
+        body = next(
+            shape["body"]
+            for shape in scene["arms"][0]["shapes"]
+            if shape["name"] == solid.name
+        )
+        ours = sent[f"/library/{body}"]
+        shape = solid.geometry
+        theirs = (
+            g.Box((2 * shape.halfSide).tolist())
+            if kind == "Box"
+            else g.Cylinder(2 * shape.halfLength, shape.radius)
+        )
+        expected = SetObject(
+            g.Mesh(theirs), path=ScenePath(("library", str(body)))
+        ).lower()
         names = [
             expected["object"][part][0]["uuid"] for part in ("geometries", "materials")
         ]
@@ -187,39 +183,12 @@ def test_bodies_are_sent_as_meshcat_sends_them() -> None:
         expected = json.loads(text)
         matrix = ours["object"]["object"].pop("matrix")
         del expected["object"]["object"]["matrix"]
+        sizes = ours["object"]["geometries"][0], expected["object"]["geometries"][0]
+        for one in sizes:  # 0.3 is not twice 0.15 to the last bit
+            one.update({k: round(v, 12) for k, v in one.items() if type(v) is float})
         assert ours == expected
         upright = np.reshape(matrix, (4, 4)).T @ [0, 1, 0, 0]  # three.js reads columns
-        assert list(upright) == ([0, 1, 0, 0] if k == 0 else [0, 0, 1, 0])
-
-
-def test_a_mesh_goes_in_as_its_triangles() -> None:
-    arms, page = known("panda")
-    _, commands, _ = read(page)
-    sent = {c["path"]: c["object"] for c in commands if c["type"] == "set_object"}
-    bodies = list(dict.fromkeys(key(s) for s in arms[0].shapes))
-    assert len(bodies) == 10  # eleven shapes; the fingers are one mesh
-    for k, (kind, path) in enumerate(bodies):
-        assert kind == "mesh"
-        (geometry,) = sent[f"/library/{k}"]["geometries"]
-        data = geometry["data"]
-        points = np.frombuffer(
-            data["attributes"]["position"]["array"].data, "<f4"
-        ).reshape(-1, 3)
-        index = data["index"]
-        faces = np.frombuffer(
-            index["array"].data,
-            {"Uint16Array": "<u2", "Uint32Array": "<u4"}[index["type"]],
-        )
-        surface = read_surface(Path(path))
-        np.testing.assert_allclose(points, surface.points, atol=1e-6)
-        np.testing.assert_array_equal(faces.reshape(-1, 3), surface.faces)
-        normals = (
-            np.frombuffer(data["attributes"]["normal"]["array"].data, "i1").reshape(
-                -1, 3
-            )
-            / 127
-        )
-        np.testing.assert_allclose(normals, surface.normals, atol=0.01)
+        assert list(upright) == ([0, 1, 0, 0] if kind == "Box" else [0, 0, 1, 0])
 
 
 def test_panda_is_small() -> None:
@@ -227,103 +196,107 @@ def test_panda_is_small() -> None:
 
 
 def test_many_cycles_do_not_blow_the_page() -> None:
-    pages = [page_of(swinging("planar3r", k, 60)) for k in (10, 200)]
+    task = rp.Robot.load("planar3r").task(kind="xy")
+    q0 = np.array([0.3, 0.8, 0.8])
+    path, pages = rp.circle(task, q0, 0.2), []
+    for cycles in (10, 200):
+        motion = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=cycles, steps=30)
+        pages.append(rp.animation({"J⁺": motion}).page)
     few, many = (read(page)[2].size for page in pages)
     assert few < many <= 2.4 * few  # numbers of 24 cycles, not of 200
     assert len(pages[1]) < 1.5 * len(pages[0])
 
 
-def test_page_is_self_contained_and_its_text_harmless() -> None:
-    arms = swinging("planar3r")
-    evil = "</script><script>alert(1)</script><b>&amp;"
-    arms = (replace(arms[0], label=evil, unit=evil), arms[1])
-    page = page_of(arms, seconds=1, title=evil, caption=evil + "\u2028\n" + evil)
+EVIL = "</script><script>alert(1)</script><b>&amp;"
+
+
+@pytest.fixture
+def evil(tmp_path: Path) -> rp.Robot:
+    """A robot and its tool with names that would be markup."""
+    text = planar_urdf([1, 0.8, 0.6])
+    for name in ('"planar"', '"tool"'):
+        assert name in text
+        text = text.replace(name, f'"{html.escape(EVIL)}"')
+    (tmp_path / "evil.urdf").write_text(text, encoding="utf-8")
+    return rp.Robot.load(tmp_path / "evil.urdf")
+
+
+def test_page_is_self_contained_and_its_text_harmless(evil: rp.Robot) -> None:
+    task = evil.task(EVIL, "xy")
+    motions = circling(task, [0.3, 0.8, 0.8], radius=0.1, steps=8)
+    label = EVIL + "\u2028\n" + EVIL
+    page = rp.animation({label: motions["J⁺"]}).page
     assert "<script>alert" not in page
-    assert "<b>" not in page
+    assert "<b>&" not in page and "\u2028" not in page.partition('id="scene"')[2]
     scene, _, _ = read(page)
-    assert (scene["title"], scene["arms"][0]["label"]) == (evil, evil)
-    assert scene["caption"] == evil + "\u2028\n" + evil
+    assert scene["title"].startswith(f"{EVIL}: ")
+    assert scene["caption"].startswith(f"{EVIL}: x and y, ")
+    assert scene["arms"][0]["label"] == label
     assert not re.search(r"""(src|href)=["'](?!data:)""", page)
     assert "{{" not in re.sub(r'(?s)<script type="text/plain".*?</script>', "", page)
 
 
 @pytest.mark.parametrize(
-    ("samples", "cycles"),
-    [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)],
+    ("kind", "words"),
+    [
+        ("pose", "position and orientation, 7 joints, 1 redundant"),
+        ("axis", "position and tool axis, 7 joints, 2 redundant"),
+        ("position", "position, 7 joints, 4 redundant"),
+        ("xz", "x and z, 7 joints, 5 redundant"),
+    ],
 )
-def test_choose_frames(samples: int, cycles: int) -> None:
-    frames = choose_frames(samples, cycles)
-    steps = (samples - 1) // cycles
-    numbers = np.array(frames.cycles)
-    assert (np.diff(numbers) > 0).all()
-    assert (numbers[0], numbers[-1]) == (1, cycles)
-    assert len(numbers) == cycles if cycles <= 24 else 12 <= len(numbers) <= 24
-    assert len(set(np.diff(numbers)[1:].tolist())) <= 1  # evenly, from the last back
-    table = frames.index.reshape(len(numbers), frames.per_cycle)
-    np.testing.assert_array_equal(
-        table[:, 0], (numbers - 1) * steps
-    )  # both ends of every cycle
-    np.testing.assert_array_equal(table[:, -1], numbers * steps)
-    assert (np.diff(table, axis=1) > 0).all()
-    assert min(31, steps + 1) <= frames.per_cycle <= min(61, steps + 1)
-    assert (
-        len(np.unique(np.diff(table, axis=1))) == 1
-    )  # these steps have such a divisor
+def test_what_a_task_controls_is_spelt_out(kind: str, words: str) -> None:
+    task = rp.Robot.load(ROOT / "examples" / "my_arm.urdf").task(kind=kind)
+    q0 = task.reference
+    path = rp.polygon(task, q0, [[0.01, 0, 0], [0.01, 0, 0.01]])
+    motion = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=1, steps=4)
+    scene, _, _ = read(rp.animation({"J⁺": motion}).page)
+    assert scene["caption"] == f"{task.frame}: {words}"
 
 
-def test_choose_frames_wants_whole_cycles() -> None:
-    with pytest.raises(rp.InputError, match="equal steps"):
-        choose_frames(102, 3)
+def with_mesh(folder: Path, mesh: str) -> rp.Robot:
+    """A planar arm one of whose boxes is a mesh, without a colour in the URDF."""
+    text = (ROOT / "urdf" / "planar3r.urdf").read_text(encoding="utf-8")
+    drawn, count = re.subn(
+        r'(?s)<geometry><box size="[^"]*"/></geometry>\s*<material name="\w+"/>',
+        f'<geometry><mesh filename="{mesh}"/></geometry>',
+        text,
+        count=1,
+    )
+    assert count == 1
+    (folder / "arm.urdf").write_text(drawn, encoding="utf-8")
+    return rp.Robot.load(folder / "arm.urdf")
 
 
-def test_poses_are_exact_and_do_not_jump() -> None:
-    rng = np.random.default_rng(0)
-    turns = [pin.exp3(v) for v in rng.normal(size=(300, 3)) * 2]
-    turns += [pin.exp3(np.pi * axis) for axis in np.eye(3)] + [np.eye(3)]  # half turns
-    M = np.tile(np.eye(4), (len(turns), 1, 1, 1))
-    M[:, 0, :3, :3] = turns
-    M[:, 0, :3, 3] = rng.normal(size=(len(turns), 3))
-    np.testing.assert_allclose(matrices(poses_of(M)), M, atol=1e-14)
-    # a steady turn of two revolutions: the quaternion never changes sign
-    steady = np.tile(np.eye(4), (400, 1, 1, 1))
-    steady[:, 0, :3, :3] = [
-        pin.exp3(a * np.array([0.6, 0, 0.8])) for a in np.linspace(0, 4 * np.pi, 400)
-    ]
-    q = poses_of(steady)[:, 0, 3:]
-    assert np.abs(np.diff(q, axis=0)).max() < 0.02
+def page_of(robot: rp.Robot) -> str:
+    task = robot.task(kind="xy")
+    motions = circling(task, [0.3, 0.8, 0.8], radius=0.1, steps=8)
+    return rp.animation({"J⁺": motions["J⁺"]}).page
 
 
 def test_a_body_that_cannot_be_read_is_said_and_the_rest_drawn(tmp_path: Path) -> None:
-    first, _ = swinging("planar3r")
-    broken = tmp_path / "broken.stl"
-    broken.write_bytes(b"not a mesh")
-    shapes = (Shape("odd", "mesh", path=broken), *first.shapes[1:])
-    scene, commands, _ = read(page_of([replace(first, shapes=shapes)]))
+    (tmp_path / "broken.stl").write_bytes(b"not a mesh")
+    scene, commands, _ = read(page_of(with_mesh(tmp_path, "broken.stl")))
     (problem,) = scene["problems"]
-    assert str(broken) in problem
+    assert str(tmp_path / "broken.stl") in problem
     told = scene["arms"][0]["shapes"]
-    assert [s["name"] for s in told if s["body"] is None] == ["odd"]
+    assert [s["name"] for s in told if s["body"] is None] == ["link1_1"]
     sent = [c for c in commands if c["type"] == "set_object"]
-    assert len(sent) == len({key(s) for s in first.shapes[1:]})
+    assert len(sent) == len({s["body"] for s in told} - {None}) > 3
 
 
 def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
     from PIL import Image
+    from test_page_parts import DAE
 
     Image.new("RGB", (8, 8), (0, 200, 0)).save(tmp_path / "paint.png")
     (tmp_path / "two.dae").write_text(DAE)
-    first, _ = swinging("planar3r")
-    shapes = (
-        Shape("two", "mesh", path=tmp_path / "two.dae", textured=True),
-        *first.shapes[1:],
-    )
-    scene, commands, _ = read(page_of([replace(first, shapes=shapes)]))
+    scene, commands, _ = read(page_of(with_mesh(tmp_path, "two.dae")))
+    (shape,) = (s for s in scene["arms"][0]["shapes"] if s["name"] == "link1_1")
+    assert shape["color"] is None
     sent = next(
-        c["object"]
-        for c in commands
-        if c["path"] == f"/library/{scene['arms'][0]['shapes'][0]['body']}"
+        c["object"] for c in commands if c["path"] == f"/library/{shape['body']}"
     )
-    assert scene["arms"][0]["shapes"][0]["color"] is None
     materials = {m["uuid"]: m for m in sent["materials"]}
     maps = [materials[uuid].get("map") for uuid in sent["object"]["material"]]
     assert [m is not None for m in maps].count(True) == 1
@@ -334,31 +307,53 @@ def test_a_texture_goes_into_the_page(tmp_path: Path) -> None:
     assert image["url"].startswith("data:image/jpeg;base64,/9j/")
 
 
-def test_no_two_modules_of_the_page_share_a_name() -> None:
-    """They are joined into one scope, in which the later of two would silently take the place of
-    the first."""
-    folder = Path(page_html.__file__).parent / "assets" / "scripts"
-    assert sorted(page_html.SCRIPTS) == sorted(
-        file.stem for file in folder.glob("*.js")
-    )
-    declared = r"^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)"
-    names = [
-        name
-        for file in folder.glob("*.js")
-        for name in re.findall(declared, file.read_text("utf-8"), flags=re.MULTILINE)
-    ]
-    assert sorted(names) == sorted(set(names))
+def test_no_name_of_the_pages_script_is_declared_twice() -> None:
+    """Its modules are joined into one scope, in which the later of two would silently take the
+    place of the first."""
+    page = known("ppr")[1]
+    (script,) = re.findall(r"(?s)<script>(.*?)</script>", page)
+    assert not re.search(r"(?m)^(import|export) ", script)
+    declared = r"(?m)^(?:async )?(?:function|class|const|let) +(\w+)"
+    names = re.findall(declared, script)
+    assert len(names) > 50 and sorted(names) == sorted(set(names))
 
 
-@pytest.mark.parametrize("size", [1.0, 5000.0])  # 5 km: beyond 32 bits of 0.1 µm
-def test_numbers_of_a_page_come_back(size: float) -> None:
-    rng = np.random.default_rng(0)
-    series = [rng.uniform(-size, size, shape) for shape in ((50, 7), (0, 3), (2, 3))]
-    data, unit = differences(series)
-    back = summed(data, [list(s.shape) for s in series], unit)
-    assert unit <= max(1e-7, 2e-9 * size)
-    np.testing.assert_allclose(
-        back, np.concatenate([s.ravel() for s in series]), atol=0.51 * unit, rtol=0
-    )
-    smooth = np.sin(np.linspace(0, 6, 501))[:, None]
-    assert len(pack(differences([smooth])[0])) < 0.25 * len(pack(smooth.astype("<f4")))
+def test_every_limb_leaves_its_traces_and_what_is_violated_is_marked(
+    tmp_path: Path,
+) -> None:
+    """Two hands of a robot without its meshes, which a page holds for long; one of them leaves the
+    limits of a joint."""
+    text = rp.Robot.load("baxter").description.xml
+    bones = tmp_path / "bones.urdf"
+    bones.write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text), "utf-8")
+    robot, done = rp.Robot.load(bones), {}
+    for side in ("left", "right"):
+        task = robot.task(f"{side}_gripper")
+        path = rp.circle(task, task.reference, 0.02)
+        done[side] = rp.follow(
+            rp.Pseudoinverse(task), path, task.reference, cycles=1, steps=10
+        )
+    left, right = (motion.task for motion in done.values())
+    q = done["left"].q.copy()
+    q[7:, 2] += left.upper[2] - q[7, 2] + 0.1
+    done["left"] = replace(done["left"], q=q)
+    scene, _, numbers = read(rp.animation(done).page)
+    arms, paths = panes(scene, numbers)
+    for motion, path in zip(done.values(), paths, strict=True):
+        np.testing.assert_allclose(path, motion.path.points(), atol=1e-6)
+    for motion, arm in zip(done.values(), arms, strict=True):
+        whole = motion.task.to_robot(motion.q)
+        for k, task in enumerate((left, right)):
+            Q = np.array([task.from_robot(row) for row in whole])
+            np.testing.assert_allclose(arm.tip[:, k], task.positions(Q), atol=1e-6)
+            elbow = fastest_in_the_self_motion(task, Q[0])
+            origins = np.array([task.joint_origins(row) for row in Q])
+            np.testing.assert_allclose(arm.elbow[:, k], origins[:, elbow], atol=1e-6)
+    broken = scene["arms"][0]["broken"]
+    name = left.joint_names[2]
+    assert broken["words"] == f"{name} past its limit" and broken["cycle"] == 1
+    assert broken["at"] == pytest.approx(0.7)
+    origins = [left.joint_origins(row)[2] for row in q]
+    np.testing.assert_allclose(arms[0].origin, origins, atol=1e-6)
+    assert scene["arms"][1]["broken"] is None
+    assert "left_gripper" in scene["caption"] and "right_gripper" in scene["caption"]

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import io
+import re
 import shlex
 import sys
 import unicodedata
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
-from commands import main, parsers
+from commands import main, parsers, printed
 from shown import drifts
-from terminals import fit_terminals, terminal_of
+from terminals import Screen, fit_terminals, terminal_of
 
 import repctl_pin as rp
-from repctl_pin.cli import terminal
-from repctl_pin.show.text import fitted, lines, study_table, study_verdict
 
 COMMANDS = [
     "inspect talos",
@@ -26,10 +26,10 @@ COMMANDS = [
 
 
 @pytest.fixture
-def narrow(monkeypatch: pytest.MonkeyPatch) -> None:
+def narrow() -> Iterator[None]:
     """A terminal of 80 columns."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr(lines, "on_terminal", lambda stream: stream is sys.stdout)
+    with terminal_of(80, 24):
+        yield
 
 
 def fits(text: str) -> None:
@@ -44,12 +44,21 @@ def fits(text: str) -> None:
     assert "potentials>" not in text and "<Task" not in text
 
 
-def test_a_study_fits_in_one_piece(narrow: None) -> None:
+def full(study: rp.Study, folder: Path) -> str:
+    """The full table, without the files."""
+    return printed(study, folder, "--full")[0].partition("\nwrote ")[0]
+
+
+def test_a_study_fits_in_one_piece(narrow: None, tmp_path: Path) -> None:
     """Six joints, three of them without limits and three to spare."""
-    study = rp.study("kinova", cycles=2, steps=24, degree=1)
-    text = study_table(study)
+    kinova = rp.Robot.load("kinova").description.path.read_text(encoding="utf-8")
+    bare = re.sub(r"(?s)<visual>.*?</visual>", "", kinova)  # pages of meshes take long
+    (tmp_path / "kinova.urdf").write_text(bare, encoding="utf-8")
+    study = rp.study(tmp_path / "kinova.urdf", cycles=2, steps=24, degree=1)
+    text = full(study, tmp_path)
     fits(text)
-    assert text.startswith(study_verdict(study)[:60]) and text.count("─\n") == 1
+    assert text.startswith("Elbow displacement after 2 cycles: ")
+    assert text.count("─\n") == 1
     plain, closed = (study.row(key).motion for key in ("pseudoinverse", "repeatable"))
     for strategy, motion in (("J⁺", plain), ("nearest repeatable", closed)):
         assert drifts(text, strategy) == pytest.approx(
@@ -57,31 +66,28 @@ def test_a_study_fits_in_one_piece(narrow: None) -> None:
         )
 
 
-def test_controls_of_ones_own_go_on_below(narrow: None) -> None:
+def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
     task = rp.Robot.load("ppr").task(kind="xy")  # of both units
     own = {
         f"a control with a long name, {k}": rp.WeightedInverse(task, [1.0, 2.0, k])
         for k in (1, 2, 3)
     }
-    text = study_table(rp.study("ppr", controls=own, cycles=2, steps=40, degree=1))
+    study = rp.study("ppr", controls=own, cycles=2, steps=40, degree=1)
+    text = full(study, tmp_path)
     fits(text)
     assert text.count("─\n") == 2 and text.count("drift after 2 cycles, rad and m") == 2
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_fits(
-    command: str,
-    narrow: None,
-    tmp_path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     fit_terminals(monkeypatch)
-    assert main(shlex.split(command)) == 0
-    text = capsys.readouterr().out
-    assert len(text) > 200
-    fits(text)
+    with terminal_of(80, 24) as out:
+        assert main(shlex.split(command)) == 0
+    assert len(out.getvalue()) > 200
+    fits(out.getvalue())
 
 
 @pytest.mark.parametrize("columns", [80, 200])
@@ -93,33 +99,23 @@ def test_the_help_of_every_command_fits(columns: int) -> None:
                 assert not line.lstrip().startswith("repctl") or len(line) <= 80, line
 
 
-def test_progress_stays_on_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_stays_on_one_row(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """A longer line would leave its first rows behind when it is cleared."""
-    err = io.StringIO()
+    err = Screen()
+
+    def studied(*_: object, progress: Callable[[str], None], **__: object) -> None:
+        progress("word " * 40)
+        progress("note: " + "word " * 40)
+        raise rp.InputError("enough")
+
     monkeypatch.setenv("COLUMNS", "60")
-    monkeypatch.setattr(terminal, "on_terminal", lambda stream: stream is err)
     monkeypatch.setattr(sys, "stderr", err)
-    say = terminal.progress(quiet=False)
-    say("word " * 40)
-    say("note: " + "word " * 40)
-    _, first, second, note = err.getvalue().split("\r\x1b[2K")
-    assert first == "… starting up" and len(second) == 59
+    monkeypatch.setattr(rp, "study", studied)
+    assert main(["study", "ppr", "--out", str(tmp_path)]) == 2
+    first, *_, line, note, end = err.getvalue().split("\r\x1b[2K")[1:]
+    assert first == "… starting up" and end == "repctl: enough\n"
+    assert line.startswith("… word word") and len(line) == 59
     assert note.endswith("\n") and max(map(len, note.splitlines())) <= 60
     assert note.splitlines()[1].startswith("      word")
-
-
-def test_what_stands_behind_a_label_goes_on_below_itself(narrow: None) -> None:
-    words = "word " * 30
-    first, *later = fitted(f"joint drift     {words}").splitlines()
-    assert (
-        first.startswith("joint drift     word")
-        and later
-        and all(line.startswith(" " * 16 + "w") for line in later)
-    )
-    assert fitted(f"note: {words}").splitlines()[1].startswith("      word")
-    assert fitted("from /" + "a" * 100) == "from /" + "a" * 100
-
-
-def test_a_pipe_gets_80_columns() -> None:
-    assert max(map(len, fitted("word " * 40).splitlines())) in range(75, 81)
-    assert fitted("word " * 40).split() == ["word"] * 40

@@ -3,38 +3,31 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import told, without_pictures
 
 import repctl_pin as rp
-from repctl_pin.problem import at_minimum_speed
-from repctl_pin.studies.least_motion_notes import least_motion_notes
+
+ABOVE = r"joint speed: (\S+) % above the minimum of .* from this start"
 
 
 @pytest.fixture(scope="module")
-def problem() -> rp.Problem:
-    return rp.Problem("planar3r")
-
-
-def designed(problem: rp.Problem) -> rp.Design:
+def study() -> rp.Study:
     few = rp.FitOptions(samples=512, held_out=128)
-    return rp.nearest_repeatable(
-        rp.Pseudoinverse(problem.task), None, problem.region, degree=2, options=few
-    )
+    return rp.study("planar3r", cycles=1, steps=64, degree=2, options=few)
 
 
-def test_the_share_above_the_least_and_another_start(problem) -> None:
-    task, path, q0 = problem.task, problem.cycle, problem.start
-    design = designed(problem)
-    above, elsewhere = least_motion_notes(design, path, q0)
+def test_the_share_above_the_least_and_another_start(study: rp.Study) -> None:
+    above, elsewhere = study.notes[-2:]
+    task, path, q0 = study.task, study.path, study.q0
     own = rp.follow(
-        design.inverse, path, q0, cycles=1, steps=200, integrator=rp.LeafLock(4)
+        study.design.inverse, path, q0, cycles=1, steps=200, integrator=rp.LeafLock(4)
     )
     least = rp.least_closed_motion(task, path, q0, steps=200)
-    said = re.fullmatch(
-        r"joint speed: (\S+) % above the minimum of .* from this start", above
-    )
+    said = re.fullmatch(ABOVE, above)
     assert said is not None
     assert float(said[1]) == pytest.approx(
         100 * (own.rms_speed / least.rms_speed - 1), rel=0.05, abs=1e-3
@@ -42,36 +35,26 @@ def test_the_share_above_the_least_and_another_start(problem) -> None:
     assert elsewhere == "another elbow position needs 31 % less: --best-leaf speed"
 
 
-def test_the_start_of_least_speed_saves_what_was_said(problem) -> None:
-    moved = at_minimum_speed(problem)
-    assert moved.path is problem.path and "start" in moved.given
-    assert (
-        "the start was moved along the self-motion, to 31 % less joint speed"
-        in moved.notes
-    )
-    assert (moved.region.ratio(moved.start[None]) <= 1).all()
-    assert not np.allclose(moved.start, problem.start)
-    lines = least_motion_notes(designed(moved), moved.cycle, moved.start)
-    assert len(lines) == 1 and "above the minimum" in lines[0]
-    fast, slow = (
-        rp.follow(
-            designed(it).inverse, it.cycle, it.start, cycles=1, steps=64
-        ).rms_speed
-        for it in (moved, problem)
-    )
-    assert fast < 0.71 * slow
-
-
-def test_no_notes_where_the_motion_violates_a_limit() -> None:
-    task = rp.Robot.load("tiago").task("wrist_ft_tool_link", "pose")
-    q0 = task.reference
-    few = rp.FitOptions(samples=256, held_out=64)
-    path = rp.circle(task, q0, 0.05, normal="xy", start_angle=np.pi)
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(q0, 0.08), degree=1, options=few
-    )
-    assert (
-        rp.follow(design.inverse, path, q0, cycles=1, steps=50).first_violation
-        is not None
-    )
-    assert least_motion_notes(design, path, q0) == []
+def test_the_start_of_least_speed_saves_what_was_said(
+    study: rp.Study,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    without_pictures(monkeypatch)
+    few = ("--cycles", "1", "--steps", "64", "--degree", "2")
+    moved = told(capsys, "study", "planar3r", "--best-leaf", "speed", *few)
+    saved = "the start was moved along the self-motion, to 31 % less joint speed"
+    assert saved in moved["notes"] and re.fullmatch(ABOVE, moved["notes"][-1])
+    start = np.array(moved["start"])
+    assert not np.allclose(start, study.q0)
+    places = study.task.positions(np.array([start, study.q0]))
+    np.testing.assert_allclose(*places, atol=1e-8)
+    assert moved["path"] == study.path.name
+    design = rp.load("repctl-out/planar3r/control.json")
+    points = design.cycle.path.points()
+    np.testing.assert_allclose(points, study.path.points(), atol=1e-8)
+    assert (design.region.ratio(start[None]) <= 1).all()
+    fast = moved["strategies"]["repeatable"]["rms_speed"]
+    assert fast < 0.71 * study.row("repeatable").motion.rms_speed

@@ -1,19 +1,24 @@
-"""Mesh files as triangles: against geometry that is known, and against Pinocchio's own reader."""
+"""Formulas of the page room, from inside: mesh files as triangles, the samples that are shown,
+poses, packed numbers and colours. What a whole page holds is tested from outside."""
 
 from __future__ import annotations
 
 import os
+import re
 import struct
 import zipfile
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from page_file import Visuals
+from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
-from repctl_pin.show.page import MOST_BYTES, read_surface, smooth
-from repctl_pin.show.page.surfaces import grouped
+from repctl_pin.show.page.html import differences, pack
+from repctl_pin.show.page.scene import choose_frames, poses_of
+from repctl_pin.show.page.surfaces import grouped, read_surface, smooth
+from repctl_pin.show.palette import luminance, readable
 
 
 def sphere(n: int = 40) -> np.ndarray:
@@ -113,7 +118,16 @@ def test_smooth_weighs_faces_by_area() -> None:
 def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
     import coal
 
-    paths = {s.path for s in Visuals.of(rp.Robot.load(name)).shapes if s.path}
+    robot = rp.Robot.load(name)
+    visuals = "".join(re.findall("(?s)<visual>.*?</visual>", robot.description.xml))
+    named = set(re.findall('filename="package:/+([^"]*)"', visuals))
+    paths = {
+        file
+        for folder in robot.package_dirs
+        for mesh in named
+        if (file := Path(folder) / mesh).exists()
+    }
+    assert len(paths) >= 6
     for path in sorted(paths, key=lambda p: p.stat().st_size)[:6]:
         mesh = coal.MeshLoader().load(str(path), np.ones(3))
         mesh.computeLocalAABB()
@@ -216,7 +230,7 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "mesh.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("m.stl", bytes(10_000_000))
     (tmp_path / "huge.stl").write_bytes(b"")
-    os.truncate(tmp_path / "huge.stl", MOST_BYTES + 1)
+    os.truncate(tmp_path / "huge.stl", 50_000_001)
     os.mkfifo(tmp_path / "pipe.stl")
     expected = {
         "infinite.stl": "not finite",
@@ -284,3 +298,74 @@ def test_rows_that_share_a_hash_are_still_told_apart(
     order, starts = grouped(rows)
     groups = {tuple(group) for group in np.split(order, starts[1:])}
     assert groups == {(0, 2), (1, 4), (3,)}
+
+
+@pytest.mark.parametrize(
+    ("samples", "cycles"),
+    [(101, 1), (5001, 10), (4, 3), (100_001, 200), (241, 24), (251, 25)],
+)
+def test_choose_frames(samples: int, cycles: int) -> None:
+    frames = choose_frames(samples, cycles)
+    steps = (samples - 1) // cycles
+    numbers = np.array(frames.cycles)
+    assert (np.diff(numbers) > 0).all()
+    assert (numbers[0], numbers[-1]) == (1, cycles)
+    assert len(numbers) == cycles if cycles <= 24 else 12 <= len(numbers) <= 24
+    assert len(set(np.diff(numbers)[1:].tolist())) <= 1  # evenly, from the last back
+    table = frames.index.reshape(len(numbers), frames.per_cycle)
+    np.testing.assert_array_equal(
+        table[:, 0], (numbers - 1) * steps
+    )  # both ends of every cycle
+    np.testing.assert_array_equal(table[:, -1], numbers * steps)
+    assert (np.diff(table, axis=1) > 0).all()
+    assert min(31, steps + 1) <= frames.per_cycle <= min(61, steps + 1)
+    assert (
+        len(np.unique(np.diff(table, axis=1))) == 1
+    )  # these steps have such a divisor
+
+
+def test_choose_frames_wants_whole_cycles() -> None:
+    with pytest.raises(rp.InputError, match="equal steps"):
+        choose_frames(102, 3)
+
+
+def test_poses_are_exact_and_do_not_jump() -> None:
+    rng = np.random.default_rng(0)
+    turns = [pin.exp3(v) for v in rng.normal(size=(300, 3)) * 2]
+    turns += [pin.exp3(np.pi * axis) for axis in np.eye(3)] + [np.eye(3)]  # half turns
+    M = np.tile(np.eye(4), (len(turns), 1, 1, 1))
+    M[:, 0, :3, :3] = turns
+    M[:, 0, :3, 3] = rng.normal(size=(len(turns), 3))
+    np.testing.assert_allclose(matrices(poses_of(M)), M, atol=1e-14)
+    # a steady turn of two revolutions: the quaternion never changes sign
+    steady = np.tile(np.eye(4), (400, 1, 1, 1))
+    steady[:, 0, :3, :3] = [
+        pin.exp3(a * np.array([0.6, 0, 0.8])) for a in np.linspace(0, 4 * np.pi, 400)
+    ]
+    q = poses_of(steady)[:, 0, 3:]
+    assert np.abs(np.diff(q, axis=0)).max() < 0.02
+
+
+@pytest.mark.parametrize("size", [1.0, 5000.0])  # 5 km: beyond 32 bits of 0.1 µm
+def test_numbers_of_a_page_come_back(size: float) -> None:
+    rng = np.random.default_rng(0)
+    series = [rng.uniform(-size, size, shape) for shape in ((50, 7), (0, 3), (2, 3))]
+    data, unit = differences(series)
+    back = summed(data, [list(s.shape) for s in series], unit)
+    assert unit <= max(1e-7, 2e-9 * size)
+    np.testing.assert_allclose(
+        back, np.concatenate([s.ravel() for s in series]), atol=0.51 * unit, rtol=0
+    )
+    smooth = np.sin(np.linspace(0, 6, 501))[:, None]
+    assert len(pack(differences([smooth])[0])) < 0.25 * len(pack(smooth.astype("<f4")))
+
+
+def test_text_in_a_colour_can_be_read() -> None:
+    """Contrast 4.5:1 on white, by WCAG's formula; every colour stays darker or as it is."""
+    for colour in (*COLOURS.values(), "#56B4E9", "#F0E442", "#595959"):
+        text = readable(colour)
+        assert 1.05 / (luminance(text) + 0.05) >= 4.5
+        assert all(
+            int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5)
+        )
+    assert luminance("#ffffff") == pytest.approx(1) and luminance("#000000") == 0

@@ -1,0 +1,388 @@
+"""Formulas of the text room, from inside: how numbers, lines, headlines, verdicts and parts are
+written. What commands and pages print of motions is tested from outside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from terminals import terminal_of
+
+import repctl_pin as rp
+from repctl_pin.show.text.headline import Outcome, headline_of
+from repctl_pin.show.text.lines import Span, coloured, fitted, wrapped
+from repctl_pin.show.text.numbers import metres, number, percent, radians
+from repctl_pin.show.text.parts import part_name
+from repctl_pin.show.text.verdict import MotionSummary, verdict
+
+# ---- numbers and lines --------------------------------------------------------------------------
+
+
+def test_numbers_are_written_one_way() -> None:
+    assert [number(v) for v in (1.7495, 0.0238, 2.1e-11, 0.0, 1234.5, np.inf)] == [
+        "1.75", "0.0238", "2e-11", "0", "1234", "–",
+    ]  # fmt: skip
+    assert [metres(v) for v in (9e-10, 9e-6, 9e-5, 2.6e-3, 0.45, 0.999, 1.234)] == [
+        "0", "9 µm", "0.09 mm", "2.6 mm", "45 cm", "1 m", "1.2 m",
+    ]  # fmt: skip
+    assert [radians(v) for v in (9e-4, 0.0213, 3.719)] == [
+        "9e-4 rad",
+        "0.021 rad",
+        "3.7 rad",
+    ]
+    assert [percent(v) for v in (4e-4, 0.003, -0.01, 0.25)] == [
+        "0 %",
+        "+0.3 %",
+        "−1.0 %",
+        "+25 %",
+    ]
+
+
+def test_what_stands_behind_a_label_goes_on_below_itself() -> None:
+    words = "word " * 30
+    first, *later = fitted(f"joint drift     {words}").splitlines()
+    assert (
+        first.startswith("joint drift     word")
+        and later
+        and all(line.startswith(" " * 16 + "w") for line in later)
+    )
+    assert fitted(f"note: {words}").splitlines()[1].startswith("      word")
+    assert fitted("from /" + "a" * 100) == "from /" + "a" * 100
+
+
+def test_a_pipe_gets_80_columns() -> None:
+    assert max(map(len, fitted("word " * 40).splitlines())) in range(75, 81)
+    assert fitted("word " * 40).split() == ["word"] * 40
+
+
+def test_a_wrapped_sentence_keeps_its_pieces() -> None:
+    off = Span("3\u00a0cm\u00a0off", "bad")
+    out = wrapped([Span("word " * 15), off, Span(" under it. "), Span("x" * 90)])
+    assert [span.tone for span in out] == ["", "bad", "", ""] and out[
+        1
+    ].text == "3 cm off"
+    assert "".join(span.text for span in out).splitlines() == [
+        "word " * 14 + "word",
+        "3 cm off under it.",
+        "x" * 90,
+    ]
+
+
+def test_a_coloured_piece_controls_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    with terminal_of(80, 24):
+        assert coloured([Span("\x1b[2J", "bad")]) == "\x1b[31m\\x1b[2J\x1b[0m"
+
+
+# ---- headlines: what is wrong, what is right, and its price -------------------------------------
+
+USUAL = Outcome(
+    MotionSummary("J⁺", 0.3, 1.0, body_distance=0.13), "elbow", "link4", 0.321
+)
+CLOSED = Outcome(
+    MotionSummary("nearest repeatable", 0.0, 1.003, body_distance=0.2),
+    "elbow",
+    "link4",
+    1e-12,
+)
+
+
+BACK = "After 10 cycles both hands are back. "
+
+
+def words(told: Any) -> tuple[str, str]:
+    """The sentence and the notes of a headline."""
+    sentence = "".join(span.text for span in told.sentence)
+    return sentence.replace("\u00a0", " "), " ".join(
+        n.text for n in told.notes
+    ).replace("\u00a0", " ")
+
+
+def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
+    sentence, notes = words(headline_of([USUAL, CLOSED], 10))
+    assert sentence == (
+        BACK + "One elbow is not: 32 cm off under the usual control, "
+        "0 under the repeatable one."
+    )
+    assert (
+        notes == "The repeatable one takes 0.3 % more joint speed. Joint limits kept. "
+        "Links 13 cm apart or more, in both."
+    )
+    exact = [
+        span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact
+    ]
+    assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "expected"),
+    [
+        (
+            [replace(USUAL, off=0.0017), CLOSED],
+            BACK + "The elbow has hardly drifted: 1.7 mm under the usual control, "
+            "0 under the repeatable one.",
+        ),
+        (
+            [
+                replace(USUAL, off=1.1e-4),
+                replace(CLOSED, off=4.3e-5),
+            ],  # as the callouts say it
+            BACK + "The elbow has hardly drifted: 0.11 mm under the usual control, "
+            "0 under the repeatable one.",
+        ),
+        ([USUAL], "After 10 cycles the hand is back. The elbow is not: 32 cm off."),
+        (
+            [replace(USUAL, part="head"), CLOSED],
+            BACK + "The head of one robot is not: 32 cm off under the usual control, "
+            "0 under the repeatable one.",
+        ),
+        (
+            [replace(USUAL, part="link 3"), CLOSED],
+            BACK + "Link 3 of one arm is not: 32 cm off under the usual control, "
+            "0 under the repeatable one.",
+        ),
+        (
+            [CLOSED, CLOSED],
+            BACK + "So is every part of the arms: 0 off.",
+        ),
+        (
+            [
+                replace(
+                    USUAL,
+                    off=0.0,
+                    summary=replace(
+                        USUAL.summary, joint_displacement=(6.28, "joint_1")
+                    ),
+                ),
+                CLOSED,
+            ],
+            BACK + "The joint joint_1 is not: 6.3 rad under the usual control, "
+            "0 under the repeatable one.",
+        ),
+    ],
+)
+def test_every_outcome_has_its_sentence(outcomes: list[Outcome], expected: str) -> None:
+    assert words(headline_of(outcomes, 10))[0] == expected
+
+
+def test_a_lost_path_is_not_called_back() -> None:
+    lost = replace(USUAL, summary=replace(USUAL.summary, path_loss=(3, 0.02, 0.0)))
+    sentence, notes = words(headline_of([lost, CLOSED], 10))
+    assert sentence.startswith(
+        "Under the usual control the hand leaves its path in cycle 3: 2 cm"
+    )
+    assert sentence.endswith(
+        "After 10 cycles one elbow is not back: 32 cm off under the usual control, "
+        "0 under the repeatable one."
+    )
+    assert "hands" not in sentence and "joint speed" not in notes
+    closed = replace(CLOSED, summary=replace(CLOSED.summary, path_loss=(3, 0.02, 0.0)))
+    told = words(headline_of([closed], 10))[0]
+    assert told.endswith("After 10 cycles every part of the arm is back: 0 off.")
+    little = words(headline_of([replace(lost, off=0.0017)], 10))[0]
+    assert little.endswith("After 10 cycles the elbow has hardly drifted: 1.7 mm.")
+    turned = replace(USUAL, summary=replace(USUAL.summary, path_loss=(3, 1e-12, 0.31)))
+    assert "in cycle 3: 0.31 rad off" in words(headline_of([turned, CLOSED], 10))[0]
+
+
+def test_a_stopped_motion_is_said_first() -> None:
+    why = "Usual control stopped: the Jacobian loses rank."
+    told = words(headline_of([CLOSED], 10, [why]))[0]
+    assert told.startswith(
+        "Usual control stopped: the Jacobian loses rank. After 10 cycles the hand is "
+        "back."
+    )
+    assert words(headline_of([], 0, [why]))[0] == f"{why} "
+
+
+def test_limits_bodies_and_where_it_leads() -> None:
+    broken = replace(
+        USUAL, summary=replace(USUAL.summary, limit_violation=(7, "joint 2"))
+    )
+    assert (
+        "joint 2 leaves its range in cycle 7 under the usual control."
+        in (words(headline_of([broken, CLOSED], 10))[1])
+    )
+    leading = replace(USUAL, leaves=(17, "joint 2"))
+    assert (
+        "At this rate joint 2 leaves its range in cycle 17 under the usual control."
+        in (words(headline_of([leading, CLOSED], 10))[1])
+    )
+    close = replace(
+        USUAL,
+        summary=replace(USUAL.summary, body_distance=0.013),
+        near=("link3", "link5"),
+    )
+    told = headline_of([close, CLOSED], 10)
+    assert (
+        "link3 and link5 come as near as 1.3 cm under the usual control."
+        in words(told)[1]
+    )
+    assert [n.tone for n in told.notes if "near" in n.text] == ["near"]
+    also = replace(
+        CLOSED,
+        summary=replace(CLOSED.summary, body_distance=0.013),
+        near=("link3", "link5"),
+    )
+    (near,) = (n.text for n in headline_of([close, also], 10).notes if "near" in n.text)
+    assert near == "link3 and link5 come as near as 1.3\u00a0cm, in both."
+
+
+def test_links_are_named_in_words() -> None:
+    for name, link, expected in (
+        ("panda", "panda_link4", "elbow"),
+        ("panda", "panda_link1", "link 1"),
+        ("baxter", "left_upper_forearm", "forearm"),
+        ("talos", "head_2_link", "head"),
+        ("kinova", "j2s6s200_link_5", "link 5"),
+    ):
+        task = rp.Robot.load(name).task()
+        assert part_name(task, task.reference, link) == expected
+
+
+# ---- verdicts -----------------------------------------------------------------------------------
+
+J = MotionSummary("J⁺", 0.4512, 0.464)
+OURS = MotionSummary("nearest repeatable", 0.0, 0.464)
+ELBOW = "Elbow displacement after 10 cycles: 45 cm (J⁺) → 0 (repeatable)."
+SPEED = "Joint speed, relative to J⁺: 0 %."
+LIMITS = "Joint limits respected."
+
+
+@pytest.mark.parametrize(
+    ("summaries", "words"),
+    [
+        (
+            [J, replace(OURS, speed=0.4654)],
+            f"{ELBOW} Joint speed, relative to J⁺: +0.3 %. {LIMITS}",
+        ),
+        (
+            [replace(J, limit_violation=(7, "left_s0")), replace(OURS, speed=0.45936)],
+            f"{ELBOW} Joint speed, relative to J⁺: −1.0 %. "
+            "Joint limits: violated in cycle 7 by left_s0 (J⁺) → respected (repeatable).",
+        ),
+        ([J], f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}"),
+        (
+            [MotionSummary("a", 0, 1.0), MotionSummary("b", 0, 1.0)],
+            f"Elbow displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. {LIMITS}",
+        ),
+        (  # what is small is said, if the motion is not closed
+            [replace(J, elbow_displacement=9e-5), OURS],
+            f"Elbow displacement after 10 cycles: 0.09 mm (J⁺) → 0 (repeatable). {SPEED} {LIMITS}",
+        ),
+        (  # a wrist that has turned while the elbow hardly moved
+            [
+                replace(
+                    J, elbow_displacement=0.043, joint_displacement=(3.72, "left_w0")
+                ),
+                OURS,
+            ],
+            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 0 "
+            "(repeatable). "
+            f"{SPEED} {LIMITS}",
+        ),
+        (
+            [
+                replace(
+                    J, elbow_displacement=0.043, joint_displacement=(3.72, "left_w0")
+                ),
+                replace(
+                    OURS, elbow_displacement=0.002, joint_displacement=(0.02, "left_w1")
+                ),
+            ],
+            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 2 mm, "
+            "left_w1 0.02 rad "
+            f"(repeatable). {SPEED} {LIMITS}",
+        ),
+        (  # what the elbow shows already
+            [replace(J, joint_displacement=(4.4, "joint1"))],
+            f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}",
+        ),
+        (
+            [replace(J, elbow_displacement=0.002, joint_displacement=(0.09, "joint1"))],
+            f"Elbow displacement after 10 cycles: 2 mm. {LIMITS}",
+        ),
+        ([J, J], f"Elbow displacement after 10 cycles: 45 cm. {SPEED} {LIMITS}"),
+        (
+            [replace(J, speed_ratio=1.31), OURS],
+            f"{ELBOW} {SPEED} Speed limits: up to 1.3 times the limit (J⁺) → respected "
+            f"(repeatable). {LIMITS}",
+        ),
+    ],
+)
+def test_the_words_of_every_outcome(summaries: list[MotionSummary], words: str) -> None:
+    assert verdict(summaries, 10) == words
+
+
+def test_a_lost_path_is_said_first_and_speeds_are_not_compared_then() -> None:
+    lost = replace(J, path_loss=(3, 0.572, 0.0))
+    told = verdict([lost, OURS], 10)
+    assert told.startswith(
+        "End effector: leaves the path in cycle 3, by up to 57 cm (J⁺) → on the path "
+        "(repeatable). Elbow displacement"
+    )
+    assert "Joint speed, relative to J⁺: not compared, since the path is left." in told
+    turned = verdict([replace(J, path_loss=(1, 0.0, 0.31))], 10)
+    assert turned.startswith(
+        "End effector: leaves the path in cycle 1, by up to 0.31 rad. "
+    )
+
+
+def test_joint_speed_is_of_the_first_cycle_and_of_all() -> None:
+    """Over all cycles J⁺ is elsewhere, and the sign may turn."""
+    told = verdict(
+        [
+            replace(J, overall_speed=0.6),
+            replace(OURS, speed=0.4654, overall_speed=0.4644),
+        ],
+        10,
+    )
+    assert (
+        "Joint speed, relative to J⁺: +0.3 % in cycle 1, −23 % over 10 cycles." in told
+    )
+
+
+def test_the_scale_of_an_arm_decides_what_is_small() -> None:
+    """An arm of 0.1 mm links whose joints are off by 0.1 rad is not back."""
+    tiny = replace(
+        J, elbow_displacement=9e-6, size=3e-4, joint_displacement=(0.097, "theta2")
+    )
+    assert verdict([tiny, OURS], 10).startswith(
+        "Elbow displacement after 10 cycles: 9 µm (J⁺) → 0"
+    )
+    still = verdict(
+        [
+            replace(J, elbow_displacement=1e-12, joint_displacement=(3e-5, "wrist")),
+            OURS,
+        ],
+        10,
+    )
+    assert still.startswith(
+        "Elbow and joint displacement after 10 cycles: 0, wrist 3e-5 rad (J⁺) → 0 (repeatable)."
+    )
+
+
+def test_the_bodies_and_their_distance() -> None:
+    near = verdict(
+        [
+            replace(J, body_distance=0.0261, collision_cycle=0),
+            replace(OURS, body_distance=0.1189),
+        ],
+        10,
+    )
+    assert near.endswith(
+        f"{LIMITS} Minimum body distance: 2.6 cm (J⁺) → 12 cm (repeatable)."
+    )
+    touching = verdict(
+        [
+            replace(J, body_distance=-0.01, collision_cycle=3),
+            replace(OURS, body_distance=0.1189),
+        ],
+        10,
+    )
+    assert touching.endswith(
+        "Body distance: collision in cycle 3 (J⁺) → minimum 12 cm (repeatable)."
+    )
