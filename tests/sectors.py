@@ -19,6 +19,12 @@ WIDTHS: dict[str, dict[str, Any]] = {
         "half_angle": (0.2, 0.2, 0.3),
         "angle": 1.0,
     },
+    "spin as far as the joint goes": {
+        "height": 0.08,
+        "half_angle": (0.2, 0.3),
+        "angle": 0.3,
+        "spin": "all",
+    },
     "one orientation": {"height": 0.08},
     "axis": {"height": 0.08, "half_angle": 0.2, "angle": 1.0},
     "position": {"height": 0.08, "angle": 1.0},

@@ -194,6 +194,9 @@ _TILTS = (
 )
 """C call that computes the tilts and the spin, from the cosine and the sine of the angle."""
 
+_NEAR_MIDDLE = "    all[5] -= {1} * rint((all[5] - ({0})) / {1});\n"
+"""C line that makes the spin differ from its middle by at most half a turn."""
+
 
 def _sector(cell: Sector, name: str, tables: dict[str, object]) -> str:
     """Write the C functions of a sector's coordinates, with its axis, middle and bounds."""
@@ -215,6 +218,10 @@ def _sector(cell: Sector, name: str, tables: dict[str, object]) -> str:
     if cell.task.kind in ("pose", "axis"):
         parts["functions"] = filled("sector_tilts.c", name, {})
         parts["tilts"] = _TILTS.format(name)
+        if cell.spin_middle:
+            parts["tilts"] += _NEAR_MIDDLE.format(
+                number(cell.spin_middle), number(2 * np.pi)
+            )
     return filled("sector.c", name, tables | parts)
 
 

@@ -15,7 +15,8 @@ Numbers: TypeAlias = Any  # jax.Array, or a tracer of one
 
 def coordinates(cell: Cell, x: Numbers) -> Numbers:
     """Convert a pose to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell."""
-    return measured(cell, x)[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
+    y = measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
+    return y[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
 
 
 def inside(cell: Cell, x: Numbers) -> Numbers:
@@ -78,7 +79,9 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     if sector.task.m < 6:
         return jnp.concatenate([y, t])
     first = _tilted_back(t, turned[:, 0])
-    return jnp.concatenate([y, t, jnp.arctan2(first[1], first[0])[None]])
+    spin = jnp.arctan2(first[1], first[0])
+    spin -= 2 * jnp.pi * jnp.rint((spin - sector.spin_middle) / (2 * jnp.pi))
+    return jnp.concatenate([y, t, spin[None]])
 
 
 def _tilted_back(t: Numbers, v: Numbers) -> Numbers:

@@ -247,7 +247,7 @@ class Cell:
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
         off = np.abs(Y[:, self.widths == 0]).max(axis=1, initial=0.0)
-        return Y[:, self._active] / self._active_widths, off
+        return (Y - self._offset)[:, self._active] / self._active_widths, off
 
     def coordinates_of(self, target: Placement) -> Array:
         """Convert one placement, which must lie in the cell, to coordinates u (k,).
@@ -390,7 +390,8 @@ class Cell:
             inverse[:, on] / self._active_widths[:, None],
             inverse[:, self._removed],
         ]
-        return Y[:, on] / self._active_widths, np.concatenate(slopes, axis=1)
+        U = (Y - self._offset)[:, on] / self._active_widths
+        return U, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
         """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), with E of :meth:`twists`.
@@ -536,16 +537,22 @@ class Cell:
     def _active_widths(self) -> Array:
         return self.widths[self._active]
 
+    @property
+    def _offset(self) -> Array:
+        """Task coordinates (m,) of the middle relative to the placement, m and rad; 0 but for the
+        spin of some sectors."""
+        return np.zeros(len(self.widths))
+
     def spread(self, U: ArrayLike) -> Array:
-        """Convert coordinates U (K, k) to offsets (K, m) from the middle in all m task coordinates,
-        m and rad."""
+        """Convert coordinates U (K, k) to offsets (K, m) from the placement in all m task
+        coordinates, m and rad."""
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
-        Y = np.zeros((len(U), len(self.widths)))
-        Y[:, self._active] = U * self._active_widths
+        Y = np.tile(self._offset, (len(U), 1))
+        Y[:, self._active] += U * self._active_widths
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the middle in all m task coordinates.
+        """Convert placements to offsets (K, m) from the cell's in all m task coordinates.
 
         They are in m and rad. Coordinates of width 0 are included.
         """

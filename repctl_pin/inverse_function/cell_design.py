@@ -82,11 +82,10 @@ class CellDesign:
 
         ``how`` are the other attributes of the design.
         """
-        middle = chart.solve(
-            np.zeros((1, chart.cell.k)), np.zeros((1, chart.cell.task.r))
-        )
+        u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
+        middle = chart.solve(u, np.zeros((1, chart.cell.task.r)))
         function = function_of(chart, evaluation)
-        return cls(function, desired, middle.Q[0], evaluation, **how)
+        return cls(function, desired, middle.Q[0] + shift[0], evaluation, **how)
 
     @property
     def task(self) -> Task:

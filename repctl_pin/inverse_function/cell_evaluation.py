@@ -531,7 +531,7 @@ def _all_round(
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = np.array([cell._lifted(u) for u in U]).reshape(-1, cell.whole.k)
-    removed = (cell._lifted(np.ones(cell.k)) == 0).nonzero()[0]
+    removed = np.flatnonzero(np.isin(cell.whole.moved, cell._removed))
     if not len(removed):
         return U, Q, candidate
     U[:, removed] = np.random.default_rng(5).uniform(-1, 1, (len(U), len(removed)))

@@ -54,6 +54,7 @@ def sector_coordinates(cell: Sector) -> FastCoordinates:
         for one in cell.removed
     ]
     removed, rows = cell._removed, cell.task.rows[: min(3, m)].tolist()
+    spin_middle = cell.spin_middle
     every, frame, pose = [0.0] * 6, [np.eye(3)], cell.task.kind == "pose"
 
     def locate(p: Array, R: Array) -> float:
@@ -63,6 +64,7 @@ def sector_coordinates(cell: Sector) -> FastCoordinates:
         frame[0] = R
         if m > 3:
             every[3:] = _turns(C, B.dot(R), angle)
+            every[5] -= 2 * pi * round((every[5] - spin_middle) / (2 * pi))
         for i, k in enumerate(on):
             u[i] = every[k] / widths[k]
         inside = True

@@ -101,6 +101,9 @@ class Sector(Cell):
     """Symmetries of the arm along coordinates whose half-width is not 0."""
     removed: tuple[Symmetry, ...]
     """Symmetries that a design uses: their coordinates do not belong to u, and are 0."""
+    spin_middle: float
+    """Middle of ψ, rad. A design moves it, and not the placement, where the tool tilts: the axes of
+    the tilts would turn with the placement."""
 
     def __init__(
         self,
@@ -147,6 +150,7 @@ class Sector(Cell):
             free=free,
             symmetries=tuple(one for one in found if every[one.coordinate]),
             removed=(),
+            spin_middle=0.0,
         )
         self._require_apart()
 
@@ -219,8 +223,9 @@ class Sector(Cell):
         ] @ self.along.T
 
     def _lifted(self, u: Array) -> Array:
-        """Convert coordinates u (k,) to those of :attr:`whole`, with 0 for the removed ones."""
-        return self.spread(u[None])[0][self.whole._active] / self.whole._active_widths
+        """Convert coordinates u (k,) to those of :attr:`whole`, at 0 in the removed ones."""
+        y, on = self.spread(u[None])[0] - self.whole._offset, self.whole._active
+        return np.asarray(y[on] / self.whole._active_widths, float)
 
     def _wrapped(self, away: Array) -> Array:
         """Remove full turns from differences of configurations (…, n), in place, in the joints of
@@ -263,6 +268,11 @@ class Sector(Cell):
         return np.array([rho, 0.0, z, 0.0, 0.0, 0.0])[: self.task.m]
 
     @property
+    def tilted(self) -> bool:
+        """True if the tool tilts in the sector."""
+        return bool(self.widths[3:5].any())
+
+    @property
     def directions(self) -> Array:
         """Unit vectors at the middle, as rows (3, 3): radial, tangential, and along the axis."""
         a = self.axis[1]
@@ -288,10 +298,10 @@ class Sector(Cell):
         return p, round_about @ R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the middle in all m task coordinates.
+        """Convert placements to offsets (K, m) from the sector's in all m task coordinates.
 
-        They are in m and rad, in the order radius, angle, height, two tilts, spin. p (K, 3) and R
-        (K, 3, 3) are positions and rotation matrices.
+        They are in m and rad, in the order radius, angle, height, two tilts, spin, which is at most
+        half a turn from its middle. p (K, 3) and R (K, 3, 3) are positions and rotation matrices.
         """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
@@ -305,9 +315,9 @@ class Sector(Cell):
             Y = np.concatenate([Y, t], axis=1)
         if self.task.m > 5:
             rest = exp3(-np.pad(t, ((0, 0), (0, 1)))) @ turned
-            Y = np.concatenate(
-                [Y, np.arctan2(rest[:, 1, 0], rest[:, 0, 0])[:, None]], axis=1
-            )
+            spin = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
+            spin -= 2 * np.pi * np.rint((spin - self.spin_middle) / (2 * np.pi))
+            Y = np.concatenate([Y, spin[:, None]], axis=1)
         return Y
 
     def _frame_twists(self, Y: ArrayLike) -> Array:
@@ -337,6 +347,13 @@ class Sector(Cell):
         return T
 
     @property
+    def _offset(self) -> Array:
+        offset = np.zeros(self.task.m)
+        if self.spin_middle and self._active[SPIN]:
+            offset[SPIN] = self.spin_middle
+        return offset
+
+    @property
     def _bounds(self) -> Array:
         most = np.ones(self.task.m)
         for i in self.free:
@@ -364,19 +381,25 @@ class Sector(Cell):
     def turned(
         self, middles: Mapping[int, float], halves: Mapping[int, float]
     ) -> Sector:
-        """Return a sector whose middle is moved along symmetric coordinates.
+        """Return a sector whose placement is moved along symmetric coordinates.
 
         ``middles`` and ``halves`` are the offsets of the middle and the new half-widths, rad, by
-        the index of the coordinate.
+        the index of the coordinate. If the tool tilts, :attr:`spin_middle` is moved instead.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():
             y[i], widths[i] = middle, halves[i]
+        spin_middle = self.spin_middle
+        if self.task.m > 5 and self.tilted:
+            spin_middle, y[SPIN] = spin_middle + y[SPIN], 0.0
         R = pin.exp3(y[ANGLE] * self.axis[1])
         spin = pin.exp3(np.array([0.0, 0.0, y[SPIN] if self.task.m > 5 else 0.0]))
         x = self.placement
         p = self.axis[0] + R @ (x.translation - self.axis[0])
-        return self._changed(placement=pin.SE3(R @ x.rotation @ spin, p), widths=widths)
+        placement = pin.SE3(R @ x.rotation @ spin, p)
+        return self._changed(
+            placement=placement, widths=widths, spin_middle=spin_middle
+        )
 
     def _changed(self, **changes: Any) -> Sector:
         other = object.__new__(Sector)

@@ -14,7 +14,7 @@ from .chart import Chart
 from .kinematics import placed
 from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
-from .sector import ANGLE, HEIGHT, Sector
+from .sector import ANGLE, HEIGHT, SPIN, Sector
 
 _POSES, _STARTS = 4096, 24
 """Numbers of poses at which the values of a joint are evaluated, and of those from which smaller
@@ -167,7 +167,8 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
                 (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
             )
             middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2
-            coefficients[0, one.joint, 0] += away
+            if one.coordinate != SPIN or not sector.tilted:  # the placement is moved
+                coefficients[0, one.joint, 0] += away
     moved = sector.turned(middles, halves)
     return Chart(moved, chart.monomials, coefficients), tuple(turns)
 
@@ -194,6 +195,7 @@ def expanded(chart: Chart) -> Chart:
         coefficients[at[tuple(linear.tolist())], one.joint, 0] = (
             one.sign * sector.widths[one.coordinate]
         )
+        coefficients[0, one.joint, 0] += one.sign * whole._offset[one.coordinate]
     return Chart(whole, new, coefficients)
 
 

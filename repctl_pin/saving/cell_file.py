@@ -15,6 +15,7 @@ from ..inverse_function.cell_design import function_of
 from ..inverse_function.cell_evaluation import Evaluation
 from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
+from ..inverse_function.sector import SPIN
 from ..inverse_function.turning import Turn
 from ..robot.task import Task
 from .design_file import head
@@ -76,12 +77,13 @@ class SectorFile(Part):
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
     ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
     coordinates that the polynomials leave out, because a single joint turns the whole arm or the
-    tool along them.
+    tool along them. ``spin_middle`` is the middle of the spin, rad; 0 if it is left out.
     """
 
     axis: Rows
     free: list[int]
     symmetric: list[int]
+    spin_middle: float | msgspec.UnsetType = msgspec.UNSET
 
 
 class CellFigures(Part):
@@ -173,7 +175,12 @@ def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
     if not isinstance(cell, Sector):
         return msgspec.UNSET
     symmetric = [one.coordinate for one in cell.removed]
-    return SectorFile(cell.axis.tolist(), list(cell.free), symmetric)
+    return SectorFile(
+        cell.axis.tolist(),
+        list(cell.free),
+        symmetric,
+        cell.spin_middle or msgspec.UNSET,
+    )
 
 
 def _cell(content: CellFile, task: Task) -> Cell:
@@ -207,7 +214,15 @@ def _cell(content: CellFile, task: Task) -> Cell:
         *data.symmetric
     }:
         raise InputError("the file uses a symmetry that the arm does not have")
-    return sector.without(used, data.free)
+    sector = sector.without(used, data.free)
+    if isinstance(data.spin_middle, msgspec.UnsetType):
+        return sector
+    if not sector.tilted or SPIN not in data.free or abs(data.spin_middle) > 2 * np.pi:
+        raise InputError(
+            "the middle of the spin is of a cell that tilts and spins as far as the joints go, "
+            "at most one turn away"
+        )
+    return sector.turned({SPIN: data.spin_middle}, {SPIN: w[SPIN]})
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:

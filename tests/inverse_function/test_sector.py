@@ -308,6 +308,40 @@ def test_how_far_round_the_tool_and_what_ends_it() -> None:
     assert np.abs(solved.Q - q_ref).max() < 6e-5  # it is still the function
 
 
+def test_tilts_stay_about_the_axes_that_were_given() -> None:
+    """The middle of the spin moves, and the placement stays: moved with it, the tilts would be
+    about other axes, and F refused poses of the cell."""
+    sector = sector_of("spin as far as the joint goes")
+    design = found("spin as far as the joint goes")
+    F, cell, task = design.function, design.cell, design.task
+    _, turn = design.evaluation.turns
+    assert turn.coordinate == "spin" and turn.reach == 2 * cell.widths[5]
+    assert cell.placement.isApprox(sector.placement)
+    assert abs(cell.spin_middle) > 0.3 and abs(cell.spin_middle) + turn.reach / 2 > 3.15
+    U = cell.sample(256, 3)
+    p, R = cell.placements(U)
+    back, off = cell.coordinates(p, R)
+    assert np.allclose(back, U, atol=1e-9) and np.allclose(off, 0)
+    x = pin.SE3(R[7], p[7])
+    tilted = [*U[7, :5] * cell.widths[:5], U[7, 5] * cell.widths[5] + cell.spin_middle]
+    phi, (rho, z) = tilted[1], cell.middle
+    outward, _, up = cell.directions
+    flat = (rho + tilted[0]) * outward + (z + tilted[2]) * up
+    round_about = pin.exp3(phi * up)
+    assert np.allclose(x.translation, cell.axis[0] + round_about @ flat)
+    tilt, spin = (pin.exp3(np.array(t)) for t in ([*tilted[3:5], 0], [0, 0, tilted[5]]))
+    assert np.allclose(
+        x.rotation, round_about @ sector.placement.rotation @ tilt @ spin
+    )
+    U[:, 5] = -cell.spin_middle / cell.widths[5]  # the spin of the given placement
+    U[128:, 5] = np.sign(U[128:, 5] - 0.5 + np.random.default_rng(1).uniform(size=128))
+    Q = F.batch(U)
+    assert np.abs(task.errors(Q, [cell.at(u) for u in U])).max() < 1e-10
+    assert task.limit_margin(Q).min() >= 0
+    middle = F.batch(np.zeros((1, cell.k)))
+    assert np.allclose(design.posture, middle[0], atol=1e-12)
+
+
 def test_how_far_round_and_what_ends_it() -> None:
     design = found("one orientation")
     (turn,) = design.evaluation.turns
