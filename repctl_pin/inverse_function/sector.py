@@ -391,7 +391,7 @@ class Sector(Cell):
             y[i], widths[i] = middle, halves[i]
         spin_middle = self.spin_middle
         if self.task.m > 5 and self.tilted:
-            spin_middle, y[SPIN] = spin_middle + y[SPIN], 0.0
+            spin_middle, y[SPIN] = spin_middle + float(y[SPIN]), 0.0
         R = pin.exp3(y[ANGLE] * self.axis[1])
         spin = pin.exp3(np.array([0.0, 0.0, y[SPIN] if self.task.m > 5 else 0.0]))
         x = self.placement

@@ -340,6 +340,28 @@ def test_tilts_stay_about_the_axes_that_were_given() -> None:
     assert task.limit_margin(Q).min() >= 0
     middle = F.batch(np.zeros((1, cell.k)))
     assert np.allclose(design.posture, middle[0], atol=1e-12)
+    corners = F.batch(cell.corners())  # where links 2 and 5 are nearest
+    nearest = rp.Bodies(task).distances(corners).min()
+    assert design.evaluation.body_distance == pytest.approx(nearest, abs=1e-9)
+
+
+def test_a_spin_beyond_half_a_turn_is_the_same_in_every_form(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In Python, in C (which asks Python where it finds nothing) and in control steps."""
+    design = found("spin as far as the joint goes")
+    F, cell, fast = design.function, design.cell, rp.compiled(design.function)
+    U = np.clip(cell.sample(16, 7), -0.9, 0.9)
+    U[:, 5] = 0.99 * np.sign(cell.spin_middle)
+    assert abs(cell.spread(U)[0, 5]) > np.pi
+    targets, Q = [cell.at(u) for u in U], F.batch(U)
+    assert np.abs([F(x) for x in targets] - Q).max() < 1e-9
+    for x, q in zip(targets, Q, strict=True):
+        for inverse in (F.inverse, fast.inverse):
+            assert np.abs(inverse.leaf(q)).max() < 1e-9
+            assert np.abs(inverse.step(q, x, 0.01, gain=50.0) - q).max() < 1e-9
+    monkeypatch.setattr(rp.InverseFunction, "__call__", None)
+    assert np.abs([fast(x) for x in targets] - Q).max() < 1e-9
 
 
 def test_how_far_round_and_what_ends_it() -> None:
@@ -492,7 +514,15 @@ def test_a_planar_arm_turns_about_its_base(tmp_path: Path) -> None:
 # ---- wherever a cell is taken --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["pose", "a turn without its symmetry", "xy"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pose",
+        "a turn without its symmetry",
+        "spin as far as the joint goes",
+        "xy",
+    ],
+)
 def test_a_sector_is_saved_and_copied(name: str, tmp_path: Path) -> None:
     design = found(name)
     rp.save(design, tmp_path / "cell.json")
@@ -514,11 +544,25 @@ def test_a_file_that_claims_a_symmetry(tmp_path: Path) -> None:
         rp.load(tmp_path / "cell.json")
 
 
+@pytest.mark.parametrize("middle", [7.0, -7.0, 0.5])
+def test_a_file_whose_spin_has_no_such_middle(middle: float, tmp_path: Path) -> None:
+    name = "pose" if middle == 0.5 else "spin as far as the joint goes"
+    rp.save(found(name), tmp_path / "cell.json")
+    content = json.loads((tmp_path / "cell.json").read_text())
+    assert ("spin_middle" in content["sector"]) == (middle != 0.5)
+    content["sector"]["spin_middle"] = middle
+    content["checksum"] = checksum(content)
+    (tmp_path / "cell.json").write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match="the middle of the spin is of a cell that"):
+        rp.load(tmp_path / "cell.json")
+
+
+@pytest.mark.parametrize("name", ["pose", "spin as far as the joint goes"])
 def test_the_tour_of_a_sector_closes_and_stays_inside(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The command follows it: through every coordinate, to 0.9 of its range and no further."""
-    design = found("pose")
+    design = found(name)
     rp.save(design, tmp_path / "cell.json")
     given = ["follow", str(tmp_path / "cell.json"), "--steps", "400"]
     assert main([*given, "--csv", str(tmp_path / "way.csv")]) == 0
