@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
 from ..studies import Study
@@ -80,6 +81,11 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
     """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
 
     ``seconds`` is the time of a cycle at normal speed, by default that of the motion.
+
+    Raises
+    ------
+    InputError
+        If all of them stopped.
     """
     rows = [row for row in study.rows if row.key not in ("posture", "posture_off")]
     colour = colours(study)
@@ -92,6 +98,11 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
     stopped = [
         stopped_words(row.label, row.stopped) for row in rows if row.motion is None
     ]
+    if not tracks:
+        raise InputError(
+            f"there is no motion to show: {' '.join(stopped)}".removesuffix("."),
+            remedy="choose a smaller path, another start, or fewer cycles",
+        )
     return playback_page(
         [chain],
         tracks,

@@ -169,6 +169,14 @@ def test_a_stopped_motion_is_named_in_the_sentence(
     assert verdict_of(ours, folder).startswith(f"nearest repeatable {why} Elbow")
 
 
+def test_nothing_to_show_says_what_stopped(study: rp.Study) -> None:
+    stopped = {"motion": None, "stopped": "a singularity"}
+    none = changed(study, pseudoinverse=stopped, repeatable=stopped)
+    words = r"no motion to show: Usual control stopped: .* Repeatable stopped: a singularity; "
+    with pytest.raises(rp.InputError, match=words + "choose a smaller path, another"):
+        rp.animation(none)
+
+
 def test_only_a_terminal_shows_tones_and_as_colours(
     study: rp.Study, answer: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
