@@ -217,11 +217,8 @@ def _sector(cell: Sector, name: str, tables: dict[str, object]) -> str:
     }
     if cell.task.kind in ("pose", "axis"):
         parts["functions"] = filled("sector_tilts.c", name, {})
-        parts["tilts"] = _TILTS.format(name)
-        if cell.spin_middle:
-            parts["tilts"] += _NEAR_MIDDLE.format(
-                number(cell.spin_middle), number(2 * np.pi)
-            )
+        near = _NEAR_MIDDLE.format(number(cell.spin_middle), number(2 * np.pi))
+        parts["tilts"] = _TILTS.format(name) + near * bool(cell.spin_middle)
     return filled("sector.c", name, tables | parts)
 
 
