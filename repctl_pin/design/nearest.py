@@ -135,8 +135,6 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
             warm=None if best is None else best.coefficients,
         )
         unknowns = (problem.potentials.size - task.r) * task.r
-        if unknowns < 0:
-            continue
         if best is not None and unknowns > _MOST_UNKNOWNS:
             break
         try:
