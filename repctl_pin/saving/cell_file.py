@@ -77,7 +77,8 @@ class SectorFile(Part):
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
     ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
     coordinates that the polynomials leave out, because a single joint turns the whole arm or the
-    tool along them. ``spin_middle`` is the middle of the spin, rad; 0 if it is left out.
+    tool along them. ``spin_middle`` is the middle of the spin, rad, where the tool
+    tilts and spins as far as the joints go, and only there.
     """
 
     axis: Rows
@@ -179,7 +180,7 @@ def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
         cell.axis.tolist(),
         list(cell.free),
         symmetric,
-        cell.spin_middle or msgspec.UNSET,
+        cell.spin_middle if cell.tilted and SPIN in cell.free else msgspec.UNSET,
     )
 
 
@@ -215,14 +216,20 @@ def _cell(content: CellFile, task: Task) -> Cell:
     }:
         raise InputError("the file uses a symmetry that the arm does not have")
     sector = sector.without(used, data.free)
-    if isinstance(data.spin_middle, msgspec.UnsetType):
+    middle, moved = data.spin_middle, sector.tilted and SPIN in data.free
+    if isinstance(middle, msgspec.UnsetType):
+        if moved:
+            raise InputError(
+                "the file lacks the middle of the spin, and tilts of such cells were once about "
+                "the wrong axes; design the cell again"
+            )
         return sector
-    if not sector.tilted or SPIN not in data.free or abs(data.spin_middle) > 2 * np.pi:
+    if not moved or abs(middle) > 2 * np.pi:
         raise InputError(
             "the middle of the spin is of a cell that tilts and spins as far as the joints go, "
             "at most one turn away"
         )
-    return sector.turned({SPIN: data.spin_middle}, {SPIN: w[SPIN]})
+    return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
 
 
 def cell_of(content: CellFile, task: Task) -> CellDesign:

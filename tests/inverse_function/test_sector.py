@@ -557,6 +557,16 @@ def test_a_file_whose_spin_has_no_such_middle(middle: float, tmp_path: Path) -> 
         rp.load(tmp_path / "cell.json")
 
 
+def test_a_file_from_before_the_spin_had_a_middle(tmp_path: Path) -> None:
+    rp.save(found("spin as far as the joint goes"), tmp_path / "cell.json")
+    content = json.loads((tmp_path / "cell.json").read_text())
+    del content["sector"]["spin_middle"]
+    content["checksum"] = checksum(content)
+    (tmp_path / "cell.json").write_text(json.dumps(content))
+    with pytest.raises(rp.InputError, match="lacks the middle .*; design the cell aga"):
+        rp.load(tmp_path / "cell.json")
+
+
 @pytest.mark.parametrize("name", ["pose", "spin as far as the joint goes"])
 def test_the_tour_of_a_sector_closes_and_stays_inside(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
