@@ -393,6 +393,33 @@ def test_leaves_are_an_interval_inside_the_limits() -> None:
         design.task.check(q)
 
 
+@pytest.mark.parametrize(
+    ("limits", "ends"),
+    [((-0.5, 7.0), (-0.9, np.pi)), ((-7.0, 0.9), (-np.pi, 0.5))],
+)
+def test_leaves_end_at_a_limit_or_at_half_a_turn(
+    limits: tuple[float, float], ends: tuple[float, float], tmp_path: Path
+) -> None:
+    """θ₃, at 0.4 rad, does not move the tool, so that c is its angle from there."""
+    text = planar_urdf([0.5, 0.4, 0.0]).split('name="theta3"')
+    for old, new in zip(("-7.0", "7.0"), limits, strict=True):
+        text[1] = text[1].replace(f'"{old}"', f'"{new}"', 1)
+    (tmp_path / "arm.urdf").write_text('name="theta3"'.join(text), encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    q = [0.3, 0.9, 0.4]
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(q), 0.05),
+        posture=q,
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    F, x = design.function, design.cell.at(np.array([0.3, -0.4]))
+    way = F(x, leaf=[1e-3])[2] - F(x)[2]  # c may count the other way
+    (found,) = np.sign(way) * F.leaves(x)
+    assert np.allclose(np.sort(found), ends, atol=1e-6)
+
+
 def test_what_a_design_says_of_itself() -> None:
     """The numbers of its evaluation in a person's words, what was asked for by default, and its
     rank among others."""
@@ -430,6 +457,29 @@ def test_the_final_chart_is_the_function() -> None:
     U = design.cell.sample(500, 21)
     chart = design.function.chart
     assert np.abs(chart.reference(U)[0] - design.function.batch(U)).max() < 6e-5
+
+
+@pytest.mark.parametrize(("half_width", "affine"), [(0.1, True), (0.3, False)])
+def test_the_fibres_are_as_simple_as_the_null_spaces_allow(
+    half_width: float, affine: bool, tmp_path: Path
+) -> None:
+    """n_ref stays within 2.6° of the null space, and is affine in u where that is enough."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.6, -1.2, 1.4]
+    cell = rp.Cell(task, task.placement(q), half_width)
+    F = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=32, held_out=64),
+    ).function
+    U = cell.sample(200, 21)
+    n = F.chart.reference(U)[1][:, :, 0]
+    null = [np.linalg.svd(task.jacobian(at))[2][-1] for at in F.batch(U)]
+    cosines = np.abs((n * null).sum(axis=1)) / np.linalg.norm(n, axis=1)
+    assert cosines.min() > 0.999
+    opposite, middle_ = (F.chart.reference(V)[1][:, :, 0] for V in (-U, 0 * U))
+    assert np.allclose(n + opposite, 2 * middle_, atol=1e-12) == affine
 
 
 def test_the_judgement_is_honest() -> None:
