@@ -668,6 +668,41 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     assert kept.cost > free.cost
 
 
+def test_a_margin_that_no_near_leaf_has_does_not_cost_coverage(tmp_path: Path) -> None:
+    """The share of poses that any configuration inside the limits reaches, by the law of cosines
+    for the last two links at every θ₁, is that of F."""
+    l1, l2, l3 = lengths = [0.36, 0.59, 1.0]
+    limits = np.array([[-2.11, 1.52], [-1.99, -1.35], [-1.72, -1.24]])
+    text = planar_urdf(lengths).split('lower="-7.0" upper="7.0"')
+    bounds = [f'lower="{low}" upper="{high}"' for low, high in limits]
+    parts = [text[0], *(b + t for b, t in zip(bounds, text[1:], strict=True))]
+    (tmp_path / "bounded.urdf").write_text("".join(parts), encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "bounded.urdf").task("tool", "xy")
+    q = [1.44, -1.47, -1.65]
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(q), 0.06),
+        posture=q,
+        degree=2,
+        limit_margin=0.2,
+        incomplete="keep",
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    U = design.cell.sample(512, 3)
+    covered = np.isfinite(design.function.batch(U, missing="nan")).all(axis=1)
+    first = np.linspace(*limits[0], 1001)
+    knee = l1 * np.stack([np.cos(first), np.sin(first)], axis=1)
+    x, y = np.moveaxis(design.cell.placements(U)[0][:, None, :2] - knee, 2, 0)
+    cosine = (x**2 + y**2 - l2**2 - l3**2) / (2 * l2 * l3)
+    third = -np.arccos(np.clip(cosine, -1, 1))  # its range is below 0
+    way = np.arctan2(y, x) - np.arctan2(l3 * np.sin(third), l2 + l3 * np.cos(third))
+    second = (way - first + np.pi) % (2 * np.pi) - np.pi
+    inside = np.abs(cosine) <= 1
+    for angle, (low, high) in ((second, limits[1]), (third, limits[2])):
+        inside &= (low <= angle) & (angle <= high)
+    assert covered.mean() == pytest.approx(inside.any(axis=1).mean(), abs=0.01)
+
+
 def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     """A post beside the forearm: under J⁺'s own section it is touched, with bodies in the cost it
     is not."""
