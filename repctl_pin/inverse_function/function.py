@@ -230,13 +230,13 @@ class InverseFunction:
         ways = np.concatenate([-np.eye(r), np.eye(r)])
         done, step = np.zeros(2 * r), np.full(2 * r, _MARCH)
         Q = np.tile(self(target) - shift[0], (2 * r, 1))
-        while (step > 1e-9).any() and (done < np.pi).any():
-            ahead = done + step
+        while ((step > 1e-9) & (done < np.pi)).any():
+            ahead = np.minimum(done + step, np.pi)
             points = self.chart.solve(U, ahead[:, None] * ways, Q)
             leaf = leaf_margin(null_bases(points.J, points.n_ref)[0], points.n_ref)
             margin = task.limit_margin(points.Q + shift).min(axis=1)
             good = points.found & (margin >= 0) & (leaf > _LEAST)
-            good &= (np.abs(points.Q - Q).max(axis=1) < 1.0) & (done < np.pi)
+            good &= np.abs(points.Q - Q).max(axis=1) < 1.0
             Q[good], done[good] = points.Q[good], ahead[good]
             step[~good] /= 2
         return np.stack([-done[:r], done[r:]], axis=1)

@@ -393,6 +393,33 @@ def test_leaves_are_an_interval_inside_the_limits() -> None:
         design.task.check(q)
 
 
+@pytest.mark.parametrize(
+    ("limits", "ends"),
+    [((-0.5, 7.0), (-0.9, np.pi)), ((-7.0, 0.9), (-np.pi, 0.5))],
+)
+def test_leaves_end_at_a_limit_or_at_half_a_turn(
+    limits: tuple[float, float], ends: tuple[float, float], tmp_path: Path
+) -> None:
+    """θ₃, at 0.4 rad, does not move the tool, so that c is its angle from there."""
+    text = planar_urdf([0.5, 0.4, 0.0]).split('name="theta3"')
+    for old, new in zip(("-7.0", "7.0"), limits, strict=True):
+        text[1] = text[1].replace(f'"{old}"', f'"{new}"', 1)
+    (tmp_path / "arm.urdf").write_text('name="theta3"'.join(text), encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    q = [0.3, 0.9, 0.4]
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(q), 0.05),
+        posture=q,
+        degree=1,
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    F, x = design.function, design.cell.at(np.array([0.3, -0.4]))
+    way = F(x, leaf=[1e-3])[2] - F(x)[2]  # c may count the other way
+    (found,) = np.sign(way) * F.leaves(x)
+    assert np.allclose(np.sort(found), ends, atol=1e-6)
+
+
 def test_what_a_design_says_of_itself() -> None:
     """The numbers of its evaluation in a person's words, what was asked for by default, and its
     rank among others."""
@@ -430,6 +457,29 @@ def test_the_final_chart_is_the_function() -> None:
     U = design.cell.sample(500, 21)
     chart = design.function.chart
     assert np.abs(chart.reference(U)[0] - design.function.batch(U)).max() < 6e-5
+
+
+@pytest.mark.parametrize(("half_width", "affine"), [(0.1, True), (0.3, False)])
+def test_the_fibres_are_as_simple_as_the_null_spaces_allow(
+    half_width: float, affine: bool, tmp_path: Path
+) -> None:
+    """n_ref stays within 2.6° of the null space, and is affine in u where that is enough."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.6, -1.2, 1.4]
+    cell = rp.Cell(task, task.placement(q), half_width)
+    F = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=q,
+        degree=2,
+        options=rp.FitOptions(samples=32, held_out=64),
+    ).function
+    U = cell.sample(200, 21)
+    n = F.chart.reference(U)[1][:, :, 0]
+    null = [np.linalg.svd(task.jacobian(at))[2][-1] for at in F.batch(U)]
+    cosines = np.abs((n * null).sum(axis=1)) / np.linalg.norm(n, axis=1)
+    assert cosines.min() > 0.999
+    opposite, middle_ = (F.chart.reference(V)[1][:, :, 0] for V in (-U, 0 * U))
+    assert np.allclose(n + opposite, 2 * middle_, atol=1e-12) == affine
 
 
 def test_the_judgement_is_honest() -> None:
@@ -616,6 +666,41 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     assert kept.limit_margin > 0.02 and kept.coverage == 1.0
     assert kept.evaluation.attainable_margin_worst >= kept.limit_margin_worst > 0.0
     assert kept.cost > free.cost
+
+
+def test_a_margin_that_no_near_leaf_has_does_not_cost_coverage(tmp_path: Path) -> None:
+    """The share of poses that any configuration inside the limits reaches, by the law of cosines
+    for the last two links at every θ₁, is that of F."""
+    l1, l2, l3 = lengths = [0.36, 0.59, 1.0]
+    limits = np.array([[-2.11, 1.52], [-1.99, -1.35], [-1.72, -1.24]])
+    text = planar_urdf(lengths).split('lower="-7.0" upper="7.0"')
+    bounds = [f'lower="{low}" upper="{high}"' for low, high in limits]
+    parts = [text[0], *(b + t for b, t in zip(bounds, text[1:], strict=True))]
+    (tmp_path / "bounded.urdf").write_text("".join(parts), encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "bounded.urdf").task("tool", "xy")
+    q = [1.44, -1.47, -1.65]
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Cell(task, task.placement(q), 0.06),
+        posture=q,
+        degree=2,
+        limit_margin=0.2,
+        incomplete="keep",
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+    U = design.cell.sample(512, 3)
+    covered = np.isfinite(design.function.batch(U, missing="nan")).all(axis=1)
+    first = np.linspace(*limits[0], 1001)
+    knee = l1 * np.stack([np.cos(first), np.sin(first)], axis=1)
+    x, y = np.moveaxis(design.cell.placements(U)[0][:, None, :2] - knee, 2, 0)
+    cosine = (x**2 + y**2 - l2**2 - l3**2) / (2 * l2 * l3)
+    third = -np.arccos(np.clip(cosine, -1, 1))  # its range is below 0
+    way = np.arctan2(y, x) - np.arctan2(l3 * np.sin(third), l2 + l3 * np.cos(third))
+    second = (way - first + np.pi) % (2 * np.pi) - np.pi
+    inside = np.abs(cosine) <= 1
+    for angle, (low, high) in ((second, limits[1]), (third, limits[2])):
+        inside &= (low <= angle) & (angle <= high)
+    assert covered.mean() == pytest.approx(inside.any(axis=1).mean(), abs=0.01)
 
 
 def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:

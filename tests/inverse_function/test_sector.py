@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import Q_PANDA, planar_task, spatial_urdf
+from arms import Q_PANDA, planar_task, planar_urdf, spatial_urdf
 from cell_functions import panda, tour
 from commands import main
 from design_file import checksum
@@ -387,6 +387,45 @@ def test_how_far_round_and_what_ends_it() -> None:
             F.batch(U)
     assert f"{np.degrees(turn.reach):.4g}° at every covered pose" in design.summary()
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
+
+
+def bounded(half_width: float, folder: Path, *bounded_joints: int) -> rp.CellDesign:
+    """A planar design around 0.8 rad, from which some joints move by ``half_width`` at most."""
+    text = planar_urdf([0.5, 0.4, 0.3], range_=3.0).split("<limit ")
+    for i in bounded_joints:
+        text[i] = (
+            text[i]
+            .replace('"-3.0"', f'"{0.8 - half_width}"')
+            .replace('"3.0"', f'"{0.8 + half_width}"')
+        )
+    (folder / "bounded.urdf").write_text("<limit ".join(text), encoding="utf-8")
+    task, q = rp.Robot.load(folder / "bounded.urdf").task("tool", "xy"), [0.2, 0.8, 0.8]
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        rp.Sector(task, task.placement(q), radius=0.2),
+        posture=q,
+        degree=1,
+        incomplete="keep",
+        options=rp.FitOptions(samples=32, held_out=64),
+    )
+
+
+def test_poses_beyond_other_limits_do_not_end_the_angle(tmp_path: Path) -> None:
+    """The spread of θ₁ over the covered radii only, which a fine grid of radii finds, too."""
+    design = bounded(0.15, tmp_path, 2)
+    (turn,) = design.evaluation.turns
+    U = np.linspace(-1, 1, 1001)[:, None] * [1.0, 0.0]
+    Q = design.function.batch(U, missing="nan")
+    covered = np.isfinite(Q).all(axis=1)
+    assert 0.9 < covered.mean() < 0.99
+    assert turn.covered == pytest.approx(covered.mean(), abs=2e-3)
+    assert turn.spread == pytest.approx(np.ptp(Q[covered, 0]), abs=2e-3)
+
+
+def test_a_sector_without_a_covered_pose_is_refused(tmp_path: Path) -> None:
+    """Two joints that hardly move leave only the middle."""
+    with pytest.raises(rp.InputError, match="theta3 is .* rad beyond its limit; no sm"):
+        bounded(1e-6, tmp_path, 2, 3)
 
 
 def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
