@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
-from arms import spatial_task
+from arms import planar_task, spatial_task
 from commands import main
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -140,6 +140,41 @@ def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
     assert costs[-1] > 0.99 * costs[-2]  # the last was not worth it
     assert all(later < 0.99 * earlier for earlier, later in pairwise(costs[:-1]))
     assert design.cost == min(costs) and design.potentials.degree in degrees
+
+
+def test_degree_auto_stops_at_a_thousand_unknowns(tmp_path: Path) -> None:
+    """13 joints, r = 11: 104 potentials of degree 2 would have (104 − 11) · 11 = 1023."""
+    task = planar_task(np.ones(13), tmp_path)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(np.full(13, 0.3), 0.05),
+        degree="auto",
+        options=rp.FitOptions(samples=64, held_out=64),
+    )
+    assert [degree for degree, *_ in design.degrees] == [1]
+    assert design.potentials.size == 13 and design.cost > 1e-6
+
+
+def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
+    """The same arm in kilometres and in millimetres: C falls with the square of the length."""
+    found = []
+    for size in (1.0, 1e-3, 1e3):
+        task = planar_task(size * np.array([1.0, 0.9, 0.8]), tmp_path)
+        design = rp.nearest_repeatable(
+            rp.Pseudoinverse(task),
+            None,
+            rp.Box([0.3, 1.0, 0.8], 0.3),
+            degree=2,
+            options=rp.FitOptions(samples=125, held_out=64),
+        )
+        assert design.converged
+        found.append([design.cost * size**2, design.relative_distance])
+        found[-1] += [
+            design.leaf_margin,
+            *(size * design.inverse([0.4, 0.9, 0.7])).flat,
+        ]
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-3)
 
 
 def test_degree_auto_goes_to_eight_for_three_joints() -> None:
@@ -741,6 +776,29 @@ def test_gradients_that_are_none_are_refused_by_name(panda_pose: rp.Task) -> Non
         rp.InputError, match=r"must be \(K, 7, 7\) numbers, not .* 6, 7"
     ):
         rp.nearest_repeatable(desired, Broken(0), region, options=few)
+
+
+@pytest.mark.parametrize("robot, degree", [("planar3r", 3), ("planar4r", 3)])
+def test_the_fewest_nodes_that_the_refusal_names_are_enough(
+    robot: str, degree: int
+) -> None:
+    """Each node gives m equations; one node fewer is refused, and names the same number."""
+    task = rp.Robot.load(robot).task(None, "xy")
+    box = rp.Box(np.linspace(0.3, 0.9, task.n), 0.1)
+    potentials = rp.Polynomial(box.center, degree, box.half_width)
+
+    def fitted(samples: int) -> rp.Design:
+        options = rp.FitOptions(samples=samples, held_out=64)
+        return rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, box, options=options
+        )
+
+    least = int(np.ceil(potentials.size / task.m))
+    for count in (1, least - 1):
+        says = f"{count} nodes are too few for {potentials.size} .*at least {least}$"
+        with pytest.raises(rp.InputError, match=says):
+            fitted(count)
+    assert fitted(least).samples >= least
 
 
 def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:

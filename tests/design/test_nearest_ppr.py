@@ -263,6 +263,25 @@ def test_search_within_bounds_and_over_potentials(task: rp.Task) -> None:
         assert found.parameter == pytest.approx(inside.parameter, abs=1e-5)
 
 
+def test_search_returns_what_it_compared(task: rp.Task) -> None:
+    """G_d and Ω as they were given, the member at the parameter, and ‖J⁺‖² = 1 + 1/2 as the unit of
+    the distance: J Jᵀ has the eigenvalues 1 and 2 everywhere."""
+    desired, made = rp.Pseudoinverse(task), []
+    region = rp.Box.between([-1, -1, 0.2], [1, 1, 1.0])
+
+    def family(k: float) -> Family:
+        made.append((k, Family(task, k)))
+        return made[-1][1]
+
+    found = nearest_in_family(desired, family, region, samples=343)
+    assert found.desired is desired and found.region is region
+    assert any(one is found.inverse and k == found.parameter for k, one in made)
+    assert found.relative_distance == pytest.approx(np.sqrt(found.cost / 1.5))
+    due = [mean_cost(0.2, 1.0, k) for k in found.scanned]
+    np.testing.assert_allclose(found.scanned_costs, due, rtol=1e-6)
+    assert np.isinf(found.scanned[[0, -1]]).all() and len(found.scanned) > 16
+
+
 def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
     region = rp.Box(np.zeros(3), 1.0)
     for bounds in ((0.0, np.inf), (1.0, 1.0), (np.nan, 1.0)):
