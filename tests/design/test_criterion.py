@@ -298,6 +298,18 @@ def test_the_largest_free_box_ends_just_before_a_wall(
     assert nowhere is None
 
 
+def test_the_largest_free_box_leaves_out_a_known_point_that_no_search_finds() -> None:
+    """The measure is negative at one point alone, and constant around it."""
+    at = np.array([0.5, -0.3])
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(Q - at).max(axis=1) < 1e-9, -1.0, 1.0)
+
+    found = largest_free(measure, rp.Box(np.zeros(2), 1.0), at[None])
+    assert found is not None and not found.contains(at[None])[0]
+    assert (found.half_width > 0.98 * 0.5).all()
+
+
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
     """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
     short."""
@@ -606,3 +618,21 @@ def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
         1
     ] == design.cost < degrees[0][1]
+
+
+def test_the_curve_designs_with_the_same_potentials_but_for_the_degree() -> None:
+    """No products, and a centre, a scale and two joints of its own: just enough for r = 2."""
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    box = rp.Box([0.3, 0.7, 0.5, 0.4], 0.1)
+
+    def made(degree: int) -> rp.Design:
+        potentials = rp.Polynomial(box.center + 0.05, degree, 0.3, [1, 3], cross=False)
+        options = rp.FitOptions(held_out=64, seed=5)
+        desired = rp.Pseudoinverse(task)
+        return rp.nearest_repeatable(desired, potentials, box, options=options)
+
+    lower, design = made(1), made(2)
+    assert degree_curve(design) == (
+        (1, lower.cost, lower.cost_error),
+        (2, design.cost, design.cost_error),
+    )

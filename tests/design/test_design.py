@@ -416,6 +416,35 @@ def test_designs_are_compared_on_common_nodes(
         rp.compare(linear, other)
 
 
+def test_every_design_is_compared_over_the_first_ones_region() -> None:
+    """With its G_d, its nodes and their number, whatever the others were made for."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    weighted = rp.WeightedInverse(task, [1.0, 2.0, 3.0])
+    first, other = (
+        rp.nearest_repeatable(
+            desired,
+            None,
+            rp.Box(center, 0.2),
+            degree=2,
+            options=rp.FitOptions(samples=64, held_out=held_out, seed=seed),
+        )
+        for desired, center, held_out, seed in (
+            (rp.Pseudoinverse(task), [0.3, 1.0, 0.8], 64, 0),
+            (weighted, [0.3, 1.1, 0.8], 128, 3),
+        )
+    )
+    for one, two in ((first, other), (other, first)):
+        here = rp.compare(one, two).evaluations[1]
+        alone = rp.compare(replace(one, inverse=two.inverse)).evaluations[0]
+        assert np.array_equal(here.replicates, alone.replicates)
+        assert here.relative_distance == alone.relative_distance
+        assert here.leaf_margin == alone.leaf_margin
+        Q, w = one.region.nodes(1000, 1)
+        gap = two.inverse.batch(Q) - one.desired.batch(Q)
+        due = w @ np.sum(gap**2, axis=(1, 2))
+        assert here.cost == pytest.approx(due, abs=6 * here.cost_error)
+
+
 def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
     panda_design: rp.Design,
 ) -> None:
