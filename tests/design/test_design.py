@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
-from arms import planar_task, spatial_task
+from arms import planar_task, planar_urdf, spatial_task
 from commands import main
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -124,6 +124,73 @@ def test_a_potential_of_all_joints_beats_the_papers_family(
         ppr_design.converged and ppr_design.cost <= 0.0175
     )  # the paper's k = 0: 0.13634
     assert ppr_design.cost_error < 1e-4
+
+
+@pytest.fixture(scope="module")
+def small_design() -> rp.Design:
+    """A design of degree 2 for planar3r, of few nodes."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box([0.3, 1.0, 0.8], 0.2),
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=128, seed=2),
+    )
+
+
+def test_baselines_are_evaluated_on_the_nodes_of_the_design(
+    small_design: rp.Design,
+) -> None:
+    """As the same inverse in place of the design's: V = N(center), constant."""
+    shares: list[float] = []
+    rows, _ = small_design.evaluate_baselines(progress=lambda _, s: shares.append(s))
+    assert shares[:2] == [0.0, 0.5]
+    task, center = small_design.task, small_design.region.center
+    N = redundancy.nullspace(task.jacobian(center))
+    for V in (N, -3 * N):  # the level of h and its sign are nothing to the controller
+        constant = rp.RepeatableInverse(task, rp.Polynomial(center, 1).weighted(V))
+        alone = rp.compare(replace(small_design, inverse=constant)).evaluations[0]
+        np.testing.assert_allclose(alone.replicates, rows.evaluation.replicates)
+        assert alone.leaf_margin == pytest.approx(rows.evaluation.leaf_margin, rel=1e-6)
+
+
+def test_the_share_of_the_region_inside_the_limits(tmp_path: Path) -> None:
+    """Two joints of three reach beyond a limit of 1 rad, each with a third of its range."""
+    path = tmp_path / "limited.urdf"
+    path.write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8")
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(rp.Robot.load(path).task("tool", "xy")),
+        None,
+        rp.Box([0.9, 0.9, 0.5], 0.3),
+        degree=1,
+        options=rp.FitOptions(samples=64, held_out=4096),
+    )
+    assert design.inside_limits == pytest.approx(4 / 9, abs=0.02)
+
+
+def test_degree_auto_compares_degrees_over_one_region_that_is_shrunk() -> None:
+    """Ω contains a stretched arm, θ₂ = θ₃ = 0."""
+    task, asked = rp.Robot.load("planar3r").task(None, "xy"), np.array([0.5, 0.8, 0.8])
+    desired = rp.Pseudoinverse(task)
+    options = rp.FitOptions(samples=125, held_out=64)
+    design = rp.nearest_repeatable(
+        desired,
+        None,
+        rp.Box([0.3, 0.6, 0.5], asked),
+        degree="auto",
+        options=options,
+        shrink=True,
+    )
+    assert 0.3 < design.shrunk < 1 and design.leaf_margin >= 0.1
+    np.testing.assert_allclose(design.region.half_width, asked * design.shrunk)
+    assert len(design.degrees) > 1 and design.potentials.degree > 1
+    linear = rp.nearest_repeatable(
+        desired, None, design.region, degree=1, options=options
+    )
+    assert design.degrees[0][0] == 1
+    due = linear.cost, linear.cost_error
+    assert design.degrees[0][1:] == pytest.approx(due, rel=1e-6)
 
 
 def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
