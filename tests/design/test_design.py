@@ -180,18 +180,37 @@ def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
         assert here * there < 0
 
 
-def test_the_share_of_the_region_inside_the_limits(tmp_path: Path) -> None:
-    """Two joints of three reach beyond a limit of 1 rad, each with a third of its range."""
+@pytest.mark.parametrize("signs", [[1, 1, 1], [-1, 1, -1]])
+def test_the_share_of_the_region_inside_the_limits(
+    tmp_path: Path, signs: list[int]
+) -> None:
+    """Two joints of three reach beyond a limit of 1 rad, with two thirds and a third of their
+    ranges; also if joints count the other way."""
     path = tmp_path / "limited.urdf"
     path.write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8")
+    task = rp.Robot.load(path).task("tool", "xy").in_coordinates(np.diag(signs))
     design = rp.nearest_repeatable(
-        rp.Pseudoinverse(rp.Robot.load(path).task("tool", "xy")),
+        rp.Pseudoinverse(task),
         None,
-        rp.Box([0.9, 0.9, 0.5], 0.3),
+        rp.Box(signs * np.array([1.1, 0.9, 0.5]), 0.3),
         degree=1,
         options=rp.FitOptions(samples=64, held_out=4096),
     )
-    assert design.inside_limits == pytest.approx(4 / 9, abs=0.02)
+    assert design.inside_limits == pytest.approx(1 / 3 * 2 / 3, abs=0.02)
+
+
+def test_degree_auto_shrinks_no_region_for_a_higher_degree(tmp_path: Path) -> None:
+    """Where the next degree would have a leaf margin below 0.1 in the region of the first."""
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(spatial_task(4, tmp_path, seed=5)),
+        None,
+        rp.Box(0.4 * np.ones(4), 0.65),
+        degree="auto",
+        options=rp.FitOptions(samples=128, held_out=64),
+        shrink=True,
+    )
+    np.testing.assert_allclose(design.region.half_width, 0.65 * design.shrunk)
+    assert len(design.degrees) > 1 and design.leaf_margin >= 0.1
 
 
 def test_degree_auto_compares_degrees_over_one_region_that_is_shrunk() -> None:
