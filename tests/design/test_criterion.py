@@ -298,6 +298,18 @@ def test_the_largest_free_box_ends_just_before_a_wall(
     assert nowhere is None
 
 
+def test_the_largest_free_box_leaves_out_a_known_point_that_no_search_finds() -> None:
+    """The measure is negative at one point alone, and constant around it."""
+    at = np.array([0.5, -0.3])
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(Q - at).max(axis=1) < 1e-9, -1.0, 1.0)
+
+    found = largest_free(measure, rp.Box(np.zeros(2), 1.0), at[None])
+    assert found is not None and not found.contains(at[None])[0]
+    assert (found.half_width > 0.98 * 0.5).all()
+
+
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
     """Six joints at 0 at once: σ_min of planar7r is a cone there, on whose side every descent stops
     short."""
@@ -600,9 +612,54 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
         )
 
 
+@pytest.mark.parametrize("joint", range(3))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) -> None:
+    """G_d = G_r + N w with |w| made to change by 0, 0.2 or 0.3 rad along each of three joints."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    few = rp.FitOptions(samples=64, held_out=64)
+    box = rp.Box([0.3, 1.0, 0.8], 0.2)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree=1, options=few
+    )
+    others = [j for j in range(3) if j != joint]
+
+    def desired(q: np.ndarray) -> np.ndarray:
+        J, away = task.jacobian(q), q - box.center
+        n = np.cross(*J) / np.linalg.norm(np.cross(*J))
+        w = max(0.0, side * away[joint]) + 1.5 * max(0.0, -side * away[others[1]])
+        return design.inverse(q) + np.outer(n, [w, 0.0])
+
+    changed = replace(design, desired=rp.CustomInverse(task, desired))
+    found = design_map(changed, points=3)
+    assert found.joints == tuple(sorted((joint, others[1])))
+    assert found.distance.max() == pytest.approx(0.2 + 0.3)
+
+
 def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
     design = fitted("pose", 0.4, 2, samples=512, held_out=256)
     degrees = degree_curve(design)
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
         1
     ] == design.cost < degrees[0][1]
+
+
+@pytest.mark.parametrize(("joints", "degree"), [([1, 3], 2), ([1, 2, 3], 3)])
+def test_the_curve_designs_with_the_same_potentials_but_for_the_degree(
+    joints: list[int], degree: int
+) -> None:
+    """No products, and a centre, a scale and joints of its own: two are just enough for r = 2."""
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    box = rp.Box([0.3, 0.7, 0.5, 0.4], 0.1)
+
+    def made(degree: int) -> rp.Design:
+        potentials = rp.Polynomial(box.center + 0.05, degree, 0.3, joints, cross=False)
+        options = rp.FitOptions(held_out=64, seed=5)
+        desired = rp.Pseudoinverse(task)
+        return rp.nearest_repeatable(desired, potentials, box, options=options)
+
+    design, lower = made(degree), made(degree - 1)
+    *_, below, last = curve = degree_curve(design)
+    assert [one for one, *_ in curve] == list(range(1, degree + 1))
+    assert below == (degree - 1, lower.cost, lower.cost_error)
+    assert last == (degree, design.cost, design.cost_error)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
-from arms import spatial_task
+from arms import planar_task, planar_urdf, spatial_task
 from commands import main
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -126,6 +126,117 @@ def test_a_potential_of_all_joints_beats_the_papers_family(
     assert ppr_design.cost_error < 1e-4
 
 
+@pytest.fixture(scope="module")
+def small_design() -> rp.Design:
+    """A design of degree 2 for planar3r, of few nodes."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box([0.3, 1.0, 0.8], 0.2),
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=128, seed=2),
+    )
+
+
+def test_baselines_are_evaluated_on_the_nodes_of_the_design(
+    small_design: rp.Design,
+) -> None:
+    """As the same inverse in place of the design's: V = N(center), constant."""
+    shares: list[float] = []
+    rows, _ = small_design.evaluate_baselines(progress=lambda _, s: shares.append(s))
+    assert shares[:2] == [0.0, 0.5]
+    task, center = small_design.task, small_design.region.center
+    N = redundancy.nullspace(task.jacobian(center))
+    for V in (N, -3 * N):  # the level of h and its sign are nothing to the controller
+        constant = rp.RepeatableInverse(task, rp.Polynomial(center, 1).weighted(V))
+        alone = rp.compare(replace(small_design, inverse=constant)).evaluations[0]
+        np.testing.assert_allclose(alone.replicates, rows.evaluation.replicates)
+        assert alone.leaf_margin == pytest.approx(rows.evaluation.leaf_margin, rel=1e-6)
+
+
+@pytest.mark.parametrize("half_width", [[0.2, 2.0, 0.7], [0.2, 0.9, 2.2]])
+def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
+    small_design: rp.Design, half_width: list[float]
+) -> None:
+    """The configuration it names lies in Ω, and det J_V has another sign there than at the
+    centre."""
+    task, center = small_design.task, small_design.region.center
+    wide = rp.Box(center, half_width)
+    refused = replace(small_design, region=wide).evaluate_baselines()
+    rows = rp.Polynomial(center, 1).weighted(
+        redundancy.nullspace(task.jacobian(center))
+    )
+    for one, potentials in zip(
+        refused, (rows, rp.ExtendedJacobian(task, center).potentials), strict=True
+    ):
+        assert one.evaluation is None and "algorithmic singularity" in one.text
+        at = np.array(re.findall(r"theta\d = ([-.\d]+)", one.text), float)
+        assert wide.ratio(at[None])[0] < 1.01  # three decimals are named
+        here, there = (
+            np.linalg.det(np.vstack([task.jacobian(q), potentials.gradient(q).T]))
+            for q in (center, at)
+        )
+        assert here * there < 0
+
+
+@pytest.mark.parametrize("signs", [[1, 1, 1], [-1, 1, -1]])
+def test_the_share_of_the_region_inside_the_limits(
+    tmp_path: Path, signs: list[int]
+) -> None:
+    """Two joints of three reach beyond a limit of 1 rad, with two thirds and a third of their
+    ranges; also if joints count the other way."""
+    path = tmp_path / "limited.urdf"
+    path.write_text(planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8")
+    task = rp.Robot.load(path).task("tool", "xy").in_coordinates(np.diag(signs))
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(signs * np.array([1.1, 0.9, 0.5]), 0.3),
+        degree=1,
+        options=rp.FitOptions(samples=64, held_out=4096),
+    )
+    assert design.inside_limits == pytest.approx(1 / 3 * 2 / 3, abs=0.02)
+
+
+def test_degree_auto_shrinks_no_region_for_a_higher_degree(tmp_path: Path) -> None:
+    """Where the next degree would have a leaf margin below 0.1 in the region of the first."""
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(spatial_task(4, tmp_path, seed=5)),
+        None,
+        rp.Box(0.4 * np.ones(4), 0.65),
+        degree="auto",
+        options=rp.FitOptions(samples=128, held_out=64),
+        shrink=True,
+    )
+    np.testing.assert_allclose(design.region.half_width, 0.65 * design.shrunk)
+    assert len(design.degrees) > 1 and design.leaf_margin >= 0.1
+
+
+def test_degree_auto_compares_degrees_over_one_region_that_is_shrunk() -> None:
+    """Ω contains a stretched arm, θ₂ = θ₃ = 0."""
+    task, asked = rp.Robot.load("planar3r").task(None, "xy"), np.array([0.5, 0.8, 0.8])
+    desired = rp.Pseudoinverse(task)
+    options = rp.FitOptions(samples=125, held_out=64)
+    design = rp.nearest_repeatable(
+        desired,
+        None,
+        rp.Box([0.3, 0.6, 0.5], asked),
+        degree="auto",
+        options=options,
+        shrink=True,
+    )
+    assert 0.3 < design.shrunk < 1 and design.leaf_margin >= 0.1
+    np.testing.assert_allclose(design.region.half_width, asked * design.shrunk)
+    assert len(design.degrees) > 1 and design.potentials.degree > 1
+    linear = rp.nearest_repeatable(
+        desired, None, design.region, degree=1, options=options
+    )
+    assert design.degrees[0][0] == 1
+    due = linear.cost, linear.cost_error
+    assert design.degrees[0][1:] == pytest.approx(due, rel=1e-6)
+
+
 def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
     task = rp.Robot.load("ppr").task(None, "xy")
     design = rp.nearest_repeatable(
@@ -140,6 +251,41 @@ def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
     assert costs[-1] > 0.99 * costs[-2]  # the last was not worth it
     assert all(later < 0.99 * earlier for earlier, later in pairwise(costs[:-1]))
     assert design.cost == min(costs) and design.potentials.degree in degrees
+
+
+def test_degree_auto_stops_at_a_thousand_unknowns(tmp_path: Path) -> None:
+    """13 joints, r = 11: 104 potentials of degree 2 would have (104 − 11) · 11 = 1023."""
+    task = planar_task(np.ones(13), tmp_path)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(np.full(13, 0.3), 0.05),
+        degree="auto",
+        options=rp.FitOptions(samples=64, held_out=64),
+    )
+    assert [degree for degree, *_ in design.degrees] == [1]
+    assert design.potentials.size == 13 and design.cost > 1e-6
+
+
+def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
+    """The same arm in kilometres and in millimetres: C falls with the square of the length."""
+    found = []
+    for size in (1.0, 1e-3, 1e3):
+        task = planar_task(size * np.array([1.0, 0.9, 0.8]), tmp_path)
+        design = rp.nearest_repeatable(
+            rp.Pseudoinverse(task),
+            None,
+            rp.Box([0.3, 1.0, 0.8], 0.3),
+            degree=2,
+            options=rp.FitOptions(samples=125, held_out=64),
+        )
+        assert design.converged
+        found.append([design.cost * size**2, design.relative_distance])
+        found[-1] += [
+            design.leaf_margin,
+            *(size * design.inverse([0.4, 0.9, 0.7])).flat,
+        ]
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-3)
 
 
 def test_degree_auto_goes_to_eight_for_three_joints() -> None:
@@ -379,6 +525,35 @@ def test_designs_are_compared_on_common_nodes(
     other = panda_design_of(panda, "axis", 0.3, 1, samples=512, held_out=64)
     with pytest.raises(rp.InputError, match="different tasks"):
         rp.compare(linear, other)
+
+
+def test_every_design_is_compared_over_the_first_ones_region() -> None:
+    """With its G_d, its nodes and their number, whatever the others were made for."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    weighted = rp.WeightedInverse(task, [1.0, 2.0, 3.0])
+    first, other = (
+        rp.nearest_repeatable(
+            desired,
+            None,
+            rp.Box(center, 0.2),
+            degree=2,
+            options=rp.FitOptions(samples=64, held_out=held_out, seed=seed),
+        )
+        for desired, center, held_out, seed in (
+            (rp.Pseudoinverse(task), [0.3, 1.0, 0.8], 64, 0),
+            (weighted, [0.3, 1.1, 0.8], 128, 3),
+        )
+    )
+    for one, two in ((first, other), (other, first)):
+        here = rp.compare(one, two).evaluations[1]
+        alone = rp.compare(replace(one, inverse=two.inverse)).evaluations[0]
+        assert np.array_equal(here.replicates, alone.replicates)
+        assert here.relative_distance == alone.relative_distance
+        assert here.leaf_margin == alone.leaf_margin
+        Q, w = one.region.nodes(1000, 1)
+        gap = two.inverse.batch(Q) - one.desired.batch(Q)
+        due = w @ np.sum(gap**2, axis=(1, 2))
+        assert here.cost == pytest.approx(due, abs=6 * here.cost_error)
 
 
 def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
@@ -741,6 +916,29 @@ def test_gradients_that_are_none_are_refused_by_name(panda_pose: rp.Task) -> Non
         rp.InputError, match=r"must be \(K, 7, 7\) numbers, not .* 6, 7"
     ):
         rp.nearest_repeatable(desired, Broken(0), region, options=few)
+
+
+@pytest.mark.parametrize("robot, degree", [("planar3r", 3), ("planar4r", 3)])
+def test_the_fewest_nodes_that_the_refusal_names_are_enough(
+    robot: str, degree: int
+) -> None:
+    """Each node gives m equations; one node fewer is refused, and names the same number."""
+    task = rp.Robot.load(robot).task(None, "xy")
+    box = rp.Box(np.linspace(0.3, 0.9, task.n), 0.1)
+    potentials = rp.Polynomial(box.center, degree, box.half_width)
+
+    def fitted(samples: int) -> rp.Design:
+        options = rp.FitOptions(samples=samples, held_out=64)
+        return rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, box, options=options
+        )
+
+    least = int(np.ceil(potentials.size / task.m))
+    for count in (1, least - 1):
+        says = f"{count} nodes are too few for {potentials.size} .*at least {least}$"
+        with pytest.raises(rp.InputError, match=says):
+            fitted(count)
+    assert fitted(least).samples >= least
 
 
 def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:

@@ -6,6 +6,7 @@ The oracles are the paper's closed forms, written out here once more, and quadra
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -261,6 +262,69 @@ def test_search_within_bounds_and_over_potentials(task: rp.Task) -> None:
     for ends in ((-1, inside.parameter + 0.01), (inside.parameter - 0.01, 2)):
         found = nearest_in_family(desired, family, region, bounds=ends, samples=343)
         assert found.parameter == pytest.approx(inside.parameter, abs=1e-5)
+
+
+def test_search_returns_what_it_compared(task: rp.Task) -> None:
+    """G_d and Ω as they were given, the member at the parameter, and ‖J⁺‖² = 1 + 1/2 as the unit of
+    the distance: J Jᵀ has the eigenvalues 1 and 2 everywhere."""
+    desired, made = rp.Pseudoinverse(task), []
+    region = rp.Box.between([-1, -1, 0.2], [1, 1, 1.0])
+
+    def family(k: float) -> Family:
+        made.append((k, Family(task, k)))
+        return made[-1][1]
+
+    found = nearest_in_family(desired, family, region, samples=343)
+    assert found.desired is desired and found.region is region
+    assert any(one is found.inverse and k == found.parameter for k, one in made)
+    assert found.relative_distance == pytest.approx(np.sqrt(found.cost / 1.5))
+    due = [mean_cost(0.2, 1.0, k) for k in found.scanned]
+    np.testing.assert_allclose(found.scanned_costs, due, rtol=1e-6)
+    assert np.isinf(found.scanned[[0, -1]]).all() and len(found.scanned) > 16
+
+
+def test_search_takes_the_middle_of_bounds_within_which_every_k_is_as_good(
+    task: rp.Task,
+) -> None:
+    found = nearest_in_family(
+        rp.Pseudoinverse(task),
+        lambda k: Family(task, 0.7),
+        rp.Box.between([-1, -1, 0.2], [1, 1, 1.0]),
+        bounds=(1.0, 4.0),
+        samples=64,
+    )
+    assert not found.unique and found.parameter == 2.5
+    assert found.cost == pytest.approx(mean_cost(0.2, 1.0, 0.7), rel=1e-6)
+
+
+def test_search_is_judged_on_nodes_of_its_own(task: rp.Task) -> None:
+    """In a tube, whose nodes are random: eight times as many, none of them a node of the search."""
+    nodes: list[np.ndarray] = []
+
+    class Recorded(rp.Pseudoinverse):
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            nodes.append(Q.copy())
+            return super().batch(Q, J)
+
+    samples = np.linspace([-0.5, 0, 0.3], [0.5, 0.2, 0.8], 9)
+    found = nearest_in_family(
+        Recorded(task), lambda k: Family(task, k), rp.Tube(samples, 0.2), samples=128
+    )
+    few, many = nodes
+    assert len(few) >= 128 and len(many) >= 8 * len(few)
+    assert not set(map(bytes, few)) & set(map(bytes, many))
+    G_d = rp.Pseudoinverse(task)
+    means = [  # of the closed form at the nodes, which have equal weights
+        np.mean(np.sum((found.inverse.batch(Q) - G_d.batch(Q)) ** 2, axis=(1, 2)))
+        for Q in nodes
+    ]
+    assert found.cost == pytest.approx(means[1])
+    assert found.cost_error == pytest.approx(abs(means[1] - means[0]))
+    said = found.summary()
+    assert f"{found.cost:.6g} ± {found.cost_error:.1g}\n" in said
+    assert f"parameter          {found.parameter:.6g}\n" in said
+    share = re.search(r"relative distance +([\d.]+) ?%", said)
+    assert float(share[1]) == pytest.approx(100 * found.relative_distance, rel=0.02)
 
 
 def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:

@@ -299,6 +299,24 @@ def test_progress_is_reported(panda: rp.Robot) -> None:
     assert "1024 nodes" in text and "step 1, cost " in text and "evaluating" in text
 
 
+def test_all_steps_of_a_fit_are_counted() -> None:
+    """Those of the coarse descent and of the fine one; a step that is not kept is not told."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    told: list[str] = []
+    found = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box([0.3, 1.0, 0.8], 0.3),
+        degree=2,
+        options=rp.FitOptions(samples=125, held_out=64, tolerance=1e-10),
+        progress=lambda what, _: told.append(what),
+    )
+    steps = [what for what in told if what.startswith("step ")]
+    starts = [what for what in steps if what.startswith("step 0,")]
+    assert len(starts) == 2  # one descent each, to the coarse tolerance and to the fine
+    assert len(steps) - len(starts) <= found.steps <= len(steps) + 2
+
+
 def test_a_bar_is_drawn_on_stderr(
     panda: rp.Robot, capsys: pytest.CaptureFixture
 ) -> None:
