@@ -22,7 +22,7 @@ from .given import (
     save_control,
 )
 from .options import Parser
-from .terminal import progress, report
+from .terminal import in_percent, progress, report
 
 HELP = (
     "find one function for a whole cell, a box of poses or a sector around the base: each pose "
@@ -178,7 +178,7 @@ def run(options: Options) -> int:
             else "refuse",
             **options.of("limit_margin", "body_distance", "sigma_min"),
             options=rp.FitOptions(**options.of("held_out", "seed")),
-            progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %"),
+            progress=in_percent(say),
         )
     except rp.NoFunctionError as error:
         error.remedy = _remedy(error, cell)

@@ -22,7 +22,7 @@ from .given import (
     positive,
 )
 from .options import Parser
-from .terminal import progress, report
+from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -128,7 +128,7 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
     proof = rp.prove(
         design,
         margin=margin,
-        progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %"),
+        progress=in_percent(say),
     )
     return report(
         options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary())

@@ -13,6 +13,7 @@ import repctl_pin as rp
 
 from ..errors import InputError
 from ..files import check_folder, not_left_empty
+from .terminal import in_percent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -217,9 +218,7 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 
 def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute."""
-    proof = rp.prove(
-        design, progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %")
-    )
+    proof = rp.prove(design, progress=in_percent(say))
     return replace(design, proof=proof)
 
 

@@ -13,7 +13,7 @@ from ..files import prepare_folder, write_whole
 from ..show.text.lines import fitted
 from .given import Options, integer, natural, numbers_of, save_control
 from .options import Parser
-from .terminal import progress, report
+from .terminal import in_percent, progress, report
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"
 EXAMPLE = """examples:
@@ -83,7 +83,7 @@ def run(options: Options) -> int:
         design=design,
         leaf=leaf,
         options=rp.FitOptions(**options.of("held_out", "seed")),
-        progress=lambda step, fraction: say(f"{step} {100 * fraction:.0f} %"),
+        progress=in_percent(say),
     )
     from ..show.relabel_page import relabel_page, relabel_sentence
 

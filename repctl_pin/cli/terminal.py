@@ -38,6 +38,11 @@ def progress(quiet: bool) -> Callable[[str], None]:
     return say
 
 
+def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
+    """Make the callback that reports a step of long work, and the fraction that is done."""
+    return lambda step, fraction: say(f"{step} {100 * fraction:.0f} %")
+
+
 def say_line(text: str) -> None:
     """Print a message on stderr as one line, wrapped only on a terminal."""
     line = printable(text)
