@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +32,20 @@ def found(rotation: float = 0.0) -> rp.CellDesign:
         posture=q,
         degree=2,
         options=rp.FitOptions(samples=128, held_out=256),
+    )
+
+
+def designed(
+    cell: rp.Cell, posture: Any, *, degree: int = 1, samples: int = 32, **options: Any
+) -> rp.CellDesign:
+    """A small design near J⁺, for what does not depend on its quality."""
+    return rp.nearest_inverse_function(
+        rp.Pseudoinverse(cell.task),
+        cell,
+        posture=posture,
+        degree=degree,
+        options=rp.FitOptions(samples=samples, held_out=64),
+        **options,
     )
 
 
@@ -407,13 +422,7 @@ def test_leaves_end_at_a_limit_or_at_half_a_turn(
     (tmp_path / "arm.urdf").write_text('name="theta3"'.join(text), encoding="utf-8")
     task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
     q = [0.3, 0.9, 0.4]
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        rp.Cell(task, task.placement(q), 0.05),
-        posture=q,
-        degree=1,
-        options=rp.FitOptions(samples=32, held_out=64),
-    )
+    design = designed(rp.Cell(task, task.placement(q), 0.05), q)
     F, x = design.function, design.cell.at(np.array([0.3, -0.4]))
     way = F(x, leaf=[1e-3])[2] - F(x)[2]  # c may count the other way
     (found,) = np.sign(way) * F.leaves(x)
@@ -556,13 +565,7 @@ def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     q = [0.6, -1.2, 1.4]
     cell = rp.Cell(task, task.placement(q), 0.3)
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        posture=q,
-        degree=2,
-        options=rp.FitOptions(samples=64, held_out=64),
-    )
+    design = designed(cell, q, degree=2, samples=64)
     Q = design.function.batch(np.array(list(product(np.linspace(-1, 1, 41), repeat=2))))
     least = np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
     j = design.evaluation
@@ -816,13 +819,7 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(
     task = spatial_task(n, tmp_path, seed=seed)
     q = 0.4 * np.ones(n)
     cell = rp.Cell(task, task.placement(q), 0.05)
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        posture=q,
-        degree=2,
-        options=rp.FitOptions(samples=64, held_out=64),
-    )
+    design = designed(cell, q, degree=2, samples=64)
     assert (
         design.coverage == 1.0
         and design.extra_speed < 0.03
@@ -837,13 +834,7 @@ def test_an_arm_without_limits(tmp_path: Path) -> None:
     (tmp_path / "endless.urdf").write_text(text, encoding="utf-8")
     task = rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy")
     cell = rp.Cell(task, task.placement([0.6, -1.2, 1.4]), 0.1)
-    design = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task),
-        cell,
-        posture=[0.6, -1.2, 1.4],
-        degree=1,
-        options=rp.FitOptions(samples=32, held_out=64),
-    )
+    design = designed(cell, [0.6, -1.2, 1.4])
     assert (
         design.limit_margin == design.limit_margin_worst == np.inf
         and "no limits" in design.summary()
@@ -865,14 +856,7 @@ def test_functions_pickle_and_repeat_bit_for_bit() -> None:
 
 def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
     with pytest.raises(rp.InputError) as caught:
-        rp.nearest_inverse_function(
-            rp.Pseudoinverse(cell.task),
-            cell,
-            posture=posture,
-            degree=1,
-            options=rp.FitOptions(samples=32, held_out=64),
-            **options,  # type: ignore[arg-type]
-        )
+        designed(cell, posture, **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
