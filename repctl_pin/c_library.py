@@ -175,7 +175,7 @@ def c_struct(
     return type("CStruct", (ctypes.Structure,), {"_fields_": members})
 
 
-def filled(
+def filled_struct(
     struct: type[ctypes.Structure],
     ints: Mapping[str, ArrayLike],
     reals: Mapping[str, ArrayLike],

@@ -552,7 +552,7 @@ class Cell:
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the cell's in all m task coordinates.
+        """Convert placements to offsets (K, m) from that of the cell in all m task coordinates.
 
         They are in m and rad. Coordinates of width 0 are included.
         """

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import c_struct, filled, kernel
+from ..c_library import c_struct, filled_struct, kernel
 from ..robot.joint_chain import joint_chain
 from ..robot.task import Task
 
@@ -114,7 +114,7 @@ def _made(task: Task) -> CompiledChain | None:
         return None
     joints = joint_chain(task)
     kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
-    chain, memory = filled(
+    chain, memory = filled_struct(
         _CHAIN,
         {"revolute": joints.revolute, "rows": task.rows},
         {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}

@@ -50,7 +50,7 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
     def twist(s: float) -> Array:
         """Evaluate the twist (v, ω), base axes, per unit of the path parameter s: (6,)."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
-        rates = cell.spread(du[None])[0] - cell.spread(0 * du[None])[0]
+        rates = cell.spread(du[None])[0] - cell._offset
         return np.asarray(
             cell._frame_twists(cell.spread(at(s)[None]))[0] @ rates, float
         )

@@ -298,7 +298,7 @@ class Sector(Cell):
         return p, round_about @ R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the sector's in all m task coordinates.
+        """Convert placements to offsets (K, m) from that of the sector in all task coordinates.
 
         They are in m and rad, in the order radius, angle, height, two tilts, spin, which is at most
         half a turn from its middle. p (K, 3) and R (K, 3, 3) are positions and rotation matrices.

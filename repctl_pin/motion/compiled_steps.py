@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
-from ..c_library import c_struct, filled, kernel
+from ..c_library import c_struct, filled_struct, kernel
 from ..potentials.polynomial import PolynomialMap
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot.joint_chain import joint_chain
@@ -90,7 +90,7 @@ def compiled_steps(
     ints = {"revolute": chain.revolute, "rows": task.rows}
     sizes = {"P": len(chain.axes), "n": task.n, "m": task.m}
     sizes |= {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
-    law, held = filled(_LAW, ints, reals | motion, sizes | scalars)
+    law, held = filled_struct(_LAW, ints, reals | motion, sizes | scalars)
     return functools.partial(_run, library, law, held)
 
 

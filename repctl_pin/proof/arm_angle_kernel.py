@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import VECTOR_FLAGS, c_struct, filled, kernel
+from ..c_library import VECTOR_FLAGS, c_struct, filled_struct, kernel
 from .taylor import SPACE, space_of
 from .taylor_chain import basis
 
@@ -42,7 +42,7 @@ def gradients_in_c(
     library = use or kernel(__package__, *_SOURCES, header=header, flags=VECTOR_FLAGS)
     if library is None:
         return None
-    arm, arrays = filled(
+    arm, arrays = filled_struct(
         _ARM,
         {
             "before": chain.before,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import VECTOR_FLAGS, c_struct, filled, kernel
+from ..c_library import VECTOR_FLAGS, c_struct, filled_struct, kernel
 from ..inverse_function.monomials import Monomials
 from .chain import FREE
 from .commutator import slides_of, tips
@@ -75,7 +75,7 @@ class Kernel:
         self._run.restype = ctypes.c_int
         chain = proof.chain
         row, column = np.nonzero(chain.S)
-        self._chain = filled(
+        self._chain = filled_struct(
             PROBLEM,
             {
                 "revolute": chain.revolute,
@@ -96,7 +96,7 @@ class Kernel:
         slide = slides_of(chain, proof.farthest)
         monomials = Monomials(k, max(proof.chart.monomials.degree, ORDER))
         self._space = space_of(k)
-        self._cell = filled(
+        self._cell = filled_struct(
             _CELL,
             {
                 "parent": monomials.parent,

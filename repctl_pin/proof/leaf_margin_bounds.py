@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import c_struct, filled, kernel
+from ..c_library import c_struct, filled_struct, kernel
 from ..potentials.basis import Potentials
 from ..regions.box import Box
 from ..robot.task import Task
@@ -658,7 +658,7 @@ def _in_c(
     sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
     sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
     scalars = sizes | {"eps": problem.eps, "beta": problem.beta}
-    struct, held = filled(PROBLEM, ints, reals, scalars)
+    struct, held = filled_struct(PROBLEM, ints, reals, scalars)
     Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
     bound, center, sigma = np.zeros((3, len(Q)))
     split = np.zeros(len(Q), np.int32)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import c_struct, filled
+from ..c_library import c_struct, filled_struct
 
 ORDER = 3
 _ROUND = 2e-14
@@ -74,7 +74,7 @@ def space_of(k: int) -> tuple[Any, list[NDArray[np.generic]]]:
     pairs = products(k)
     ints = {name: getattr(pairs, name) for name in ("left", "right", "starts")}
     ints["first"] = np.append(pairs.first, len(pairs.left))
-    return filled(SPACE, ints, {}, {"k": k, "M": int(pairs.starts[-1])})
+    return filled_struct(SPACE, ints, {}, {"k": k, "M": int(pairs.starts[-1])})
 
 
 @dataclass(frozen=True, eq=False)
