@@ -364,6 +364,13 @@ def percentage(share: float) -> str:
     return f"{100 * share:.0f} %" if share in (0, 1) else f"{100 * share:.1f} %"
 
 
+def ratio_in_percent(ratio: float, digits: int = 3) -> str:
+    """Format a ratio in per cent, without an exponent if it is large: 0.0899 %, 46 %, 1234 %."""
+    value = 100 * ratio
+    large = abs(value) >= 10**digits
+    return f"{value:.0f} %" if large else f"{value:.{digits}g} %"
+
+
 def file_name(value: Any, name: str = "file") -> Path:
     """Convert the name of a file or folder to a path."""
     if isinstance(value, (str, PathLike)) and str(value) and "\0" not in str(value):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array, read_only
+from ..arguments import Array, ratio_in_percent, read_only
 from ..certificate import Proof, proved_words
 from ..robot.task import Task
 from ..strategies import RepeatableInverse
@@ -172,10 +172,10 @@ class CellDesign:
         bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
-        speed = f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
-        speed += f"{100 * j.extra_speed_worst:.3g} % at the worst pose"
+        speed = f"{ratio_in_percent(j.extra_speed)} ± {100 * j.extra_speed_error:.1g}, "
+        speed += f"{ratio_in_percent(j.extra_speed_worst)} at the worst pose"
         if np.isfinite(j.extra_speed_direction):
-            worst = f"{100 * j.extra_speed_direction:.3g} %"
+            worst = ratio_in_percent(j.extra_speed_direction)
             speed += f"\n{worst} at the worst pose in the worst task direction"
         terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
@@ -221,7 +221,7 @@ class CellDesign:
     def __repr__(self) -> str:
         return (
             f"<CellDesign for {self.task.robot.name} {self.task.frame}, {self.cell.size()}: "
-            f"+{100 * self.extra_speed:.3g} % joint speed, "
+            f"+{ratio_in_percent(self.extra_speed)} joint speed, "
             f"limit margin {self.limit_margin_worst:.3g}, "
             f"covered: {self.evaluation.covered}>"
         )

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, ratio_in_percent
 from ..inverse_function import Cell, CellDesign, Sector
 from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS
 from ..motion import Motion, elbow
@@ -156,7 +156,8 @@ def _figures(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str
         worst.append(
             f"body distance {metres(distance) if distance >= 0 else 'below 0'}"
         )
-    worst.append(f"joint speed {100 * speed:+.2g} %")
+    sign = "+" if speed >= 0 else ""
+    worst.append(f"joint speed {sign}{ratio_in_percent(speed, 2)}")
     return {"worst known": ", ".join(worst)} | design.figures()
 
 
@@ -168,9 +169,9 @@ def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
     """
     margin, distance, speed = _worst(design, motions)
     every = "every pose" if design.evaluation.everywhere else "each covered pose"
-    mean = f"{100 * design.extra_speed:.2g} % more joint speed on average"
+    mean = f"{ratio_in_percent(design.extra_speed, 2)} more joint speed on average"
     parts = [
-        f"{mean}, at most {100 * speed:.2g} %",
+        f"{mean}, at most {ratio_in_percent(speed, 2)}",
         f"{design.evaluation.covered} covered",
         "no joint limits"
         if not np.isfinite(margin)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, ratio_in_percent
 from ..design import Design
 from ..errors import InputError, SingularityError
 from ..motion import LeafLock, Motion, follow, least_closed_motion
@@ -32,7 +32,7 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     except (InputError, SingularityError):
         return []
     above = max(own.rms_speed / least.rms_speed - 1, 0.0)
-    size = f"{100 * above:.2g} %" if above > 1e-5 else "less than 0.001 %"
+    size = ratio_in_percent(above, 2) if above > 1e-5 else "less than 0.001 %"
     notes = [f"joint speed: {size} above the minimum of closed motions from this start"]
     saved = 1 - _from_anywhere(least) / own.rms_speed
     if saved > _WORTH:

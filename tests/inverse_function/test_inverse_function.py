@@ -850,6 +850,21 @@ def test_functions_pickle_and_repeat_bit_for_bit() -> None:
     assert (again(x) == F(x)).all()
 
 
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [
+        (0.000899, "0.0899 %"),
+        (0.4567, "45.7 %"),
+        (3.1623, "316 %"),
+        (12.3456, "1235 %"),
+    ],
+)
+def test_no_extra_speed_is_written_with_an_exponent(ratio: float, text: str) -> None:
+    design = found()
+    worst = replace(design.evaluation, extra_speed_worst=ratio)
+    assert f" {text} at the worst pose" in replace(design, evaluation=worst).summary()
+
+
 # ---- what cannot be
 # ----------------------------------------------------------------------------------
 

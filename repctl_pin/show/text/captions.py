@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arguments import ratio_in_percent
 from ...motion import Motion
 from ...studies import Row, Study
 from ...studies.study_maps import StudyMaps
@@ -71,7 +72,7 @@ def summary(study: Study) -> list[str]:
             "Under the nearest repeatable inverse the joints drift by "
             f"{amount(closed.motion, -1)} after {closed.motion.cycles} "
             f"{_times(closed.motion.cycles, 'cycle')}. "
-            f"It differs from J⁺ by {100 * closed.distance:.3g} % on average over Ω, "
+            f"It differs from J⁺ by {ratio_in_percent(closed.distance)} on average over Ω, "
             f"and {_price(plain, closed)}. Its smallest leaf margin is "
             f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
         )

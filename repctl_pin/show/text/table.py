@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...arguments import percentage
+from ...arguments import percentage, ratio_in_percent
 from ...motion import Motion
 from ...strategies import Pseudoinverse
 from .lines import fitted, terminal_width
@@ -105,7 +105,7 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
     def of_rows(say: Callable[[Row], float | None]) -> list[str]:
         return [
-            "–" if value is None else f"{100 * value:.3g} %"
+            "–" if value is None else ratio_in_percent(value)
             for value in map(say, study.rows)
         ]
 
