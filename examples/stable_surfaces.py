@@ -40,7 +40,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.integrability import Surfaces, curl_form
+from repctl_pin.integrability import Surfaces, brackets
 from repctl_pin.show.palette import BLUE, INK, VERMILLION
 from repctl_pin.show.text.table import table
 
@@ -128,10 +128,10 @@ def summary(cases: Sequence[Case]) -> str:
 
 def curl(task: rp.Task, Q: np.ndarray) -> np.ndarray:
     """Evaluate the paper's s(q) = n_J · ∇×n_J (6) at every row of Q, from the rows of J alone
-    (Corollary 1)."""
-    return curl_form(
-        np.swapaxes(task.jacobians(Q), 1, 2), np.swapaxes(task.hessians(Q), 1, 2)
-    )
+    (Corollary 1): s = −n_J · [g_1, g_2] (B6) for the columns g_1, g_2 of Jᵀ, n_J = g_1 × g_2."""
+    J, H = task.jacobians(Q), task.hessians(Q)
+    bracket = brackets(np.swapaxes(J, 1, 2), np.swapaxes(H, 1, 2))[:, 0, 1]
+    return -np.sum(np.cross(J[:, 0], J[:, 1]) * bracket, axis=1)
 
 
 def draw(

@@ -130,7 +130,7 @@ def test_the_users_script_names_everything_at_the_door_and_is_type_checked() -> 
 
 
 @pytest.mark.parametrize(
-    "name", ["nearest_in_family", "FamilyDesign", "candidate_surface", "inline", "rose"]
+    "name", ["nearest_in_family", "FamilyDesign", "inline", "rose"]
 )
 def test_names_of_the_paper_are_not_at_the_door(name: str) -> None:
     assert not hasattr(rp, name)

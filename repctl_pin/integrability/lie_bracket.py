@@ -46,33 +46,6 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
     return np.einsum("...ij,...abj->...abi", outside, brackets(G, dG))
 
 
-def curl_form(G: Array, dG: Array) -> Array:
-    """Evaluate the scalar ``s = n_G · ∇×n_G``, 0 if G is repeatable, for n = 3, m = 2 (6), (25).
-
-    n_G is g_1 × g_2, the cross product of G's columns. With ``G = Jᵀ`` and ``dG = Hᵀ``, s is the
-    s(θ) of (13) and (17), where n_G is n_J, the cross product of J's rows.
-
-    Parameters
-    ----------
-    G : (..., 3, 2) array
-    dG : (..., 3, 2, 3) array
-
-    Returns
-    -------
-    (...) array
-    """
-    g1, g2 = np.moveaxis(G, -1, 0)
-    d1, d2 = np.moveaxis(np.moveaxis(dG, -1, -3), -1, 0)  # (..., k, 3): ∂g/∂q_k
-    n_G = np.cross(g1, g2)
-    dn = np.cross(d1, g2[..., None, :]) + np.cross(
-        g1[..., None, :], d2
-    )  # [..., k, i] = ∂n_i/∂q_k
-    curl = np.stack(
-        [dn[..., k, i] - dn[..., i, k] for k, i in ((1, 2), (2, 0), (0, 1))], axis=-1
-    )
-    return np.sum(n_G * curl, axis=-1)
-
-
 @dataclass(frozen=True, eq=False)
 @read_only
 class Defects:

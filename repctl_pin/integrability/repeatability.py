@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arguments import MOST_NODES, Array, as_int, read_only, require_type
+from ..arguments import MOST_NODES, Array, as_int, read_only, require_type, row
 from ..errors import InputError, SingularityError
 from ..redundancy.inverses import inverse_condition_number
 from ..regions import Region
@@ -126,7 +126,7 @@ def is_repeatable(
         ratio = inverse_condition_number(strategy.task.jacobian(Q[blind]))
         if found[0].exact or ratio < _NEAR_SINGULAR:
             raise SingularityError(
-                f"G cannot be tested near q = ({', '.join(f'{v:.3g}' for v in Q[blind])}): "
+                f"G cannot be tested near q = {row(Q[blind])}: "
                 f"σ_min / σ_max of J is {ratio:.1g} there, too close to a singularity; "
                 "use a smaller region"
             )

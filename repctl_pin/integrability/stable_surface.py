@@ -146,34 +146,6 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
     return s
 
 
-def candidate_surface(
-    strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0
-) -> Array:
-    """Find points on ``s(q) = 0`` (5), (6) by Gauss–Newton from random start points in a region.
-
-    s(q) are the stacked defects of the inverse.
-
-    Returns
-    -------
-    (K, n) array
-        Points found in the region, without singular ones; empty if there are none.
-
-    Raises
-    ------
-    InputError
-        If the region does not fit the task.
-
-    Examples
-    --------
-    >>> from repctl_pin.integrability import candidate_surface
-    >>> points = candidate_surface(control, rp.Box(q0, 0.8), samples=16)
-    >>> points.shape[1]
-    3
-    """
-    Q = points_of(region, strategy, samples, seed)
-    return _search(strategy, _in_units_of_itself(strategy, Q), region, Q)[0]
-
-
 @one_blas_thread()
 def stable_surface(
     strategy: Inverse, region: Region, *, samples: int = 128, seed: int = 0

@@ -22,6 +22,7 @@ from ..arguments import (
     positive,
     read_only,
     require_type,
+    row,
     vector,
 )
 from ..errors import InputError
@@ -250,8 +251,8 @@ def _check(path: TaskPath) -> None:
         if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:
             raise InputError(
                 f"{path.name}: at s = {samples[worst][0]:.3g} the given slope is "
-                f"{_short(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
-                f"is {_short(differences[worst, part])}; correct the slope"
+                f"{row(twists[worst, part])} {unit} per cycle, but the derivative of the curve "
+                f"is {row(differences[worst, part])}; correct the slope"
             )
 
 
@@ -273,10 +274,6 @@ def _difference(a: pin.SE3, b: pin.SE3) -> Array:
     return np.concatenate(
         [b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)]
     )
-
-
-def _short(values: Array) -> str:
-    return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
 
 
 @dataclass(frozen=True, eq=False)

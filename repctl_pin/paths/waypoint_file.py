@@ -48,40 +48,7 @@ def read_waypoints(file: str | Path) -> Waypoints:
     >>> rp.read_waypoints("loop.csv").points.shape
     (4, 3)
     """
-    return _read(file_name(file))
-
-
-def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
-    """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
-
-    Without quaternions in the file, the frame keeps its orientation at q0.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or its points are not a closed path.
-    """
-    table = _read(Path(file))
-    name = Path(file).name
-    corners = () if blend else tuple(f"line {line}" for line in table.lines)
-
-    def through(rotation: ArrayLike) -> TaskPath:
-        path = waypoints(
-            table.points, rotation, times=table.times, blend=blend, name=name
-        )
-        return replace(
-            path, spec=file + (f":blend={blend:.15g}" if blend else ""), corners=corners
-        )
-
-    known = through(
-        np.eye(3) if table.rotations is None else table.rotations
-    )  # report errors before a robot is loaded
-    if table.rotations is not None:
-        return lambda task, q0: known
-    return lambda task, q0: through(task.placement(q0).rotation)
-
-
-def _read(file: Path) -> Waypoints:
+    file = file_name(file)
     lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     try:
         rows = [
@@ -129,6 +96,36 @@ def _read(file: Path) -> Waypoints:
     return Waypoints(
         np.stack([column[name] for name in _POINT], axis=1), rotations, times, numbers
     )
+
+
+def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
+    """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
+
+    Without quaternions in the file, the frame keeps its orientation at q0.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its points are not a closed path.
+    """
+    table = read_waypoints(file)
+    name = Path(file).name
+    corners = () if blend else tuple(f"line {line}" for line in table.lines)
+
+    def through(rotation: ArrayLike) -> TaskPath:
+        path = waypoints(
+            table.points, rotation, times=table.times, blend=blend, name=name
+        )
+        return replace(
+            path, spec=file + (f":blend={blend:.15g}" if blend else ""), corners=corners
+        )
+
+    known = through(
+        np.eye(3) if table.rotations is None else table.rotations
+    )  # report errors before a robot is loaded
+    if table.rotations is not None:
+        return lambda task, q0: known
+    return lambda task, q0: through(task.placement(q0).rotation)
 
 
 def _is_header(row: list[str]) -> bool:

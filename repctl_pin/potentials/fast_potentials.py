@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.linalg.blas import ddot, dgemv
@@ -20,24 +20,13 @@ InPlace: TypeAlias = tuple[Callable[[Array], None], Callable[[Array], None]]
 h at the q of the last call of ``slope``."""
 
 
-@runtime_checkable
-class FastPotentials(Potentials, Protocol):
-    """Potentials that have an allocation-free evaluation, by a method ``in_place``."""
-
-    def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
-
-
 def in_place(potentials: Potentials, V_T: Array, e: Array) -> InPlace:
     """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,).
 
-    Potentials with a method ``in_place`` create them; for all others, :func:`plain` does.
+    Potentials with a method ``in_place`` (V_T, e) create them; for all others, :func:`plain` does.
     """
-    return (
-        potentials.in_place(V_T, e)
-        if isinstance(potentials, FastPotentials)
-        else plain(potentials, V_T, e)
-    )
+    own = getattr(potentials, "in_place", None)
+    return plain(potentials, V_T, e) if own is None else own(V_T, e)
 
 
 def plain(potentials: Potentials, V_T: Array, e: Array) -> InPlace:

@@ -37,20 +37,15 @@ class CurvedPotentials(Potentials, Protocol):
         """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
 
 
-def joints_of(potentials: object) -> int | None:
-    """Return the number of joints of potentials or of a basis; None if it takes any number."""
-    return getattr(potentials, "n", None)
-
-
 def check_joints(potentials: object, n: int) -> None:
-    """Check that potentials are of n joints, as many as a task has.
+    """Check that potentials are of n joints, as many as a task has, or take any number.
 
     Raises
     ------
     InputError
         If they are of another number of joints; the message names both numbers.
     """
-    of = joints_of(potentials)
+    of = getattr(potentials, "n", None)
     if of not in (None, n):
         raise InputError(f"the potentials are of {of} joints, but the task has {n}")
 
@@ -63,7 +58,7 @@ def common_joints(parts: Sequence[object]) -> int | None:
     InputError
         If their numbers of joints differ.
     """
-    numbers = sorted({n for part in parts if (n := joints_of(part)) is not None})
+    numbers = sorted({getattr(part, "n", None) for part in parts} - {None})
     if len(numbers) > 1:
         raise InputError(
             f"joined potentials must be of the same joints; these are of {numbers[0]} "

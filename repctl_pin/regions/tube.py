@@ -70,17 +70,12 @@ class Tube(Region):
         ]
         freeze(self, samples=Q, radius=wide, density=density)
 
-    @property
+    @cached_property
     def center(self) -> Array:
         """Sample nearest to the centre of the smallest box around the tube: (n,)."""
         box = self.bounds
         distance = np.linalg.norm((self.samples - box.center) / box.half_width, axis=1)
         return self.samples[int(np.argmin(distance))]
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.samples.shape[1]
 
     @property
     def bounds(self) -> Box:

@@ -3,7 +3,7 @@ alternative to a box in joint space."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,6 +49,11 @@ class WorkspaceBox(Region):
     density : function, optional
         Q (K, n) → (K,) factors ≥ 0 of the weights ``√det(J Jᵀ)``; by default 1.
 
+    Attributes
+    ----------
+    center : (n,) array
+        Configuration with the frame in the workspace box, near the center of ``within``.
+
     Raises
     ------
     InputError
@@ -68,6 +73,7 @@ class WorkspaceBox(Region):
     half_width: Array
     within: Box
     density: Density | None = None
+    center: Array = field(init=False)
 
     def __init__(
         self,
@@ -104,13 +110,8 @@ class WorkspaceBox(Region):
             within=within,
             density=density,
         )
-        reached = self._draw(16, 0)
-        freeze(self, _center=reached[int(np.argmin(within.ratio(reached)))])
-
-    @property
-    def center(self) -> Array:
-        """Configuration (n,) with the frame in the workspace box, near the center of ``within``."""
-        return self._center  # type: ignore[attr-defined]
+        reached = self.random(16, 0)
+        freeze(self, center=reached[int(np.argmin(within.ratio(reached)))])
 
     @property
     def bounds(self) -> Box:
@@ -118,8 +119,31 @@ class WorkspaceBox(Region):
         return self.within
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points of ``within`` whose frame lies in the box: (count, n)."""
-        return self._draw(count, seed)
+        """Draw scrambled Sobol points of ``within`` whose frame lies in the box: (count, n).
+
+        Raises
+        ------
+        InputError
+            If too few of the points lie in the workspace box.
+        """
+        count, seed = (
+            as_int(count, "the number of nodes", 1, MOST_NODES),
+            as_int(seed, "seed"),
+        )
+        found: list[Array] = []
+        size, drawn, part = max(1024, count), 0, 0
+        while sum(map(len, found)) < count:
+            if drawn >= max(_MOST_DRAWS, 64 * count):
+                reached = sum(map(len, found))
+                raise InputError(
+                    f"of {drawn} configurations of within= only {reached} bring "
+                    f"{self.task.frame!r} into the workspace box; make the workspace box larger, "
+                    "or within= smaller"
+                )
+            Q = self.within.random(size, seed * 1009 + part)
+            found.append(Q[self.contains(Q)])
+            drawn, part = drawn + len(Q), part + 1
+        return np.concatenate(found)[:count]
 
     def weights(self, Q: ArrayLike) -> Array:
         """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
@@ -152,33 +176,6 @@ class WorkspaceBox(Region):
             within=self.within.shrunk(factor),
             density=self.density,
         )
-
-    def _draw(self, count: int, seed: int) -> Array:
-        """Draw points of ``within``; return the first ``count`` in the workspace box: (count, n).
-
-        Raises
-        ------
-        InputError
-            If too few of the points lie in the workspace box.
-        """
-        count, seed = (
-            as_int(count, "the number of nodes", 1, MOST_NODES),
-            as_int(seed, "seed"),
-        )
-        found: list[Array] = []
-        size, drawn, part = max(1024, count), 0, 0
-        while sum(map(len, found)) < count:
-            if drawn >= max(_MOST_DRAWS, 64 * count):
-                reached = sum(map(len, found))
-                raise InputError(
-                    f"of {drawn} configurations of within= only {reached} bring "
-                    f"{self.task.frame!r} into the workspace box; make the workspace box larger, "
-                    "or within= smaller"
-                )
-            Q = self.within.random(size, seed * 1009 + part)
-            found.append(Q[self.contains(Q)])
-            drawn, part = drawn + len(Q), part + 1
-        return np.concatenate(found)[:count]
 
     def __repr__(self) -> str:
         return f"<WorkspaceBox: {self}>"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -10,21 +10,14 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, percentage, vector
 from ..errors import InputError, SingularityError
-from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..robot.chain_formulas import Placement, as_placement, axis_turn
 from ..solvers import newton
-from .strategy import OnLeaves
 
-
-class WithPotentials(OnLeaves, Protocol):
-    """A strategy on leaves that gives access to its potentials h, to evaluate h and V."""
-
-    @property
-    def potentials(self) -> Potentials:
-        """The potentials h."""
+if TYPE_CHECKING:
+    from .repeatable import RepeatableInverse
 
 
 _STEP = 0.3
@@ -39,7 +32,7 @@ _NEAR, _EXACT = 1e-6, 1e-12
 
 
 def solve(
-    inverse: WithPotentials,
+    inverse: RepeatableInverse,
     target: Placement,
     q0: ArrayLike,
     leaf: ArrayLike | None = None,
@@ -110,7 +103,7 @@ def solve(
 
 
 def _newton(
-    inverse: WithPotentials, q: Array, target: pin.SE3, c: Array, tolerance: float
+    inverse: RepeatableInverse, q: Array, target: pin.SE3, c: Array, tolerance: float
 ) -> Array | None:
     """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance.
 
@@ -133,7 +126,7 @@ def _newton(
         return None
 
 
-def _side(inverse: WithPotentials, q: Array) -> int:
+def _side(inverse: RepeatableInverse, q: Array) -> int:
     """Return the sign of det J_V at q: −1, 0 or 1."""
     J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
@@ -158,7 +151,7 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
 
 
 def _unreached(
-    inverse: WithPotentials, target: pin.SE3, q: Array, done: float
+    inverse: RepeatableInverse, target: pin.SE3, q: Array, done: float
 ) -> InputError:
     """Create the error for a target that cannot be reached on the leaf: the path ends at q."""
     task = inverse.task

@@ -305,7 +305,9 @@ class PostureControl:
     def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
         self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
-        self._quick = PerThread(partial(least_speed, self.task, self._attraction))
+        self._quick = PerThread(
+            partial(least_speed, self.task, lambda q: self.gain * (self.posture - q))
+        )
 
     def __repr__(self) -> str:
         return described(self, self.task, f"gain {self.gain:g} 1/s")
@@ -313,9 +315,6 @@ class PostureControl:
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Compute q̇ (n,) for a task velocity ẋ (m,)."""
         return self._quick.own(q, xdot)
-
-    def _attraction(self, q: Array) -> Array:
-        return self.gain * (self.posture - q)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.task, self.posture, self.gain)
