@@ -318,7 +318,11 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 def freeze(made: object, /, **values: Any) -> None:
     """Set attributes of a frozen dataclass while it is created; arrays become read-only views."""
     for name, value in values.items():
-        object.__setattr__(made, name, _read_only(value))
+        kept = value
+        if isinstance(value, np.ndarray) and value.flags.writeable:
+            kept = value.view()
+            kept.setflags(write=False)
+        object.__setattr__(made, name, kept)
 
 
 def read_only(cls: type[T]) -> type[T]:
@@ -339,15 +343,6 @@ def read_only(cls: type[T]) -> type[T]:
     cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
     cls.__setstate__ = __setstate__  # type: ignore[attr-defined]
     return cls
-
-
-def _read_only(value: Any) -> Any:
-    """Make a read-only view of an array; return any other value as it is."""
-    if not isinstance(value, np.ndarray) or not value.flags.writeable:
-        return value
-    view = value.view()
-    view.setflags(write=False)
-    return view
 
 
 def row(q: Array) -> str:

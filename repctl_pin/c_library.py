@@ -100,7 +100,11 @@ def shared_library(code: str, flags: Sequence[str] = FLAGS) -> Path:
     refused = ""
     for folder in (_cache_folder, _own_folder):
         try:
-            return _kept(keyed, command, folder(), key)
+            library = folder() / f"{key}.so"
+            checksum = library.with_suffix(".sha256")
+            if not _intact(library, checksum):
+                _compile(keyed, command, library, checksum, key)
+            return library
         except OSError as error:  # disk full, read-only, not executable, or not a file
             refused = _clean(error)
     raise NoCompilerError(f"no folder can store and load a compiled library: {refused}")
@@ -207,17 +211,6 @@ def _vector_units() -> str:
         words = ("model name", "flags", "Features", "CPU part")
         said += "".join(sorted({line for line in lines if line.startswith(words)}))
     return said
-
-
-def _kept(code: str, command: list[str], folder: Path, key: str) -> Path:
-    """Return the library with a key in a cache folder, after compiling it if necessary.
-
-    Raises OSError if the folder cannot be used.
-    """
-    library, checksum = folder / f"{key}.so", folder / f"{key}.sha256"
-    if not _intact(library, checksum):
-        _compile(code, command, library, checksum, key)
-    return library
 
 
 def _intact(library: Path, checksum: Path) -> bool:

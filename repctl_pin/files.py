@@ -71,20 +71,13 @@ def written_together(folder: Path) -> Iterator[Path]:
     try:
         yield staged
         moves = [
-            (file, _target_in(folder, file.name)) for file in sorted(staged.iterdir())
+            (file, _target(folder / file.name)) for file in sorted(staged.iterdir())
         ]
         with _one_at_a_time(folder):
             for file, target in moves:
                 _move(file, target)
     finally:
         shutil.rmtree(staged, ignore_errors=True)
-
-
-def _target_in(folder: Path, name: str) -> Path:
-    try:
-        return _target(folder / name)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot write {folder / name}: {error}") from None
 
 
 def _move(file: Path, target: Path) -> None:
@@ -144,8 +137,8 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
         then unchanged.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
+    target = _target(path)
     try:
-        target = _target(path)
         old = target.stat() if target.exists() else None
         if old is None or stat.S_ISREG(old.st_mode):
             _replace(target, data, old)
@@ -205,14 +198,24 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 
 
 def _target(path: str | Path) -> Path:
-    """Resolve the file to write: the target of a symbolic link, else the path itself."""
-    if not str(path):
-        raise ValueError("the file name is empty")
+    """Resolve the file to write: the target of a symbolic link, else the path itself.
+
+    Raises
+    ------
+    InputError
+        If the path is empty, a folder, or below a folder that cannot be read.
+    """
     target = Path(path)
-    if target.is_symlink():
-        target = Path(os.path.realpath(target))
-    if target.is_dir():
-        raise ValueError("the path is a folder; give a file name")
+    try:
+        if target.is_symlink():
+            target = Path(os.path.realpath(target))
+        folder = target.is_dir()
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from None
+    if not str(path):
+        raise InputError(f"cannot write {path}: the file name is empty")
+    if folder:
+        raise InputError(f"cannot write {path}: the path is a folder; give a file name")
     return target
 
 

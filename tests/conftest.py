@@ -100,12 +100,11 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
         ("design.singularity_search", "_STARTS", 4),
         ("design.singularity_search", "_CORNERS", 32),
         ("motion.fitting_circle", "follow", briefly),
+        ("motion.solve_ik", "_POINTS", 12),
         ("problem.choose_start", "follow", briefly),
         ("problem.around_motion", "FitOptions", few),
     ):
         monkeypatch.setattr(import_module(package + module), name, value)
-    reach = import_module(package + "motion.solve_ik").check_reach
-    monkeypatch.setitem(reach.__kwdefaults__, "points", 12)
 
 
 @pytest.fixture(scope="session")

@@ -112,7 +112,7 @@ def run(options: Options) -> int:
     from ..motion.write_motion import commanded, yaml_text
     from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
-    from ..strategies import OnLeaves
+    from ..strategies import RepeatableInverse
 
     _check_control(options)
     case = _saved(options) if options.saved else _made(options, say)
@@ -136,7 +136,7 @@ def run(options: Options) -> int:
         )
         q0 = found.q0
     say("following the path")
-    lock = isinstance(strategy, OnLeaves)
+    lock = isinstance(strategy, RepeatableInverse)
     motion = rp.follow(
         strategy,
         path,

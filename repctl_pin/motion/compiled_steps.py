@@ -15,7 +15,6 @@ from ..c_library import c_struct, filled_struct, kernel
 from ..potentials.polynomial import PolynomialMap
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot.joint_chain import joint_chain
-from ..robot.task import Task
 from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strategy
 from ..strategies.pseudoinverse import WELL_CONDITIONED
 
@@ -121,16 +120,10 @@ def _parts_of(strategy: Strategy) -> tuple[dict[str, float], dict[str, Array]] |
     if isinstance(strategy, PostureControl) and kind is PostureControl:
         return speed | {"gain": strategy.gain}, {"posture": strategy.posture}
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:
-        return _on_leaf(strategy.task, strategy.potentials)
+        task, h = strategy.task, strategy.potentials
+        tensor = h.homogeneous if isinstance(h, PolynomialMap) else None
+        if tensor is not None:
+            scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
+            scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
+            return scalars, {"tensor": tensor.tensor, "center": tensor.center}
     return None
-
-
-def _on_leaf(
-    task: Task, potentials: object
-) -> tuple[dict[str, float], dict[str, Array]] | None:
-    tensor = potentials.homogeneous if isinstance(potentials, PolynomialMap) else None
-    if tensor is None:
-        return None
-    scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
-    scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
-    return scalars, {"tensor": tensor.tensor, "center": tensor.center}

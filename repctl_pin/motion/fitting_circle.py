@@ -104,9 +104,9 @@ def circle_at(
         normal=cast(Normal, plane),
         start_angle=float(np.deg2rad(degrees)),
     )
-    return replace(
-        path, spec=f"circle:{_digits(radius)}:{_digits(degrees)}", plane=plane
-    )
+    # as few digits as reproduce the same floats
+    numbers = (np.format_float_positional(x, trim="-") for x in (radius, degrees))
+    return replace(path, spec=":".join(["circle", *numbers]), plane=plane)
 
 
 def dexterity_at(task: Task, q: Array) -> float:
@@ -121,9 +121,3 @@ def planes_of(task: Task) -> tuple[str, ...]:
     if task.kind in ("xy", "xz", "yz"):
         return (task.kind,)
     return ("xy", "yz", "xz")
-
-
-def _digits(value: float) -> str:
-    """Write a number with as few digits as reproduce the same float."""
-    text = f"{value:.15g}"
-    return text if float(text) == value else repr(float(value))

@@ -18,7 +18,7 @@ from ..errors import InputError, SingularityError
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
 from ..robot.length import joint_scale
 from ..robot.task import Task, require_task
-from ..strategies import FunctionStrategy, OnLeaves, Strategy
+from ..strategies import FunctionStrategy, RepeatableInverse, Strategy
 from ..strategies.control_step import speeds
 from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock
@@ -163,7 +163,7 @@ def follow(
                 "feedback= and a leaf lock are mutually exclusive: "
                 "the leaf lock corrects the task error itself"
             )
-        if not isinstance(strategy, OnLeaves):
+        if not isinstance(strategy, RepeatableInverse):
             raise InputError(
                 "a leaf lock requires a repeatable strategy, such as design.inverse"
             )
@@ -347,7 +347,7 @@ def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
 
 
 def _locked(
-    strategy: OnLeaves,
+    strategy: RepeatableInverse,
     path: TaskPath,
     grid: Array,
     q: Array,

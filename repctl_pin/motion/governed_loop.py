@@ -15,7 +15,7 @@ from ..strategies.repeatable import RepeatableInverse
 from .governor import Governor
 from .limits import Limits, presumed_acceleration
 from .loop import STEP, Loop
-from .status import Status
+from .status import BLOCKED
 
 _RUN_UP = 0.4
 """Time before the start of the path at which the simulation begins, s; within it, the governor
@@ -23,8 +23,6 @@ reaches the speed of the path."""
 
 _ASSUMED_SPEED = 2.0
 """Assumed speed limit, rad/s or m/s, of a joint that has none."""
-
-_STOPPED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 
 
 class GovernedLoop(Loop):
@@ -93,7 +91,7 @@ class GovernedLoop(Loop):
             for new, old in zip(found, self.q[:-1], strict=True)
         ]
         self.q, self.offset, self._at = [*kept, q], offset, ahead
-        self._stopped = status in _STOPPED or any(new is None for new in found)
+        self._stopped = status in BLOCKED or any(new is None for new in found)
         return True
 
     def _step(self, wish: Array) -> None:

@@ -22,9 +22,10 @@ from .governor_law import (
     next_rate,
     task_rate,
 )
-from .governor_plans import STRIDE, Planner
+from .governor_plans import MOST, STRIDE, Planner
 from .leaf_direction import leaf_direction
 from .limits import LIMITS_MOVED, Limits, joint_limits
+from .status import BLOCKED
 from .status import Status as Status
 from .target_joints import TargetJoints
 
@@ -51,8 +52,6 @@ speed limits below which all joint speeds count as no progress."""
 
 _HUGE = 1e6
 """Magnitude from which positions and speeds of an input are refused, m, m/s or rad/s."""
-
-_BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 
 _Input = tuple[pin.SE3 | None, Array | None]
 
@@ -242,7 +241,7 @@ class Governor:
         goal, rates = taken_input(target, twist)
         usable = self._usable(goal, rates)
         if usable and self._wait <= 0:
-            planner.solver.refill()
+            planner.solver.left = MOST
             self._status = self._replan(goal, rates)
             self._wait, self._heard = self._stride, (goal, rates)
         self._wait -= 1
@@ -320,7 +319,7 @@ class Governor:
         speed = approach_speed(1.0, a, 2 * self._bounds.stride)
         status = self._drive(now, way, speed, lands=True)
         slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
-        self._stuck = self._stuck + 1 if slow and status in _BLOCKED else 0
+        self._stuck = self._stuck + 1 if slow and status in BLOCKED else 0
         return status
 
     def _is_there(self, q: Array) -> bool:

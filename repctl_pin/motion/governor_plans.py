@@ -75,7 +75,7 @@ class Planner:
 
     def __init__(self, inverse: RepeatableInverse, bounds: CommandLimits) -> None:
         self._inverse, self._task, self._bounds = inverse, inverse.task, bounds
-        self.solver = LeafInterpolation(inverse, MOST)
+        self.solver = LeafInterpolation(inverse)
 
     def start(self, q: Array) -> None:
         """Begin at rest at q (n,); the plans stay on its leaf."""

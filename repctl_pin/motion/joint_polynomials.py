@@ -169,20 +169,19 @@ class LeafInterpolation:
     ----------
     inverse
         The repeatable inverse, whose region the nodes must not leave.
-    most
-        Maximum number of evaluations of the inverse in a tick.
 
     Attributes
     ----------
     left : int
-        Number of evaluations that are left in this tick; negative if there were too few.
+        Number of evaluations of the inverse that are left in this tick, which its owner sets when
+        the tick begins; negative if there were too few.
     outside : bool
         True if the last failure was a node outside the region.
     """
 
-    def __init__(self, inverse: RepeatableInverse, most: int) -> None:
-        self._inverse, self._most = inverse, most
-        self.left, self.outside = most, False
+    def __init__(self, inverse: RepeatableInverse) -> None:
+        self._inverse = inverse
+        self.left, self.outside = 0, False
         self.leaf = np.zeros(inverse.task.r)
 
     def failure(self) -> Status:
@@ -190,10 +189,6 @@ class LeafInterpolation:
         if self.left < 0:
             return Status.SLOWED
         return Status.OUTSIDE if self.outside else Status.SINGULAR
-
-    def refill(self) -> None:
-        """Begin a tick: reset the number of evaluations that are left."""
-        self.left = self._most
 
     def add(self, plan: Plan, motion: FrameMotion, degree: int, count: int = 1) -> int:
         """Append a motion of the frame to a plan, in ``count`` or more polynomials.

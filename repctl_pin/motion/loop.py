@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..errors import SingularityError
 from ..paths.task_path import TaskPath
-from ..strategies import OnLeaves, Strategy
+from ..strategies import RepeatableInverse, Strategy
 
 STEP = 0.004
 """Time step, s."""
@@ -72,7 +72,7 @@ class Loop:
         self._targets = [path.placement(k / self.steps) for k in range(self.steps)]
         start = self.task.check(q0, "the start")
         self._leaves = [
-            control.leaf(start) if isinstance(control, OnLeaves) else None
+            control.leaf(start) if isinstance(control, RepeatableInverse) else None
             for control in strategies
         ]
         self._begin(start)
@@ -171,7 +171,7 @@ class Loop:
         """Compute the next configuration of controller k; None if the controller fails."""
         control, q, leaf = self.strategies[k], self.q[k], self._leaves[k]
         try:
-            if isinstance(control, OnLeaves):
+            if isinstance(control, RepeatableInverse):
                 new = control.step(
                     control.step(q, target, self.dt, leaf=leaf),
                     target,

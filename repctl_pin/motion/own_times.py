@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..arguments import Array, read_only
 from ..errors import InputError
 from .profile import JointLimits, Segment, most_used
-
-if TYPE_CHECKING:
-    pass
 
 _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""

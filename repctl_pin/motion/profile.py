@@ -104,7 +104,7 @@ class Segment:
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
 
-        They are checked at the stages and halfway between them.
+        They are checked at the stages and halfway between them, that of jerk not at all.
         """
         u = (self.speed[1:] ** 2 - self.speed[:-1] ** 2) / (2 * np.diff(self.s))
         factor = 1.0
@@ -114,17 +114,9 @@ class Segment:
                 1:
             ] ** 2  # linear in s
             slope, bend = self.curve(s, 1), self.curve(s, 2)
-            qdot, qddot = (
-                slope * np.sqrt(x)[:, None],
-                bend * x[:, None] + slope * u[:, None],
-            )
-            factor = max(factor, float((np.abs(qdot) / limits.velocity).max()))
-            factor = max(
-                factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max()))
-            )
-            factor = max(factor, _torque_used(limits, self.curve(s), qdot, qddot))
-            if limits.tool is not None:
-                factor = max(factor, float(limits.tool(self.curve(s), qdot).max()))
+            qdot = slope * np.sqrt(x)[:, None]
+            qddot = bend * x[:, None] + slope * u[:, None]
+            factor = max(factor, most_used(limits, self.curve(s), qdot, qddot))
         return factor
 
 
@@ -141,27 +133,22 @@ def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def most_used(
-    limits: JointLimits, Q: Array, qdot: Array, qddot: Array, qdddot: Array
+    limits: JointLimits,
+    Q: Array,
+    qdot: Array,
+    qddot: Array,
+    qdddot: Array | None = None,
 ) -> float:
     """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
 
-    The motion is given by (T, n) arrays.
+    The motion is given by (T, n) arrays; without q⃛, the limit of jerk is not checked.
     """
     factor = max(1.0, float((np.abs(qdot) / limits.velocity).max()))
     factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
-    if limits.jerk is not None:
+    if limits.jerk is not None and qdddot is not None:
         factor = max(factor, float(np.cbrt((np.abs(qdddot) / limits.jerk).max())))
     if limits.tool is not None:
         factor = max(factor, float(limits.tool(Q, qdot).max()))
-    return max(factor, _torque_used(limits, Q, qdot, qddot))
-
-
-def _torque_used(limits: JointLimits, Q: Array, qdot: Array, qddot: Array) -> float:
-    """Compute the factor by which time must be stretched to keep a motion's torque limits.
-
-    The motion is given by (T, n) arrays; without torque limits the factor is 1.
-    """
-    factor = 1.0
     if limits.torque is None or limits.dynamics is None:
         return factor
     for q, v, a in zip(Q, qdot, qddot, strict=True):

@@ -21,6 +21,9 @@ _THERE = 1e-9
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
 
+_POINTS = 48
+"""Number of points of a path that are tested beside its corners."""
+
 _FAR = 10
 """Distance of points, in arm lengths, above which they are presumed to be in mm instead of m."""
 
@@ -125,10 +128,10 @@ def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
         raise _with_corner(error, task, q, q, path, 0.0) from None
 
 
-def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) -> None:
+def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
     """Raise InputError for a path that the frame cannot reach, without regard to joint limits.
 
-    The corners and ``points`` more points are tested.
+    The corners and 48 more points are tested.
 
     Raises
     ------
@@ -137,7 +140,7 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath, *, points: int = 48) 
         it.
     """
     q = start = np.asarray(q0, float)
-    for s in np.union1d(np.linspace(0, 1, points), path.breaks):
+    for s in np.union1d(np.linspace(0, 1, _POINTS), path.breaks):
         try:
             q = solve_ik(
                 task, q, path.placement(float(s)), tolerance=_THERE, limits=False

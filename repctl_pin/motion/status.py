@@ -39,3 +39,7 @@ class Status(IntEnum):
     OUTSIDE = 3
     SLOWED = 4
     LIMIT = 5
+
+
+BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
+"""Outcomes of a tick in which something ahead stops the arm."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
@@ -222,17 +221,6 @@ def timed(
         profile, motion.task.robot_joints, motion.cycles - cycles, rate, kept, stops
     )
     return replace(timed, motion=motion)
-
-
-def rest_to_rest(
-    Q: Array, joints: Sequence[str], rate: float, limits: JointLimits
-) -> TimedMotion:
-    """Time one smooth joint path (T, n) from rest to rest."""
-    segment = (
-        fastest(Q, limits) if limits.jerk is None else fastest_with_jerk(Q, limits)
-    )
-    profile = Profile([segment], [0.0], [0, len(Q) - 1], [0, len(Q) - 1], limits)
-    return _sampled(profile, tuple(joints), 0, rate, limits, 0)
 
 
 def _profile(
@@ -499,6 +487,10 @@ def approach(
                 "bodies=False if this contact is not real"
             )
     line = begin + share * (end - begin)
-    return rest_to_rest(
-        line, task.robot_joints, positive(rate, "rate", "samples per second"), kept
+    rate = positive(rate, "rate", "samples per second")
+    segment = (
+        fastest(line, kept) if kept.jerk is None else fastest_with_jerk(line, kept)
     )
+    ends_of_line = [0, len(line) - 1]
+    profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
+    return _sampled(profile, task.robot_joints, 0, rate, kept, 0)

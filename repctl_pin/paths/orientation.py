@@ -158,14 +158,6 @@ def smooth_turning(
     return rotation, spin
 
 
-def turning_about(axis: Array, start: Array) -> tuple[Turning, Turning]:
-    """Create R(s) and ω(s) of a full turn about the unit axis n: ``R(s) = exp(2π s [n]×) R(0)``.
-
-    ``start`` is R(0).
-    """
-    return lambda s: pin.exp3(2 * np.pi * s * axis) @ start, lambda s: 2 * np.pi * axis
-
-
 def facing(
     target: Array, point: Turning, slope: Turning, start: Array
 ) -> tuple[Turning, Turning]:

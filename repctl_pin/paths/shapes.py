@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_int, finite, positive, require_type, shown, vector
 from ..errors import InputError
 from ..robot.task import Task, require_task
-from .orientation import facing, turning_about
+from .orientation import facing
 from .task_path import TaskPath
 
 Normal = Literal["x", "y", "z", "-x", "-y", "-z", "xy", "yz", "xz", "-xy", "-yz", "-xz"]
@@ -93,8 +93,14 @@ def circle(
             )
         if rotation == "fixed":
             return TaskPath(name, point, slope, here.rotation)
-        R, spin = turning_about(np.cross(e1, e2), here.rotation)
-        return TaskPath(f"{name}, tangent orientation", point, slope, R, spin=spin)
+        axis = np.cross(e1, e2)
+        return TaskPath(
+            f"{name}, tangent orientation",
+            point,
+            slope,
+            lambda s: pin.exp3(2 * np.pi * s * axis) @ here.rotation,
+            spin=lambda s: 2 * np.pi * axis,
+        )
     target = vector(rotation, 3, "rotation, as a point to face,")
     R, spin = facing(target, point, slope, here.rotation)
     return TaskPath(

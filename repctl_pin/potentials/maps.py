@@ -58,7 +58,8 @@ def common_joints(parts: Sequence[object]) -> int | None:
     InputError
         If their numbers of joints differ.
     """
-    numbers = sorted({getattr(part, "n", None) for part in parts} - {None})
+    known = (getattr(part, "n", None) for part in parts)
+    numbers = sorted({n for n in known if n is not None})
     if len(numbers) > 1:
         raise InputError(
             f"joined potentials must be of the same joints; these are of {numbers[0]} "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,15 +33,6 @@ HIGH_SPEED = 0.05
 """Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
 
 NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
-
-
-class _Solved(NamedTuple):
-    """A problem, its design, and the violation count and extra joint speed of its first cycle."""
-
-    problem: Problem
-    design: Design
-    violated: int
-    extra_speed: float
 
 
 def design_for(
@@ -89,25 +80,25 @@ def design_for(
     if problem.path is None or "region" in problem.given:
         return problem, _in_region(problem, make)
     failure: SingularityError | None = None
-    best: _Solved | None = None
+    best: tuple[tuple[int, float], Problem, Design] | None = None
     for tried in islice(problem.alternatives(), MOST_STARTS):
         if tried._violates and best is not None:
             break
         try:
-            solved = _solved(tried, desired, make, width, seed, say)
+            design = _around_motion(tried, desired, make, width, seed, say)
+            merit = _merit(tried, design)
         except SingularityError as error:
             failure = failure or error
             continue
-        if best is None or _merit(solved) < _merit(best):
-            best = solved
-        if (
-            "start" in tried.given
-            or tried._violates
-            or _merit(solved) <= (0, HIGH_SPEED)
-        ):
+        if best is None or merit < best[0]:
+            best = merit, tried, design
+        if "start" in tried.given or tried._violates or merit == (0, 0.0):
             break
     if best is not None:
-        return _noted(best), best.design
+        (violated, _), chosen, design = best
+        if violated and "start" not in chosen.given:
+            chosen = chosen._with(moved=(*chosen.moved, NO_BETTER))
+        return chosen, design
     assert failure is not None
     if isinstance(failure, SingularRegionError):
         other = f"none of {MOST_STARTS} starts does better; give one"
@@ -181,38 +172,16 @@ def _in_region(problem: Problem, make: Make) -> Design:
         raise
 
 
-def _solved(
-    problem: Problem,
-    desired: Inverse,
-    make: Make,
-    width: float | None,
-    seed: int,
-    say: Say,
-) -> _Solved:
-    """Design around the motion from the problem's start, and evaluate the design's first cycle."""
-    design = _around_motion(problem, desired, make, width, seed, say)
+def _merit(problem: Problem, design: Design) -> tuple[int, float]:
+    """Sort key of designs, the best smallest: violation kinds and extra joint speed in cycle 1.
+
+    Extra speed up to HIGH_SPEED counts as 0.
+    """
     path, q0 = problem.cycle, problem.start
     motion = _own_cycle(design, path, q0, steps=96)
     plain = plain_cycle(design.task, path, q0)
     extra = 0.0 if plain is None else motion.first_rms_speed / plain.first_rms_speed - 1
-    return _Solved(problem, design, violations(motion), extra)
-
-
-def _merit(solved: _Solved) -> tuple[int, float]:
-    """Sort key of designs, the best smallest: number of violation kinds, then extra joint speed.
-
-    Extra speed up to HIGH_SPEED counts as 0.
-    """
-    extra = solved.extra_speed
-    return solved.violated, extra if extra > HIGH_SPEED else 0.0
-
-
-def _noted(solved: _Solved) -> Problem:
-    """Return the problem, with a note if its start is a default start with violations."""
-    problem = solved.problem
-    if solved.violated and "start" not in problem.given:
-        return problem._with(moved=(*problem.moved, NO_BETTER))
-    return problem
+    return violations(motion), extra if extra > HIGH_SPEED else 0.0
 
 
 def _around_motion(

@@ -12,5 +12,4 @@ from .pseudoinverse import WeightedInverse as WeightedInverse
 from .repeatable import Bounded as Bounded
 from .repeatable import RepeatableInverse as RepeatableInverse
 from .strategy import Inverse as Inverse
-from .strategy import OnLeaves as OnLeaves
 from .strategy import Strategy as Strategy

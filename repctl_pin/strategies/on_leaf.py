@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
@@ -10,15 +10,13 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, percentage, vector
 from ..errors import InputError, SingularityError
+from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..robot.chain_formulas import Placement, as_placement, axis_turn
+from ..robot.task import Task
 from ..solvers import newton
-
-if TYPE_CHECKING:
-    from .repeatable import RepeatableInverse
-
 
 _STEP = 0.3
 """Longest first Newton step of any joint, rad or m."""
@@ -32,7 +30,9 @@ _NEAR, _EXACT = 1e-6, 1e-12
 
 
 def solve(
-    inverse: RepeatableInverse,
+    task: Task,
+    potentials: Potentials,
+    step: Callable[..., Array],
     target: Placement,
     q0: ArrayLike,
     leaf: ArrayLike | None = None,
@@ -46,8 +46,10 @@ def solve(
 
     Parameters
     ----------
-    inverse
-        The repeatable inverse.
+    task, potentials
+        Task, and potentials h, of a repeatable inverse.
+    step
+        Its :meth:`RepeatableInverse.step`.
     target
         Desired placement x of the frame.
     q0 : (n,) array
@@ -68,12 +70,11 @@ def solve(
     SingularityError
         If q0 is singular.
     """
-    task = inverse.task
     q = vector(q0, task.n, "q0")
     target = as_placement(target, "the target")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
-    c_start = inverse.potentials.value(q)
+    c_start = potentials.value(q)
     c_end = (
         c_start
         if leaf is None
@@ -81,7 +82,7 @@ def solve(
     )
     start = task.placement(q)
     turn = _turn(task.kind, start, target)
-    side = _side(inverse, q)
+    side = _side(task, potentials, q)
     if side == 0:
         raise SingularityError(
             "the start is singular: J_V loses rank; begin at another configuration"
@@ -92,18 +93,18 @@ def solve(
         ahead = min(1.0, done + part)
         here = target if ahead == 1.0 else _between(start, target, turn, ahead)
         c = c_start + ahead * (c_end - c_start)
-        found = _newton(inverse, q, here, c, _EXACT if ahead == 1.0 else _NEAR)
-        if found is not None and _side(inverse, found) == side:
+        found = _newton(step, q, here, c, _EXACT if ahead == 1.0 else _NEAR)
+        if found is not None and _side(task, potentials, found) == side:
             q, done, part = found, ahead, 2 * part
             continue
         part /= 2
         if part < _SHORTEST:
-            raise _unreached(inverse, target, q, done)
+            raise _unreached(task, potentials, target, q, done)
     return q
 
 
 def _newton(
-    inverse: RepeatableInverse, q: Array, target: pin.SE3, c: Array, tolerance: float
+    step: Callable[..., Array], q: Array, target: pin.SE3, c: Array, tolerance: float
 ) -> Array | None:
     """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance.
 
@@ -111,7 +112,7 @@ def _newton(
     """
 
     def correction(q: Array) -> Array:
-        return inverse.step(q, target, 1.0, leaf=c) - q
+        return step(q, target, 1.0, leaf=c) - q
 
     try:
         return newton(
@@ -126,9 +127,9 @@ def _newton(
         return None
 
 
-def _side(inverse: RepeatableInverse, q: Array) -> int:
+def _side(task: Task, potentials: Potentials, q: Array) -> int:
     """Return the sign of det J_V at q: −1, 0 or 1."""
-    J_V = np.vstack([inverse.task.jacobian(q), inverse.potentials.gradient(q).T])
+    J_V = np.vstack([task.jacobian(q), potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
 
 
@@ -151,16 +152,15 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
 
 
 def _unreached(
-    inverse: RepeatableInverse, target: pin.SE3, q: Array, done: float
+    task: Task, potentials: Potentials, target: pin.SE3, q: Array, done: float
 ) -> InputError:
     """Create the error for a target that cannot be reached on the leaf: the path ends at q."""
-    task = inverse.task
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)
     if inverse_condition_number(J) < 0.02:
         why = "the arm is stretched or folded at a singularity there"
     else:
-        clear = float(leaf_margin(nullspace(J), inverse.potentials.gradient(q)))
+        clear = float(leaf_margin(nullspace(J), potentials.gradient(q)))
         why = f"the leaf margin of the control is {clear:.2g} there"
     return InputError(
         f"{task.frame!r} cannot reach {where} m on this leaf: "

@@ -321,7 +321,7 @@ class RepeatableInverse:
         InputError
             If no configuration of the leaf reaches the target, or an argument cannot be used.
         """
-        return solve(self, target, q0, leaf)
+        return solve(self.task, self.potentials, self.step, target, q0, leaf)
 
     def solve_all(
         self,
@@ -341,7 +341,7 @@ class RepeatableInverse:
         Q = np.empty((len(targets), self.task.n))
         for k, target in enumerate(targets):
             try:
-                Q[k] = solve(self, target, q0, leaf)
+                Q[k] = self.solve(target, q0, leaf=leaf)
             except InputError as error:
                 raise InputError(f"target {k}: {error}") from None
         return Q

@@ -1,12 +1,9 @@
-"""Protocols of control strategies: velocities, inverses G(q), steps on a leaf."""
+"""Protocols of control strategies, velocities and inverses G(q); the result of a control step."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
-
-import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ..arguments import Array, read_only
 from ..robot.task import Task
@@ -65,39 +62,3 @@ class Inverse(Strategy, Protocol):
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
         """Evaluate G at every row of Q (K, n): (K, n, m); with J (K, m, n) where it is known."""
-
-
-@runtime_checkable
-class OnLeaves(Strategy, Protocol):
-    """A strategy whose motions stay on a leaf h(q) = c, with feedback towards it."""
-
-    def leaf(self, q: ArrayLike) -> Array:
-        """Evaluate c = h(q): (r,)."""
-
-    def step(
-        self,
-        q: Array,
-        target: pin.SE3,
-        dt: float,
-        twist: Array | None = None,
-        *,
-        leaf: Array | None = None,
-        gain: float | None = None,
-        velocity_limit: ArrayLike | None = None,
-        damping: float = 0.0,
-    ) -> Array:
-        """Compute the next q (n,), with feedback of the task error and c − h(q)."""
-
-    def damped_step(
-        self,
-        q: Array,
-        target: pin.SE3,
-        dt: float,
-        twist: Array | None = None,
-        *,
-        leaf: Array | None = None,
-        gain: float | None = None,
-        velocity_limit: ArrayLike | None = None,
-        damping: float = 0.0,
-    ) -> Step:
-        """Compute the next q as :meth:`step` does, and report the step's damping and scale."""

@@ -251,7 +251,11 @@ def _followed(
     if period is None:
         motions = {row.label: row.motion for row in (last, first)}
         options["period"], slower = choose_period(usual, motions)
-        first, last = (_slowed(row, options["period"] / usual) for row in (first, last))
+        factor = options["period"] / usual
+        first, last = (
+            replace(row, motion=row.motion.slowed(factor)) if row.motion else row
+            for row in (first, last)
+        )
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
     near, other = (
@@ -360,11 +364,6 @@ def _run(
         return Row(key, label, follow(strategy, path, q0, **options))
     except SingularityError as error:
         return Row(key, label, None, stopped=str(error))
-
-
-def _slowed(row: Row, factor: float) -> Row:
-    """Multiply the duration of a row's motion by a factor, and return the row."""
-    return row if row.motion is None else replace(row, motion=row.motion.slowed(factor))
 
 
 def _leaf_margin(design: Design, motion: Motion | None) -> float:

@@ -14,6 +14,9 @@ from ..integrability.lie_bracket import measure
 from ..strategies import Inverse
 from .study_result import Study
 
+_POINTS = 41
+"""Number of configurations of a map along each joint."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -40,18 +43,17 @@ class StudyMaps:
     baselines: tuple[Baseline, ...] = ()
 
 
-def study_maps(study: Study, *, points: int = 41) -> StudyMaps:
+def study_maps(study: Study) -> StudyMaps:
     """Evaluate what the report plots over two joints: the design, and the bracket defect of G_d.
 
-    The grid has ``points`` × ``points`` configurations. The costs by degree and of the baselines
-    are added."""
+    The grid has 41 × 41 configurations. The costs by degree and of the baselines are added."""
     design = study.design
-    grid = design_map(design, points=points)
-    Q = np.tile(design.region.center, (points * points, 1))
+    grid = design_map(design, points=_POINTS)
+    Q = np.tile(design.region.center, (_POINTS**2, 1))
     Q[:, grid.joints[0]], Q[:, grid.joints[1]] = (
         a.ravel() for a in np.meshgrid(grid.x, grid.y)
     )
-    defect = _defects(design.desired, Q).reshape(points, points)
+    defect = _defects(design.desired, Q).reshape(_POINTS, _POINTS)
     degrees = degree_curve(design)
     baselines = design.evaluate_baselines() if len(degrees) > 1 else ()
     return StudyMaps(grid, defect, degrees, baselines)
