@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class PerThread(threading.local, Generic[T]):
-    """Value that is created once per thread.
+    """Value that is created once per thread, and again in a copy or another process.
 
     Parameters
     ----------
@@ -24,4 +24,7 @@ class PerThread(threading.local, Generic[T]):
     """
 
     def __init__(self, make: Callable[[], T]) -> None:
-        self.own = make()
+        self._make, self.own = make, make()
+
+    def __reduce__(self) -> tuple[type[PerThread[T]], tuple[Callable[[], T]]]:
+        return PerThread, (self._make,)

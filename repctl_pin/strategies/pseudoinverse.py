@@ -82,9 +82,6 @@ class Pseudoinverse:
         """
         return self._quick.own(q, xdot)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.task,)
-
 
 class WeightedInverse:
     """Minimum weighted joint speed: ``q̇ = J⁺_M ẋ`` minimises ``q̇ᵀ M q̇``.
@@ -160,7 +157,7 @@ class WeightedInverse:
 
 
 def least_speed(
-    task: Task, attraction: Callable[[Array], Array] | None = None
+    task: Task, posture: Array | None = None, gain: float = 0.0
 ) -> Callable[..., Array]:
     """Create the fast function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
 
@@ -170,8 +167,9 @@ def least_speed(
     ----------
     task
         Task to control.
-    attraction : function q (n,) → z (n,), optional
-        Desired joint velocity z; 0 by default, so that ``q̇ = J⁺ ẋ``.
+    posture, gain
+        Posture q_p (n,) and gain K, 1/s, of ``z = K (q_p − q)``; without a posture, z is 0, and
+        ``q̇ = J⁺ ẋ``.
     """
     m, n = task.m, task.n
     J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
@@ -182,7 +180,7 @@ def least_speed(
     def velocity(q: Array, xdot: Array) -> Array:
         jacobian(q)
         rhs[:] = xdot
-        z = None if attraction is None else attraction(q)
+        z = None if posture is None else gain * (posture - q)
         if z is not None:
             rhs[:] -= multiply(z)
         multiply(J_T, gram)
@@ -306,7 +304,7 @@ class PostureControl:
         self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
         self._quick = PerThread(
-            partial(least_speed, self.task, lambda q: self.gain * (self.posture - q))
+            partial(least_speed, self.task, self.posture, self.gain)
         )
 
     def __repr__(self) -> str:
@@ -315,6 +313,3 @@ class PostureControl:
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Compute q̇ (n,) for a task velocity ẋ (m,)."""
         return self._quick.own(q, xdot)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.task, self.posture, self.gain)

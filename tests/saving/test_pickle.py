@@ -36,6 +36,22 @@ def test_a_path_pickles_to_the_same_curve(rotation: str) -> None:
     assert copy.deepcopy(path) is path
 
 
+def test_controllers_pickle_and_command_the_same(task: rp.Task) -> None:
+    for one in (rp.Pseudoinverse(task), rp.PostureControl(task, Q0 + 0.1, 2.0)):
+        qdot = one.velocity(Q0, [0.1, 0.05])
+        for other in (pickle.loads(pickle.dumps(one)), copy.copy(one)):
+            assert np.array_equal(other.velocity(Q0, [0.1, 0.05]), qdot)
+    panda = rp.Robot.load("panda").task("panda_hand_tcp")
+    q, h = np.array(panda.reference), rp.Polynomial(panda.reference, 1)
+    inverse = rp.RepeatableInverse(panda, h.weighted(np.eye(7)[:, :1]))
+    spring = rp.LeafImpedance(inverse)
+    again = pickle.loads(pickle.dumps(spring))
+    moved = q, np.full(7, 0.1), panda.placement(q + 0.05)
+    torque = spring.torque(*moved, leaf=inverse.leaf(q))
+    assert np.abs(torque).max() > 1.0
+    assert np.array_equal(again.torque(*moved, leaf=inverse.leaf(q)), torque)
+
+
 def test_motions_pickle_with_their_figures(task: rp.Task) -> None:
     corners = rp.polygon(task, Q0, [[0.1, 0, 0], [0.1, 0.1, 0]])
     motion = rp.follow(rp.Pseudoinverse(task), corners, Q0, cycles=2, steps=24)
