@@ -22,7 +22,7 @@ from ..strategies import FunctionStrategy, RepeatableInverse, Strategy
 from ..strategies.control_step import speeds
 from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock
-from .motion import Motion
+from .motion import Motion, motion_along
 
 # Butcher tableaux: nodes c and weights b. Each stage uses the slope of the one before, times c.
 INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
@@ -170,8 +170,8 @@ def follow(
         method = _locked(strategy, path, grid, q, period, integrator)
     else:
         method = _integrated(strategy, path, steps, q, period, integrator, feedback)
-    *targets, end = _kept(_placements, path)(path, steps)
-    points = np.array([target.translation for target in targets])
+    targets = _kept(_placements, path)(path, steps)
+    points = np.array([target.translation for target in targets[:-1]])
     Q, Qdot, used = _run(method, task, path.name, points, q, cycles)
 
     t = (
@@ -180,21 +180,7 @@ def follow(
         )
         * period
     )
-    errors = task.errors(Q, targets * cycles + [end])
-    linear = min(3, task.m)
-    return Motion(
-        task=task,
-        path=path,
-        t=t,
-        q=Q,
-        qdot=Qdot,
-        cycles=cycles,
-        steps=len(targets),
-        drift=np.linalg.norm(Q[len(targets) :: len(targets)] - Q[0], axis=1),
-        tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
-        turning_error=np.linalg.norm(errors[:, linear:], axis=1),
-        damping=used,
-    )
+    return motion_along(path, task, t, Q, Qdot, targets, damping=used)
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:

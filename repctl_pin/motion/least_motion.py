@@ -12,7 +12,7 @@ from ..paths.task_path import TaskPath, closed_path
 from ..robot.task import Task, require_task
 from .closed_motion_cost import LONGEST, ClosedMotionCost, on_path, within_limits
 from .follow import path_grid
-from .motion import Motion
+from .motion import Motion, motion_along
 from .solve_ik import solve_ik
 
 _STAGES = 100
@@ -99,7 +99,10 @@ def least_closed_motion(
             cost, require_type(guess, Motion, "guess", "a motion"), start, grid
         )
     Q = within_limits(cost, Q)
-    return closed_motion(task, path, Q, grid * period)
+    Q, t = np.vstack([Q, Q[:1]]), grid * period
+    qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]  # means over the steps
+    targets = [*cost.targets, path.placement(1.0)]
+    return motion_along(path, task, t, Q, np.vstack([qdot, qdot[:1]]), targets)
 
 
 def _plain(cost: ClosedMotionCost, start: Array) -> Array:
@@ -147,25 +150,3 @@ def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -
             ": it is too far from the path", argument="guess", remedy="omit it"
         )
     return on_path
-
-
-def closed_motion(task: Task, path: TaskPath, Q: Array, t: Array) -> Motion:
-    """Create the motion of one closed cycle, Q (K, n); its velocities are means over the steps."""
-    Q = np.vstack([Q, Q[:1]])
-    qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]
-    errors = task.errors(
-        Q, [path.placement(float(s)) for s in (t - t[0]) / (t[-1] - t[0])]
-    )
-    linear = min(3, task.m)
-    return Motion(
-        task=task,
-        path=path,
-        t=t,
-        q=Q,
-        qdot=np.vstack([qdot, qdot[:1]]),
-        cycles=1,
-        steps=len(qdot),
-        drift=np.zeros(1),
-        tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
-        turning_error=np.linalg.norm(errors[:, linear:], axis=1),
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive, read_only
 from ..paths.task_path import TaskPath
+from ..robot.chain_formulas import Placement
 from ..robot.length import arm_length
+from ..robot.task import Task
 from ..strategies import Bounded
 from ..strategies.control_step import speeds
 from .joint_motion import CLOSED as CLOSED
@@ -146,3 +149,36 @@ class Motion(JointMotion):
         stretch = np.maximum(np.maximum(at_ends[1:], at_ends[:-1]), between)
         t = self.t[0] + np.concatenate([[0.0], np.cumsum(times * stretch)])
         return replace(self, t=t, qdot=self.qdot / at_ends[:, None])
+
+
+def motion_along(
+    path: TaskPath,
+    task: Task,
+    t: Array,
+    q: Array,
+    qdot: Array,
+    targets: Sequence[Placement],
+    *,
+    damping: float = 0.0,
+) -> Motion:
+    """Create a motion along a path, and evaluate its drift and the errors of the frame.
+
+    ``targets`` are the placements on the path at the points of one cycle, with both ends.
+    """
+    steps = len(targets) - 1
+    cycles = (len(q) - 1) // steps
+    errors = task.errors(q, [*targets[:-1]] * cycles + [targets[-1]])
+    linear = min(3, task.m)
+    return Motion(
+        task=task,
+        path=path,
+        t=t,
+        q=q,
+        qdot=qdot,
+        cycles=cycles,
+        steps=steps,
+        drift=np.linalg.norm(q[steps::steps] - q[0], axis=1),
+        tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
+        turning_error=np.linalg.norm(errors[:, linear:], axis=1),
+        damping=damping,
+    )
