@@ -18,7 +18,7 @@ from ..inverse_function import InverseFunction
 from ..potentials.basis import Potentials
 from ..robot.task import Task
 from ..strategies.control_step import python_loops
-from ..strategies.fast_loop import FastLoop, Law, StepLimits, checked, failure
+from ..strategies.fast_loop import FastLoop, StepLimits, checked, failure
 from ..strategies.repeatable import RepeatableInverse
 from .source import write_source
 from .text import filled
@@ -146,8 +146,13 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> FastLoop:
             raise refused(status, q, target)
         return result.copy()
 
-    law = Law(velocity, step, lambda: (float(report[0]), float(report[1])))
-    return checked(task, law, *_batches(task, released))
+    law = FastLoop(
+        velocity,
+        step,
+        lambda: (float(report[0]), float(report[1])),
+        *_batches(task, released),
+    )
+    return checked(task, law)
 
 
 def run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:

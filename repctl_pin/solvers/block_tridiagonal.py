@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from ..arguments import Array
@@ -39,7 +38,11 @@ def solve_block_tridiagonal(
         If the matrix is not positive definite.
     """
     K, r = rhs.shape
-    place = _cyclic_order(K) if cyclic else np.arange(K)
+    k = place = np.arange(K)  # position of each block
+    if (
+        cyclic
+    ):  # 0, 1, 3, 5, …, 4, 2: odd on the first half of the cycle, even on the second
+        place = np.where(k == 0, 0, np.where(k <= K // 2, 2 * k - 1, 2 * (K - k)))
     band = np.zeros(((3 if cyclic else 2) * r, K * r))
     at = place[:, None] * r + np.arange(r)  # (K, r): row of each unknown
     pairs = [(at, at, diagonal), (at[:-1], at[1:], upper[:-1])]
@@ -52,12 +55,3 @@ def solve_block_tridiagonal(
         band, rhs[np.argsort(place)].ravel(), lower=True, check_finite=False
     )
     return solved.reshape(K, r)[place]
-
-
-def _cyclic_order(K: int) -> NDArray[np.intp]:
-    """Compute the position (K,) of each block in the reordered cyclic system: 0, 1, 3, 5, …, 4, 2.
-
-    Blocks on the first half of the cycle have odd positions, those on the second half even ones.
-    """
-    k = np.arange(K)
-    return np.where(k == 0, 0, np.where(k <= K // 2, 2 * k - 1, 2 * (K - k)))

@@ -23,7 +23,7 @@ from ..redundancy.augmented import is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import fast_kinematics
 from ..robot.task import Task
-from .fast_loop import FastLoop, Law, StepLimits, checked, failure
+from .fast_loop import FastLoop, StepLimits, checked, failure
 from .fast_loop import speeds as speeds
 
 
@@ -35,7 +35,7 @@ def python_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:
     return lambda: checked(task, control_law(task, potentials))
 
 
-def control_law(task: Task, potentials: Potentials) -> Law:
+def control_law(task: Task, potentials: Potentials) -> FastLoop:
     """Create the control law of the repeatable inverse of potentials h, in preallocated memory.
 
     Its step is ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` with ``J_V = [J; Vᵀ]`` (37).
@@ -108,7 +108,7 @@ def control_law(task: Task, potentials: Potentials) -> Law:
         x = solved(q) if bounds is None else solved_within(q, bounds, dt)
         return daxpy(q, x, n)
 
-    return Law(velocity, step, lambda: (used, slowed))
+    return FastLoop(velocity, step, lambda: (used, slowed))
 
 
 def checked_solve(

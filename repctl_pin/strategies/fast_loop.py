@@ -18,7 +18,7 @@ converted, or refused by an error that names the argument.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple
 
@@ -41,9 +41,16 @@ class StepLimits(NamedTuple):
     damping: float
 
 
+def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> StepLimits:
+    """Check the limits of a step, as :meth:`RepeatableInverse.step` takes them."""
+    damping = positive(damping, "damping", zero=True)
+    most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n)
+    return StepLimits(most, damping)
+
+
 @dataclass(frozen=True)
-class Law:
-    """Control law as fast functions, whose arguments are already checked.
+class FastLoop:
+    """Control law of one repeatable inverse as fast functions, for one thread.
 
     Attributes
     ----------
@@ -52,31 +59,13 @@ class Law:
     report : function () → (λ, slowed)
         Damping λ of the last step with bounds, and the factor by which it was scaled down to the
         speed limits.
-    """
-
-    velocity: Callable[[Array, Array], Array]
-    step: Callable[..., Array]
-    report: Callable[[], tuple[float, float]]
-
-
-@dataclass(frozen=True)
-class FastLoop:
-    """Fast functions of one repeatable inverse, for one thread; see :class:`RepeatableInverse`.
-
-    Attributes
-    ----------
-    velocity : function (q, ẋ) → q̇
-    step : function (q, target, dt, twist, leaf, gain) → the next q
-    bounded : function (q, target, dt, twist, leaf, gain, velocity_limit, damping)
-        Returns the next q, the damping λ, and the factor by which the step was scaled down to the
-        speed limits.
     inverses : function Q (K, n) → G (K, n, m), optional
     velocities : function (Q, Ẋ) → q̇ (K, n), optional
     """
 
     velocity: Callable[..., Array]
     step: Callable[..., Array]
-    bounded: Callable[..., tuple[Array, float, float]]
+    report: Callable[[], tuple[float, float]]
     inverses: Callable[[Array], Array] | None = None
     velocities: Callable[[Array, Array], Array] | None = None
 
@@ -99,12 +88,7 @@ def checked_velocity(
     return velocity
 
 
-def checked(
-    task: Task,
-    law: Law,
-    inverses: Callable[[Array], Array] | None = None,
-    velocities: Callable[[Array, Array], Array] | None = None,
-) -> FastLoop:
+def checked(task: Task, law: FastLoop) -> FastLoop:
     """Add the argument checks to a control law."""
     n, r, run, SE3 = task.n, task.r, law.step, pin.SE3
     of_joints, of_twist, of_leaf = (n,), (6,), (r,)
@@ -116,7 +100,7 @@ def checked(
         twist: ArrayLike | None,
         leaf: ArrayLike | None,
         gain: float | None,
-        bounds: StepLimits | None = None,
+        bounds: StepLimits | None,
     ) -> Array:
         if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == of_joints):
             q = vector(q, n, "q")
@@ -138,23 +122,7 @@ def checked(
             twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
         return run(q, target, dt, twist, leaf, gain, bounds)
 
-    def bounded(
-        q: ArrayLike,
-        target: Placement,
-        dt: float,
-        twist: ArrayLike | None,
-        leaf: ArrayLike | None,
-        gain: float | None,
-        velocity_limit: ArrayLike | None,
-        damping: float,
-    ) -> tuple[Array, float, float]:
-        damping = positive(damping, "damping", zero=True)
-        most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n)
-        following = step(q, target, dt, twist, leaf, gain, StepLimits(most, damping))
-        return following, *law.report()
-
-    velocity = checked_velocity(n, task.m, law.velocity)
-    return FastLoop(velocity, step, bounded, inverses, velocities)
+    return replace(law, velocity=checked_velocity(n, task.m, law.velocity), step=step)
 
 
 def as_gain(gain: float, dt: float) -> float:

@@ -27,7 +27,7 @@ from ..robot.chain_formulas import Placement
 from ..robot.task import Task
 from ..threads import PerThread
 from .control_step import python_loops
-from .fast_loop import FastLoop
+from .fast_loop import FastLoop, step_limits
 from .on_leaf import solve
 from .pseudoinverse import at_rows, redundant
 from .strategy import Step, described
@@ -218,14 +218,9 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._check_region(q, outside)
-        loop = self._loop.own
-        if velocity_limit is None and type(damping) is float and not damping:
-            following = loop.step(q, target, dt, twist, leaf, gain)
-        else:
-            bounded = loop.bounded(
-                q, target, dt, twist, leaf, gain, velocity_limit, damping
-            )
-            following = bounded[0]
+        free = velocity_limit is None and type(damping) is float and not damping
+        bounds = None if free else step_limits(velocity_limit, damping, self.task.n)
+        following = self._loop.own.step(q, target, dt, twist, leaf, gain, bounds)
         if outside != "ignore":
             self._check_limits(following, "the next q", outside)
         return following
@@ -261,13 +256,12 @@ class RepeatableInverse:
         """
         if outside != "ignore":
             self._check_region(q, outside)
+        bounds = step_limits(velocity_limit, damping, self.task.n)
         loop = self._loop.own
-        step = Step(
-            *loop.bounded(q, target, dt, twist, leaf, gain, velocity_limit, damping)
-        )
+        following = loop.step(q, target, dt, twist, leaf, gain, bounds)
         if outside != "ignore":
-            self._check_limits(step.q, "the next q", outside)
-        return step
+            self._check_limits(following, "the next q", outside)
+        return Step(following, *loop.report())
 
     def _check_region(self, q: ArrayLike, outside: str) -> None:
         """Warn or raise, as ``outside`` says, if q lies outside Ω."""

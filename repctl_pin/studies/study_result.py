@@ -278,20 +278,11 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _path_loss(motion: Motion) -> dict[str, float] | None:
-    """Collect when the frame leaves its path, and the maximum errors; None if it does not."""
-    loss = motion.path_loss
-    return (
-        None
-        if loss is None
-        else dict(zip(("cycle", "distance", "angle"), loss, strict=True))
-    )
-
-
 def _row_dict(row: Row) -> dict[str, Any]:
     motion = row.motion
     if motion is None:
         return {"label": row.label, "stopped": row.stopped}
+    loss = motion.path_loss
     return {
         "label": row.label,
         "drift_first": float(motion.drift[0]),
@@ -301,7 +292,8 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "turning_error": float(motion.turning_error.max()),
-        "path_loss": _path_loss(motion),
+        "path_loss": loss
+        and dict(zip(("cycle", "distance", "angle"), loss, strict=True)),
         **picked(motion, "first_rms_speed", "rms_speed", "peak_speed"),
         "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
         **limits_dict(motion),
