@@ -71,7 +71,7 @@ class PotentialBasis(ABC):
         return f"<{type(self).__name__}: {self.size} potentials>"
 
 
-class CustomMap:
+class CustomMap(Potentials):
     """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis."""
 
     def __init__(self, basis: PotentialBasis, A: Array) -> None:
@@ -83,10 +83,6 @@ class CustomMap:
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""

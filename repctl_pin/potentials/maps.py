@@ -17,13 +17,17 @@ from ..errors import InputError
 
 @runtime_checkable
 class Potentials(Protocol):
-    """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller."""
+    """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
+
+    A class that inherits from it needs no ``gradient`` of its own.
+    """
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""

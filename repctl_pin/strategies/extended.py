@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, function, vector
+from ..arguments import Array, function, row, vector
 from ..errors import InputError, SingularityError
+from ..potentials.basis import Potentials
 from ..redundancy.inverses import pseudoinverse
 from ..redundancy.nullspace import nullspace
 from ..robot.task import Task, own_task
@@ -81,7 +82,7 @@ class ExtendedJacobian(RepeatableInverse):
         )
 
 
-class ExtendedMap:
+class ExtendedMap(Potentials):
     """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
 
     def __init__(
@@ -99,10 +100,6 @@ class ExtendedMap:
         q = np.asarray(q, float)
         N, _ = self._aligned(self.task.jacobian(q)[None], q[None])
         return N[0].T @ self.potential.gradients(q[None])[0]
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
         r"""Evaluate V at every row of Q (K, n): (K, n, r).
@@ -151,9 +148,9 @@ class ExtendedMap:
             return N * side, alignment * side
         U, s, Vt = np.linalg.svd(alignment)
         if (s[:, -1] < 1e-9).any():
-            at = ", ".join(f"{value:.3f}" for value in Q[int(np.argmin(s[:, -1]))])
+            at = row(Q[int(np.argmin(s[:, -1]))])
             raise SingularityError(
-                f"the null space is perpendicular to the extended Jacobian's reference at ({at})"
+                f"the null space is perpendicular to the extended Jacobian's reference at {at}"
             )
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 
@@ -227,9 +224,8 @@ def _checked(
     except (TypeError, ValueError, IndexError) as error:
         array, why = np.full(shape, np.nan), f": {error}"
     if array.shape != shape or not np.isfinite(array).all():
-        at = ", ".join(f"{x:.3f}" for x in q)
         raise InputError(
             f"the {what} of the potential U must be {shape or 'one'} finite numbers; "
-            f"at q = ({at}) it is not{why}"
+            f"at q = {row(q)} it is not{why}"
         )
     return array
