@@ -13,13 +13,20 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg.blas import ddot
 
-from ..arguments import Array, as_int, function, positive, require_choice, vector
+from ..arguments import (
+    Array,
+    as_int,
+    function,
+    per_joint,
+    positive,
+    require_choice,
+    vector,
+)
 from ..errors import InputError, SingularityError
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
 from ..robot.length import joint_scale
 from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, RepeatableInverse, Strategy
-from ..strategies.control_step import speeds
 from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock
 from .motion import Motion, motion_along
@@ -352,7 +359,8 @@ def _locked(
     )
     most = None
     if lock.velocity_limit is not None:  # shared by the corrections
-        most = speeds(lock.velocity_limit, strategy.task.n) / corrections
+        limit = per_joint(lock.velocity_limit, strategy.task.n, "a speed limit")
+        most = limit / corrections
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
         start, h, used = q, float(times[k]), 0.0

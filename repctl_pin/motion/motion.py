@@ -9,13 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, positive, read_only
+from ..arguments import Array, per_joint, positive, read_only
 from ..paths.task_path import TaskPath
 from ..robot.chain_formulas import Placement
 from ..robot.length import arm_length
 from ..robot.task import Task
 from ..strategies import Bounded
-from ..strategies.control_step import speeds
 from .joint_motion import CLOSED as CLOSED
 from .joint_motion import JointMotion
 
@@ -139,7 +138,8 @@ class Motion(JointMotion):
             If a limit is not positive, or has the wrong size.
         """
         task = self.task
-        most = speeds(task.joint_limits[2] if limit is None else limit, task.n)
+        own = task.joint_limits[2]
+        most = per_joint(own if limit is None else limit, task.n, "a speed limit")
         q, qdot = self.joints(self.q), self.joints(self.qdot)
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)

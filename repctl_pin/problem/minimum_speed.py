@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-
-from ..arguments import freeze
 from ..motion import least_start
 from .problem import Problem
 
@@ -23,15 +20,11 @@ def at_minimum_speed(problem: Problem) -> Problem:
     task, path, q0 = problem.task, problem.cycle, problem.start
     found = least_start(task, path, q0)
     saved = 1 - found.best.rms_speed / found.given.rms_speed
-    other = copy.copy(problem)
-    vars(other).pop("region", None)
     note = "no other start tried needs less joint speed"
     if saved > 0:
         note = f"the start was moved along the self-motion, to {100 * saved:.0f} % less joint speed"
-    freeze(
-        other,
+    return problem._with(
         start=found.best.q[0],
         given=problem.given | {"start"},
         moved=(*problem.moved, note),
     )
-    return other

@@ -109,4 +109,4 @@ def _of_cell(
         return problem
     q0 = design.function(problem.cycle.placement(0.0))
     name = "the configuration that the function gives where the path begins"
-    return problem._with(start=q0, start_is=name, moved=())
+    return problem._with(start=q0, start_is=name, moved=(), region=design.cell)

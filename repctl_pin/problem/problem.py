@@ -193,8 +193,7 @@ class Problem:
         if "start" in self.given:
             return
         for start in islice(starts(self.task, None, self._draw), 1, None):
-            other = copy.copy(self)
-            vars(other).pop("region", None)
+            other = self._with(start=start.q0)
             other._begin(start)
             yield other
 
@@ -219,8 +218,10 @@ class Problem:
         freeze(self, _violates=start.violates)
 
     def _with(self, **changes: Any) -> Problem:
-        """Copy the problem with some attributes changed."""
+        """Copy the problem with some attributes changed; another start has a region of its own."""
         other = copy.copy(self)
+        if "start" in changes:
+            vars(other).pop("region", None)
         freeze(other, **changes)
         return other
 

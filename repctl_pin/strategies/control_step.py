@@ -24,7 +24,6 @@ from ..redundancy.inverses import RANK_TOLERANCE
 from ..robot import fast_kinematics
 from ..robot.task import Task
 from .fast_loop import FastLoop, StepLimits, checked, failure
-from .fast_loop import speeds as speeds
 
 
 def python_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:

@@ -44,8 +44,8 @@ class StepLimits(NamedTuple):
 def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> StepLimits:
     """Check the limits of a step, as :meth:`RepeatableInverse.step` takes them."""
     damping = positive(damping, "damping", zero=True)
-    most = np.full(n, inf) if velocity_limit is None else speeds(velocity_limit, n)
-    return StepLimits(most, damping)
+    limit = inf if velocity_limit is None else velocity_limit
+    return StepLimits(per_joint(limit, n, "a speed limit"), damping)
 
 
 @dataclass(frozen=True)
@@ -138,11 +138,6 @@ def as_gain(gain: float, dt: float) -> float:
             f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"
         )
     return value
-
-
-def speeds(velocity_limit: ArrayLike, n: int) -> Array:
-    """Convert speed limits, one number or one per joint, to an array (n,)."""
-    return per_joint(velocity_limit, n, "a speed limit")
 
 
 def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
