@@ -130,8 +130,8 @@ class ArmAngle(PotentialBasis):
         along = abs(w @ self.reference) if self.singular is None else w @ self.singular
         return float(np.arccos(np.clip(along, -1, 1)))
 
-    def __repr__(self) -> str:
-        return f"<ArmAngle of {' '.join(self.frames)}>"
+    def __str__(self) -> str:
+        return self.names[0]
 
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Evaluate elbow and wrist relative to the shoulder (3,), each with its Jacobian (3, n)."""

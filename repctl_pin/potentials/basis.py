@@ -67,8 +67,11 @@ class PotentialBasis(ABC):
     def __add__(self, other: PotentialBasis) -> Joined:
         return Joined(self, other)
 
+    def __str__(self) -> str:
+        return f"{self.size} potential{'s' * (self.size != 1)}"
+
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.size} potentials>"
+        return f"<{type(self).__name__}: {self}>"
 
 
 class CustomMap(Potentials):
@@ -159,10 +162,6 @@ class Joined(PotentialBasis):
 
     def __str__(self) -> str:
         return " + ".join(map(str, self.parts))
-
-    def __repr__(self) -> str:
-        parts = " + ".join(repr(part).strip("<>") for part in self.parts)
-        return f"<{parts}: {self.size} potentials>"
 
 
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:

@@ -161,9 +161,6 @@ class CustomPotentials(PotentialBasis):
         return slope
 
     def __str__(self) -> str:
-        return repr(self).strip("<>")
-
-    def __repr__(self) -> str:
         count = sum(self.numerical)
         how = f", {count} with gradients by differences" if count else ""
-        return f"<CustomPotentials given as functions: {self.size} potentials{how}>"
+        return f"{super().__str__()} given as functions{how}"

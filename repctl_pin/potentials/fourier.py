@@ -126,10 +126,6 @@ class Fourier(PotentialBasis):
             f"in {len(self.variables)} joints"
         )
 
-    def __repr__(self) -> str:
-        joints = len(self.variables)
-        return f"<Fourier of order {self.order} in {joints} joints: {self.size} potentials>"
-
 
 class FourierMap:
     """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,)."""

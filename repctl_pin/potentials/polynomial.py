@@ -187,10 +187,6 @@ class Polynomial(PotentialBasis):
     def __str__(self) -> str:
         return f"{self.size} polynomials of degree ≤ {self.degree} in {len(self.variables)} joints"
 
-    def __repr__(self) -> str:
-        joints = len(self.variables)
-        return f"<Polynomial of degree {self.degree} in {joints} joints: {self.size} potentials>"
-
 
 class PolynomialMap:
     """r polynomials h(q) as dense symmetric tensors, evaluated by Horner's rule.

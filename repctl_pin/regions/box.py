@@ -31,7 +31,7 @@ from .region import (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class Box(Region):
     """A box in joint space, ``|q_i − center_i| ≤ half_width_i``.
@@ -164,9 +164,6 @@ class Box(Region):
             np.minimum(self.upper, high),
             density=self.density,
         )
-
-    def __repr__(self) -> str:
-        return f"<Box {str(self).removeprefix('box ')}>"
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.center)

@@ -90,6 +90,13 @@ class Region(ABC):
         """Test whether each row of Q (K, n) lies inside: (K,)."""
         return self.ratio(Q) <= 1 + _INSIDE
 
+    def __str__(self) -> str:
+        return f"region of {self.n} joints"
+
+    def __repr__(self) -> str:
+        name = type(self).__name__
+        return f"<{name} {str(self).removeprefix(f'{name.lower()} ')}>"
+
 
 def span(widths: Array, sign: str = "") -> str:
     """Format widths as text: the smallest and the largest, or one number if they are equal."""

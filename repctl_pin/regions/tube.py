@@ -126,6 +126,3 @@ class Tube(Region):
 
     def __str__(self) -> str:
         return f"tube of radius {span(self.radius)} around {len(self.samples)} configurations"
-
-    def __repr__(self) -> str:
-        return f"<Tube of radius {span(self.radius)} around {len(self.samples)} configurations>"

@@ -28,7 +28,7 @@ from .region import Density, Region, check_density, evaluate_density, normalised
 _MOST_DRAWS = 2**18
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class WorkspaceBox(Region):
     """All q of a joint-space box that bring the frame into a box of the workspace.
@@ -176,9 +176,6 @@ class WorkspaceBox(Region):
             within=self.within.shrunk(factor),
             density=self.density,
         )
-
-    def __repr__(self) -> str:
-        return f"<WorkspaceBox: {self}>"
 
     def __str__(self) -> str:
         centre = ", ".join(f"{c:.3g}" for c in self.position)
