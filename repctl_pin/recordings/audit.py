@@ -299,7 +299,10 @@ def audit(
     if tolerance is not None:
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
-    given = _read(log, task)
+    if isinstance(log, tuple) and len(log) == 2:
+        given = joint_log(*log, task.n)
+    else:
+        given = read_joint_log(log, task.robot_joints)
     units = np.where(task.revolute & degrees, _DEGREE, 1.0)
     given = replace(given, q=units * given.q)
     notes = _units(task, given)
@@ -336,13 +339,6 @@ def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
     return choose_task(
         robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind
     )
-
-
-def _read(log: Any, task: Task) -> JointLog:
-    """Read the log from a file, or take it from a pair of times and positions."""
-    if isinstance(log, tuple) and len(log) == 2:
-        return joint_log(*log, task.n)
-    return read_joint_log(log, task.robot_joints)
 
 
 def _units(task: Task, log: JointLog) -> list[str]:

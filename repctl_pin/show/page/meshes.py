@@ -142,7 +142,11 @@ def _painted(surface: Surface) -> Element:
     numbers = map(str, count(1))
     names = [next(numbers) for _ in images]
     own_name = next(numbers)
-    urls = {k: _url(image) for k, image in enumerate(images) if image is not None}
+    urls = {
+        k: f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
+        for k, image in enumerate(images)
+        if image is not None
+    }
     textures = {k: next(numbers) for k in urls}
     pictures = {k: next(numbers) for k in urls}
     materials = [
@@ -203,11 +207,6 @@ def _material(name: str, **more: Any) -> Element:
         "wireframeLinewidth": 1.0,
         "vertexColors": 0,
     } | more
-
-
-def _url(image: bytes) -> str:
-    """Write a JPEG as a data URL."""
-    return f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
 
 
 def _triangles(surface: Surface) -> Element:

@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
-from ..text.headline import NO_HEADLINE, Headline, about, law_of, title_of, under
+from ..text.headline import NO_HEADLINE, Headline, names_of
 from .body_points import BodyDrift, body_drift, corners
 from .html import page
 from .meshes import Key, key, lifted, record
@@ -322,10 +322,7 @@ def _describe(
     }
     return {
         **picked(arm, "label", "color", "unit"),
-        "title": title_of(arm.label),
-        "law": law_of(arm.label),
-        "about": about(arm.label),
-        "under": under(arm.label),
+        **names_of(arm.label),
         "drift": arm.cycle_drift.tolist(),
         "off": off.tolist(),
         "part": [shape.link == link for shape in arm.shapes],
@@ -333,6 +330,11 @@ def _describe(
         "broken": broken,
         "shapes": shapes,
     }
+
+
+def is_planar(points: Array) -> bool:
+    """Test if points (K, 3) lie in one horizontal plane; such a robot is shown from above."""
+    return bool(np.ptp(points[:, 2]) < 1e-9)
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:

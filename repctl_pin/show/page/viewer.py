@@ -41,7 +41,7 @@ from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from ..text.parts import controlled, part_name
-from .scene import Arm, Frames, animation_page, moving_of, poses_of
+from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
 
 HOST = "127.0.0.1"
 
@@ -259,10 +259,7 @@ class Viewer:
         keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
         caption = f"{task.frame}: {controlled(task.kind)}. {keys}"
         lines = [] if path is None else [path.points()]
-        flat = bool(
-            np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2])
-            < 1e-9
-        )
+        flat = is_planar(np.vstack([*map(task.joint_origins, Q), points, *lines]))
         title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)
         return animation_page(
             arms,

@@ -6,7 +6,6 @@ from ...errors import needed
 needed("matplotlib", by="a figure")
 
 from .cycles import cycle_figure as cycle_figure
-from .cycles import least_margins as least_margins
 from .cycles import margin_over_cycles as margin_over_cycles
 from .cycles import orbit as orbit
 from .cycles import orbits_figure as orbits_figure

@@ -57,7 +57,8 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
         Label, motion and colour of each. Motions of joints without limits are not drawn.
     """
     lines = [
-        (label, colour, least_margins(motion)) for label, motion, colour in motions
+        (label, colour, _least_in_cycles(motion.limit_margin.min(axis=1), motion))
+        for label, motion, colour in motions
     ]
     lines = [
         line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6
@@ -114,11 +115,6 @@ def _least_over_cycles(
     ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
     ax.axhspan(min(low, 0.0), 0, color="#f0f0f0", zorder=0)
     ax.axhline(0, color=INK, lw=0.9)
-
-
-def least_margins(motion: Motion) -> np.ndarray:
-    """Find the smallest limit margin of any joint in each cycle: (cycles,)."""
-    return _least_in_cycles(motion.limit_margin.min(axis=1), motion)
 
 
 def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 _NAMES = {
     "answer": "study_answer",
     "captions": "GLOSSARY amount drift_words joints_words summary",
-    "headline": "Headline Outcome headline_of title_of",
+    "headline": "Headline headline_of",
     "lines": "Span coloured fitted",
     "numbers": "metres number percent radians",
     "table": "study_table",

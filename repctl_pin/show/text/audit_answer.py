@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...recordings.audit import Audit
+from ...robot.task import unit_of
 from .headline import Headline
 from .lines import Span, capital, fitted, wrapped
 from .numbers import metres, number
@@ -114,7 +115,11 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
         )
     )
     name = audit.task.joint_names[joint]
-    return name, f"{rate} {_unit(audit, joint)} per {unit}", f"(± {error})"
+    return (
+        name,
+        f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}",
+        f"(± {error})",
+    )
 
 
 def part_of(audit: Audit) -> str:
@@ -137,10 +142,6 @@ def time_span(seconds: float) -> str:
     return f"{seconds / (scale or 1):.2g} {unit}"
 
 
-def _unit(audit: Audit, joint: int) -> str:
-    return "rad" if audit.task.revolute[joint] else "m"
-
-
 def _number(value: float) -> str:
     """Format a change of a joint; 0 below 1e-9 rad or m, as lengths are."""
     return "0" if abs(value) < 1e-9 else number(value)
@@ -161,7 +162,7 @@ def _table(audit: Audit) -> str:
         moved = float(visits.q[-1, i] - visits.q[0, i])
         rate, error = float(joints.rate[i]), float(joints.error[i])
         values = (moved, rate * each, rate * seconds, error * seconds)
-        name = f"{audit.task.joint_names[i]}, {_unit(audit, int(i))}"
+        name = f"{audit.task.joint_names[i]}, {unit_of([audit.task.revolute[i]])}"
         rows.append([name, *map(_number, values)])
     header = ["", "first to last", "per return", f"per {unit}", "± 95 %"]
     return table(header, rows)

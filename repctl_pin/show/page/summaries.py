@@ -1,11 +1,12 @@
-"""Outcomes of motions, for the headline of a page or of a terminal answer.
+"""Summaries of motions, for the headline of a page or of a terminal answer.
 
-An outcome names the part of the arm that is displaced most at the end, and how far.
+They name the part of the arm that is displaced most at the end, and how far.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,20 +17,20 @@ from ...robot.mechanism import Mechanism
 from ...robot.task import Task
 from ...robot.visuals import Visuals
 from ...studies import Row, Study
-from ..text.headline import Headline, Outcome, headline_of, stopped_words
+from ..text.headline import Headline, headline_of, stopped_words
 from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import corners
 
 
-def outcome_of(
+def for_headline(
     summary: MotionSummary,
     task: Task,
     q0: Array,
     farthest: tuple[str, float],
     played: Sequence[JointMotion],
-) -> Outcome:
-    """Collect the quantities of one motion that the headline reports.
+) -> MotionSummary:
+    """Add to the summary of a motion what only the headline reports.
 
     Parameters
     ----------
@@ -51,8 +52,13 @@ def outcome_of(
         else played[0].coarse.nearest_bodies[1].links
     )
     link, off = farthest
-    return Outcome(
-        summary, part_name(task, q0, link), link, off, min(found, default=None), near
+    return replace(
+        summary,
+        part=part_name(task, q0, link),
+        link=link,
+        off=off,
+        leaves=min(found, default=None),
+        near=near,
     )
 
 
@@ -73,15 +79,15 @@ def farthest_body(robot: Mechanism, ends: Array) -> tuple[str, float]:
     return visuals.shapes[which].link, float(off[0, which])
 
 
-def row_outcome(study: Study, row: Row) -> Outcome | None:
-    """Collect the outcome of one row of a study; None if its motion stopped."""
+def row_summary(study: Study, row: Row) -> MotionSummary | None:
+    """Summarise one row of a study for the headline; None if its motion stopped."""
     motion = row.motion
     if motion is None:
         return None
     task, ends = motion.task, motion.q[[0, -1]]
     summary = motion_summary(row.label, motion, study.elbow)
     farthest = farthest_body(task.robot, task.to_robot(ends))
-    return outcome_of(summary, task, ends[0], farthest, [motion])
+    return for_headline(summary, task, ends[0], farthest, [motion])
 
 
 def study_headline(study: Study) -> Headline:
@@ -90,6 +96,6 @@ def study_headline(study: Study) -> Headline:
     stopped = [
         stopped_words(row.label, row.stopped) for row in rows if row.motion is None
     ]
-    found = [one for row in rows if (one := row_outcome(study, row)) is not None]
+    found = [one for row in rows if (one := row_summary(study, row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
     return headline_of(found, cycles, stopped)
