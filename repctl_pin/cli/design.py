@@ -21,7 +21,6 @@ from .given import (
     cut_note,
     integer,
     natural,
-    plain_proof,
     positive,
     proved,
     save_control,
@@ -334,8 +333,6 @@ def _as_dict(
             for other in baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
-        **(
-            {} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}
-        ),
+        **({} if design.proof is None else {"proof": asdict(design.proof)}),
         "notes": notes,
     }

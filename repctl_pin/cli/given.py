@@ -222,12 +222,6 @@ def proved(design: D, say: Callable[[str], None]) -> D:
     return replace(design, proof=proof)
 
 
-def plain_proof(values: dict[str, Any]) -> dict[str, Any]:
-    """Convert the fields of a proof for JSON: an infinite limit margin becomes None."""
-    infinite = values["limit_margin"] == float("inf")
-    return values | ({"limit_margin": None} if infinite else {})
-
-
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
     """Make Ω as a box around the start q0, cut at the joint limits."""
     return rp.Box(q0, half_width).inside(task.lower, task.upper)

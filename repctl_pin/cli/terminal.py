@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 import signal
 import sys
@@ -95,14 +96,30 @@ def report(
     return 0
 
 
+def page_lines(files: Sequence[Path]) -> list[str]:
+    """Write the lines that name the page to open, and the other files beside it."""
+    page, *others = files
+    names = ", ".join(file.name for file in others)
+    return [f"open   {page}", f"wrote  {names} beside it"]
+
+
 def as_json(value: Any, indent: int | None = None) -> str:
     """Write JSON with unprintable characters escaped, for any terminal."""
-    text = json.dumps(
-        value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist()
-    )
+    text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(
         c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text
     )
+
+
+def _plain(value: Any) -> Any:
+    """Convert arrays to lists, and infinity and NaN to None, because JSON lacks them."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager
