@@ -27,7 +27,7 @@ from .given import (
     with_options,
 )
 from .options import Parser
-from .terminal import progress, report
+from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -142,9 +142,7 @@ def run(options: Options) -> int:
     task = problem.task
     desired, name = choose_desired(task, options.asked_weight())
 
-    def share_done(step: str, fraction: float) -> None:
-        say(f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step)
-
+    share_done = in_percent(say)
     with executor_of(options) as executor:
 
         def make(region: Region) -> rp.Design:

@@ -41,7 +41,9 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
     """Make the callback that reports a step of long work, and the fraction that is done."""
-    return lambda step, fraction: say(f"{step} {100 * fraction:.0f} %")
+    return lambda step, fraction: say(
+        f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
+    )
 
 
 def say_line(text: str) -> None:
