@@ -46,6 +46,9 @@ _VERTEX_COLORS = 2  # three.js' VertexColors
 # Rotates a three.js cylinder, whose axis is y, to the z axis of a URDF's; column by column.
 _COLUMNS = [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
 _UPRIGHT = np.array(_COLUMNS).ravel().tolist()
+_RINGS = 24
+"""Number of rings of a sphere or capsule, and of corners of each ring."""
+
 _IDENTITY = np.eye(4).ravel().tolist()
 
 
@@ -246,8 +249,9 @@ def _array(
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
-def _round(radius: float, length: float, n: int = 24) -> Element:
+def _round(radius: float, length: float) -> Element:
     """Make the three.js geometry of a capsule along z, or of a sphere if ``length`` is 0."""
+    n = _RINGS
     polar = np.concatenate(
         [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
     )

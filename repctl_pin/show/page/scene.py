@@ -24,6 +24,9 @@ from .surfaces import Surfaces, read_surfaces
 _PER_CYCLE = (61, 126, 251, 501)
 """Maximum numbers of samples per cycle that are tried one after the other."""
 
+_SHOWN = 24
+"""Maximum number of cycles that are shown."""
+
 _CLOSE = 2e-4
 """Error of a joint drawn between two samples, rad or m, that the page allows."""
 
@@ -111,12 +114,10 @@ class Arm:
     drift: BodyDrift | None = None
 
 
-def choose_frames(
-    samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24
-) -> Frames:
+def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    If there are more than ``shown`` cycles, the first and the last are shown, and every k-th one
+    If there are more than 24 cycles, the first and the last are shown, and every k-th one
     before the last. Within a cycle, the samples are evenly spaced if its number of steps has a
     suitable divisor, and nearly so otherwise.
 
@@ -126,15 +127,13 @@ def choose_frames(
         Number of samples and cycles of the motion; each cycle has the same number of steps.
     per_cycle
         Maximum number of samples per cycle.
-    shown
-        Maximum number of cycles.
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
         raise InputError(
             f"{samples} samples are not {cycles} cycles of equal steps and a start"
         )
-    stride = -(-(cycles - 1) // (shown - 1)) or 1
+    stride = -(-(cycles - 1) // (_SHOWN - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
     most = min(per_cycle - 1, steps)
     even = max(k for k in range(1, most + 1) if steps % k == 0)

@@ -178,23 +178,9 @@ def orbit(
     return quiet(ax)
 
 
-def orbits_figure(
-    motions: Sequence[tuple[str, Motion, str]],
-    title: str,
-    joints: tuple[int, int, int] | None = None,
-) -> Figure:
-    """Draw the figure of orbits: three joints, plotted pair by pair in three panels.
-
-    Parameters
-    ----------
-    motions
-        Label, motion and colour of each.
-    title
-        Title of the figure.
-    joints
-        Indices of the three joints; by default those that drift most.
-    """
-    i, j, k = joints or liveliest_joints(motions)
+def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
+    """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels."""
+    i, j, k = liveliest_joints(motions)
     figure = titled(10, 3.9, title)
     axes = figure.subplots(1, 3)
     for ax, (across, upward) in zip(axes, ((i, j), (i, k), (j, k)), strict=True):
@@ -202,21 +188,17 @@ def orbits_figure(
     return legend_below(figure, axes[0])
 
 
-def phase_plane(ax: Axes, timed: TimedMotion, *, colour: str = BLUE) -> Axes:
-    """Draw ‖q̇‖ against the length of the joint path, from rest to rest.
+def phase_figure(timed: TimedMotion) -> Figure:
+    """Draw the figure of ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    Parameters
-    ----------
-    ax
-        Axes to draw on.
-    timed
-        Result of :func:`repctl_pin.timed`; its first three cycles are drawn, if there are more.
-    colour
-        Colour of the line.
+    Of a motion of more than three cycles, :func:`repctl_pin.timed` keeps three.
     """
-    ax.plot(timed.length, timed.speed, color=colour)
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    ax = figure.add_subplot()
+    ax.plot(timed.length, timed.speed, color=BLUE)
     ax.set_xlabel("length of the joint path")
     ax.set_ylabel("joint speed ‖q̇‖ (per s)")
     ax.set_xlim(0, timed.length[-1])
     ax.set_ylim(0, None)
-    return quiet(ax)
+    quiet(ax)
+    return figure
