@@ -102,6 +102,11 @@ class Options(argparse.Namespace):
         from ..saving.files import made_of, read_design
         from ..saving.task_identity import task_of
 
+        if not self.saved:
+            raise InputError(
+                f"{self.what!r} is not a saved design (.json)",
+                remedy="make one with repctl design, study or cell",
+            )
         content = read_design(self.what)
         return made_of(
             content, task_of(content.task, self._robot_of(content.task)), self.what

@@ -13,7 +13,7 @@ from .headline import off_of
 from .lines import Span, fitted, wrapped
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import MotionSummary
+from .verdict import TOO_FAST, MotionSummary
 
 ROWS, COLUMNS = 24, 80
 """Size of the terminal into which the answer fits."""
@@ -28,9 +28,6 @@ _TITLES = {
 }
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
-
-_SPEED = 1 + 1e-9
-"""Ratio of joint speed to limit above which a joint counts as too fast."""
 
 
 def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
@@ -171,7 +168,7 @@ def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
 def _limits(summary: MotionSummary) -> Span:
     if summary.limit_violation:
         return Span(f"cycle {summary.limit_violation[0]}!", "bad")
-    if summary.speed_ratio > _SPEED:
+    if summary.speed_ratio > TOO_FAST:
         return Span(f"speed × {summary.speed_ratio:.2g}!", "bad")
     return Span("kept")
 
@@ -187,7 +184,7 @@ def _links(summary: MotionSummary) -> Span:
 def _violations(row: Row) -> list[str]:
     """Write which joint exceeds its limits, or which links collide, and when: one text for each."""
     motion, said = row.motion, [str(violation) for violation in row.violations]
-    if motion is not None and motion.speed_ratio > _SPEED:
+    if motion is not None and motion.speed_ratio > TOO_FAST:
         times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
         said.append(f"{motion.fastest_joint} goes {times}")
     return said

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ...motion.motion import ON_PATH
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
-from .verdict import SMALL, TURNED, MotionSummary
+from .verdict import SMALL, TOO_FAST, TURNED, MotionSummary
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
@@ -211,7 +211,7 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
             said.append(
                 Span(f"{joint} leaves its range in cycle {cycle}{words}.", "bad")
             )
-        if one.speed_ratio > 1 + 1e-9:
+        if one.speed_ratio > TOO_FAST:
             said.append(
                 Span(
                     f"{one.speed_ratio:.2g} times the speed limit{words}.",

@@ -13,7 +13,7 @@ from ...motion import Motion
 from ...strategies import Pseudoinverse
 from .lines import fitted, terminal_width
 from .numbers import number
-from .verdict import study_verdict
+from .verdict import TOO_FAST, study_verdict
 
 if TYPE_CHECKING:
     from ...studies import Row, Study
@@ -156,7 +156,7 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
         (
             f"peak joint speed, {speed}",
             of_motions(
-                lambda motion: _marked(motion.peak_speed, motion.speed_ratio > 1 + 1e-9)
+                lambda motion: _marked(motion.peak_speed, motion.speed_ratio > TOO_FAST)
             ),
         ),
         (f"joint-limit margin, {rad}", of_motions(_limit_margin)),

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 STILL = 1e-5
 """Displacement of an elbow, in arm lengths, below which it counts as back at its start."""
 
+TOO_FAST = 1 + 1e-9
+"""Ratio of joint speed to limit above which a joint counts as too fast."""
+
 SMALL = 0.01
 """Displacement of a part, m, below which it has hardly drifted."""
 
@@ -174,7 +177,7 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
     if len(summaries) > 1:
         said = _speeds(summaries[0], summaries[-1], times)
         words.append(f"Joint speed, relative to {_short(summaries[0])}: {said}.")
-    too_fast = [summary.speed_ratio > 1 + 1e-9 for summary in summaries]
+    too_fast = [summary.speed_ratio > TOO_FAST for summary in summaries]
     if any(too_fast):
         speeds = [
             f"up to {d.speed_ratio:.2g} times the limit" if fast else "respected"
