@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...robot.visuals import Shape
-from .surfaces import Surface, Surfaces, read_surfaces
+from .surfaces import Surface, Surfaces
 
 Key = tuple[Any, ...]
 """Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""
@@ -53,12 +53,11 @@ _IDENTITY = np.eye(4).ravel().tolist()
 
 
 def record(
-    shapes: Iterable[Shape], surfaces: Surfaces | None = None
+    shapes: Iterable[Shape], surfaces: Surfaces
 ) -> tuple[list[bytes], dict[Key, int], list[str]]:
     """Record the commands that fill a viewer's library with every distinct body of some shapes.
 
-    The output is deterministic. ``surfaces`` are the contents of the mesh files; if None, the files
-    are read.
+    The output is deterministic. ``surfaces`` are the contents of the mesh files.
 
     Returns
     -------
@@ -76,8 +75,6 @@ def record(
     distinct: dict[Key, Shape] = {}
     for shape in shapes:
         distinct.setdefault(key(shape), shape)
-    if surfaces is None:
-        surfaces = read_surfaces(distinct.values())
     problems: list[str] = []
     library: dict[Key, int] = {}
     for body, shape in distinct.items():

@@ -256,10 +256,10 @@ def _arm(
         tip,
         elbow,
         track.drift,
-        track.color,
+        *body_drift(bodies, placements, frames.per_cycle),
+        color=track.color,
         unit=track.unit,
         broken=_broken(played, rows, track.t is not None),
-        drift=body_drift(bodies, placements, frames.per_cycle),
     )
 
 
@@ -364,8 +364,7 @@ def _summary(
         else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
-    assert arm.drift is not None
-    farthest = farthest_link([arm]), float(arm.drift.off[-1].max(initial=0.0))
+    farthest = farthest_link([arm]), float(arm.off[-1].max(initial=0.0))
     task = chains[0].task
     return for_headline(worst, task, task.from_robot(track.Q[0]), farthest, played)
 

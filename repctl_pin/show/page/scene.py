@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,9 @@ from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of
-from .body_points import BodyDrift, body_drift, corners
 from .html import page
 from .meshes import Key, key, lifted, record
-from .surfaces import Surfaces, read_surfaces
+from .surfaces import Surfaces
 
 _PER_CYCLE = (61, 126, 251, 501)
 """Maximum numbers of samples per cycle that are tried one after the other."""
@@ -92,14 +91,16 @@ class Arm:
         Positions of the frame and of the elbow of K chains, m.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
+    points : tuple of (P, 3) arrays
+        Corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
+    off : (T, S) array
+        Displacement of each shape since the same moment of cycle 1, m.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
         Unit of the drift.
     broken : Violation or None
         First violated joint limit, or first collision.
-    drift : BodyDrift or None
-        Displacement of each shape since cycle 1; :func:`animation_page` computes it if None.
     """
 
     label: str
@@ -108,10 +109,11 @@ class Arm:
     tip: Array
     elbow: Array
     cycle_drift: Array
+    points: tuple[Array, ...]
+    off: Array
     color: str = VERMILLION
     unit: str = "rad"
     broken: Violation | None = None
-    drift: BodyDrift | None = None
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
@@ -184,6 +186,7 @@ def animation_page(
     paths: Sequence[Array],
     *,
     frames: Frames,
+    surfaces: Surfaces,
     seconds: float,
     title: str,
     caption: str,
@@ -191,7 +194,6 @@ def animation_page(
     headline: Headline = NO_HEADLINE,
     part: tuple[str, str] | None = None,
     live: bool = False,
-    surfaces: Surfaces | None = None,
     names: Mapping[str, str] | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
@@ -204,6 +206,8 @@ def animation_page(
         The paths that the tips follow, closed or not, m.
     frames
         The samples of the motions that the arrays of the arms hold.
+    surfaces
+        Contents of the arms' mesh files.
     seconds
         Time of one cycle at normal speed.
     title, caption
@@ -218,8 +222,6 @@ def animation_page(
     live
         True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
         examples of poses.
-    surfaces
-        Contents of the arms' mesh files; if None, the files are read.
     names
         Display name of the part that each shape belongs to, by the name of the shape; only for live
         poses.
@@ -229,20 +231,8 @@ def animation_page(
     The page's HTML.
     """
     shapes = [shape for arm in arms for shape in arm.shapes]
-    if surfaces is None:
-        surfaces = read_surfaces(shapes)
     commands, library, problems = record(shapes, surfaces)
     parts: list[Array] = []
-    if any(arm.drift is None for arm in arms):
-        bodies = corners(arms[0].shapes, surfaces)
-        arms = [
-            arm
-            if arm.drift is not None
-            else replace(
-                arm, drift=body_drift(bodies, arm.placements, frames.per_cycle)
-            )
-            for arm in arms
-        ]
     link, name = part or (farthest_link(arms), None)
     described = [_describe(arm, frames, library, link, parts) for arm in arms]
     scene = {
@@ -267,7 +257,7 @@ def animation_page(
 
 def farthest_link(arms: Sequence[Arm]) -> str:
     """Find the link of the shape that is displaced most at the end of any motion."""
-    ends = [np.zeros(0) if arm.drift is None else arm.drift.off[-1] for arm in arms]
+    ends = [arm.off[-1] for arm in arms]
     which = int(np.argmax(np.max(ends, axis=0, initial=0.0))) if len(ends[0]) else 0
     return arms[0].shapes[which].link if arms[0].shapes else ""
 
@@ -284,22 +274,17 @@ def _describe(
     The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
     a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
     """
-    assert arm.drift is not None
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
     moving = moving_of(arm.placements)
     parts += [poses[:, moving], arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
-    parts += [
-        points for points, moves in zip(arm.drift.points, moving, strict=True) if moves
-    ]
+    parts += [points for points, moves in zip(arm.points, moving, strict=True) if moves]
     rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [
         0,
         frames.per_cycle - 1,
     ]
-    off = arm.drift.off.max(axis=1, initial=0.0)[
-        rows
-    ]  # (cycles shown, 2): at start and end
+    off = arm.off.max(axis=1, initial=0.0)[rows]  # (cycles shown, 2): at start and end
     shapes = [
         {
             "name": shape.name,
@@ -310,7 +295,7 @@ def _describe(
             else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
             "pose": None if moving[k] else poses[0, k].tolist(),
             "standing": shape.standing,
-            "points": len(arm.drift.points[k]),
+            "points": len(arm.points[k]),
         }
         for k, shape in enumerate(arm.shapes)
     ]
