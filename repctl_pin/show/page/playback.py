@@ -58,11 +58,8 @@ class Playback:
         Unit of the drift.
     t : (T + 1,) array or None
         Time, s; None if unknown.
-    path_loss : (float, float, float) or None
-        Where the frame leaves its path, see :attr:`Motion.path_loss`; None also if the path is
-        unknown.
     motion : Motion or None
-        The motion itself, with its body distances; None for a motion read from a file.
+        The motion itself, with its path and its body distances; None for a motion read from a file.
     """
 
     label: str
@@ -72,7 +69,6 @@ class Playback:
     drift: Array
     unit: str = "rad"
     t: Array | None = None
-    path_loss: tuple[float, float, float] | None = None
     motion: Motion | None = None
 
 
@@ -103,7 +99,6 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
         motion.drift,
         task.unit,
         motion.t,
-        motion.path_loss,
         motion,
     )
 
@@ -349,7 +344,7 @@ def _summary(
     violations = [
         summary.limit_violation for summary in summaries if summary.limit_violation
     ]
-    loss = track.path_loss
+    loss = None if track.motion is None else track.motion.path_loss
     worst = replace(
         summaries[0],
         elbow_displacement=max(summary.elbow_displacement for summary in summaries),
