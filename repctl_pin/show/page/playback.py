@@ -27,7 +27,7 @@ from .body_points import body_drift, corners
 from .scene import (
     Arm,
     Frames,
-    Violation,
+    FirstViolation,
     animation_page,
     farthest_link,
     frames_for,
@@ -284,7 +284,7 @@ def _is_of(chain: Task, task: Task) -> bool:
 
 def _broken(
     played: Sequence[JointMotion], rows: Array, timed: bool
-) -> Violation | None:
+) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
     Speed limits count if the motion is timed, and collisions if it has one chain.
@@ -310,7 +310,7 @@ def _broken(
         for q, place in zip(robot.coupling.joints(rows), origin, strict=True):
             pin.framesForwardKinematics(robot.model, data, q)
             place[:] = data.oMf[frame].translation
-        return Violation(
+        return FirstViolation(
             f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin
         )
     if found is None:
@@ -318,7 +318,7 @@ def _broken(
     at, joint, task, words = found
     k = task.robot_joints.index(joint)
     origin = np.array([task.joint_origins(task.from_robot(q))[k] for q in rows])
-    return Violation(f"{joint} {words}", at, cycle_of(at, cycles), origin)
+    return FirstViolation(f"{joint} {words}", at, cycle_of(at, cycles), origin)
 
 
 def _summary(

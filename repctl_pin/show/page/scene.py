@@ -53,7 +53,7 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Violation:
+class FirstViolation:
     """First violation of a limit, or first collision, of one motion.
 
     Attributes
@@ -99,7 +99,7 @@ class Arm:
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
         Unit of the drift.
-    broken : Violation or None
+    broken : FirstViolation or None
         First violated joint limit, or first collision.
     """
 
@@ -113,7 +113,7 @@ class Arm:
     off: Array
     color: str = VERMILLION
     unit: str = "rad"
-    broken: Violation | None = None
+    broken: FirstViolation | None = None
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
