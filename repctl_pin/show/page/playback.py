@@ -26,8 +26,8 @@ from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift, corners
 from .scene import (
     Arm,
-    Frames,
     FirstViolation,
+    Frames,
     animation_page,
     farthest_link,
     frames_for,
