@@ -57,6 +57,14 @@ def body_drift(
     return tuple(kept), off
 
 
+def farthest(shapes: Sequence[Shape], off: Array) -> tuple[str, float]:
+    """Find the link of the shape that is displaced most, and how far, m, from all of them (S,)."""
+    if not len(shapes):
+        return "", 0.0
+    which = int(np.argmax(off))
+    return shapes[which].link, float(off[which])
+
+
 def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
     """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m.
 

@@ -23,13 +23,12 @@ from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.parts import controlled, part_name
 from ..text.verdict import MotionSummary, motion_summary
-from .body_points import body_drift, corners
+from .body_points import body_drift, corners, farthest
 from .scene import (
     Arm,
     FirstViolation,
     Frames,
     animation_page,
-    farthest_link,
     frames_for,
     is_planar,
 )
@@ -190,7 +189,7 @@ def playback_page(
         for track, done in zip(tracks, played, strict=True)
     ]
     task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
-    link = farthest_link(arms)
+    link, _ = farthest(visuals.shapes, np.max([arm.off[-1] for arm in arms], axis=0))
     if headline is None:
         summaries = [
             _summary(chains, done, track, arm)
@@ -359,9 +358,9 @@ def _summary(
         else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
-    farthest = farthest_link([arm]), float(arm.off[-1].max(initial=0.0))
+    moved = farthest(arm.shapes, arm.off[-1])
     task = chains[0].task
-    return for_headline(worst, task, task.from_robot(track.Q[0]), farthest, played)
+    return for_headline(worst, task, task.from_robot(track.Q[0]), moved, played)
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:

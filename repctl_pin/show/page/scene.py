@@ -190,9 +190,9 @@ def animation_page(
     seconds: float,
     title: str,
     caption: str,
+    part: tuple[str, str],
     planar: bool = False,
     headline: Headline = NO_HEADLINE,
-    part: tuple[str, str] | None = None,
     live: bool = False,
     names: Mapping[str, str] | None = None,
 ) -> str:
@@ -212,13 +212,12 @@ def animation_page(
         Time of one cycle at normal speed.
     title, caption
         Robot and task, in words; any text. Line breaks of the caption are kept.
+    part : (str, str)
+        Link of the part that the page points at, and its display name.
     planar
         True if the arms are seen from above, as in a drawing.
     headline
         Headline above the panes.
-    part : (str, str), optional
-        Link of the part that the page points at, and its display name; by default the link of the
-        shape that is displaced most.
     live
         True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
         examples of poses.
@@ -233,7 +232,7 @@ def animation_page(
     shapes = [shape for arm in arms for shape in arm.shapes]
     commands, library, problems = record(shapes, surfaces)
     parts: list[Array] = []
-    link, name = part or (farthest_link(arms), None)
+    link, name = part
     described = [_describe(arm, frames, library, link, parts) for arm in arms]
     scene = {
         "title": title,
@@ -245,7 +244,7 @@ def animation_page(
         "perCycle": frames.per_cycle,
         "paths": [len(path) for path in paths],
         "problems": problems,
-        "part": name or link,
+        "part": name,
         "names": dict(names or {}),
         "arms": described,
     }
@@ -253,13 +252,6 @@ def animation_page(
         np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]
     ]
     return page(scene, commands, motion, headline)
-
-
-def farthest_link(arms: Sequence[Arm]) -> str:
-    """Find the link of the shape that is displaced most at the end of any motion."""
-    ends = [arm.off[-1] for arm in arms]
-    which = int(np.argmax(np.max(ends, axis=0, initial=0.0))) if len(ends[0]) else 0
-    return arms[0].shapes[which].link if arms[0].shapes else ""
 
 
 def _describe(

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ...arguments import Array
 from ...motion.displacement import displacements, leaves_range
 from ...motion.joint_motion import JointMotion
@@ -20,14 +18,14 @@ from ...studies import Row, Study
 from ..text.headline import Headline, headline_of, stopped_words
 from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
-from .body_points import corners
+from .body_points import corners, farthest
 
 
 def for_headline(
     summary: MotionSummary,
     task: Task,
     q0: Array,
-    farthest: tuple[str, float],
+    moved: tuple[str, float],
     played: Sequence[JointMotion],
 ) -> MotionSummary:
     """Add to the summary of a motion what only the headline reports.
@@ -40,7 +38,7 @@ def for_headline(
         Task of the arm whose parts are named.
     q0 : (n,) array
         Start configuration.
-    farthest : (str, float)
+    moved : (str, float)
         The link that is displaced most at the end, and how far, m.
     played
         The motion of each chain of the robot.
@@ -51,7 +49,7 @@ def for_headline(
         if summary.body_distance is None
         else played[0].coarse.nearest_bodies[1].links
     )
-    link, off = farthest
+    link, off = moved
     return replace(
         summary,
         part=part_name(task, q0, link),
@@ -75,8 +73,7 @@ def farthest_body(robot: Mechanism, ends: Array) -> tuple[str, float]:
     visuals = Visuals.of(robot)
     placements = visuals.placements(ends)
     off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
-    which = int(np.argmax(off[0]))
-    return visuals.shapes[which].link, float(off[0, which])
+    return farthest(visuals.shapes, off[0])
 
 
 def row_summary(study: Study, row: Row) -> MotionSummary | None:
@@ -86,8 +83,8 @@ def row_summary(study: Study, row: Row) -> MotionSummary | None:
         return None
     task, ends = motion.task, motion.q[[0, -1]]
     summary = motion_summary(row.label, motion, study.elbow)
-    farthest = farthest_body(task.robot, task.to_robot(ends))
-    return for_headline(summary, task, ends[0], farthest, [motion])
+    moved = farthest_body(task.robot, task.to_robot(ends))
+    return for_headline(summary, task, ends[0], moved, [motion])
 
 
 def study_headline(study: Study) -> Headline:

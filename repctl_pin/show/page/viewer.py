@@ -41,7 +41,7 @@ from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from ..text.parts import controlled, part_name
-from .body_points import body_drift, corners
+from .body_points import body_drift, corners, farthest
 from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
 from .surfaces import read_surfaces
 
@@ -244,7 +244,8 @@ class Viewer:
         placements = self._visuals.placements(task.to_robot(Q))
         self._moving = moving_of(placements)
         surfaces, frames = read_surfaces(shapes), Frames(np.arange(3), (1,), 3)
-        drift = body_drift(corners(shapes, surfaces), placements, frames.per_cycle)
+        outer, off = body_drift(corners(shapes, surfaces), placements, frames.per_cycle)
+        link, _ = farthest(shapes, off[-1])
         points = task.positions(Q)
         tips = points[:, None]
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
@@ -256,7 +257,8 @@ class Viewer:
                 tips,
                 tips,
                 np.zeros(1),
-                *drift,
+                outer,
+                off,
                 color=colour,
                 unit=task.unit,
             )
@@ -274,6 +276,7 @@ class Viewer:
             seconds=1.0,
             title=f"{task.robot.name}: live",
             caption=caption,
+            part=(link, link),
             planar=flat,
             live=True,
             names={s.name: part_name(task, q0, s.link) for s in shapes},
