@@ -191,7 +191,7 @@ def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 def phase_figure(timed: TimedMotion) -> Figure:
     """Draw the figure of ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    Of a motion of more than three cycles, :func:`repctl_pin.timed` keeps three.
+    :func:`repctl_pin.timed` keeps three cycles of a longer motion.
     """
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     ax = figure.add_subplot()
