@@ -18,6 +18,7 @@ from typing import Any
 
 from .._version import __version__
 from ..errors import RepctlError
+from ..show.text.lines import capital
 from . import (
     animate,
     audit,
@@ -147,7 +148,7 @@ def parser() -> Parser:
     for command in _COMMANDS:
         name, about = (
             command.__name__.rpartition(".")[2],
-            f"{command.HELP[0].upper()}{command.HELP[1:]}.",
+            f"{capital(command.HELP)}.",
         )
         part = commands.add_parser(
             name,

@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..files import written_together
 from .given import Options, positive
 from .options import Parser
-from .terminal import progress, report
+from .terminal import page_lines, progress, report
 
 HELP = "measure in a recorded joint log how far the arm creeps between returns to one hand pose"
 EXAMPLE = """examples:
@@ -81,10 +81,6 @@ def run(options: Options) -> int:
         with written_together(folder) as staged:
             files = [folder / file.name for file in write_audit(found, staged)]
 
-    def words() -> list[str]:
-        return (
-            [f"open   {files[0]}", f"wrote  {files[1].name} beside it"] if files else []
-        )
-
     listed = files if options.json else []  # the answer names them itself
-    return report(options, found.as_dict, lambda: audit_answer(found, words()), listed)
+    lines = page_lines(files) if files else []
+    return report(options, found.as_dict, lambda: audit_answer(found, lines), listed)

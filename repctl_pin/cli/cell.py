@@ -16,7 +16,6 @@ from .given import (
     integer,
     natural,
     numbers_of,
-    plain_proof,
     positive,
     proved,
     save_control,
@@ -242,7 +241,7 @@ def _cell(options: Options) -> tuple[rp.Cell, Any]:
         cell = (
             _sector(options, task, middle)
             if options.sector
-            else _box(options, task, middle)
+            else rp.Cell(task, middle, *_sizes(options))
         )
     if given is None:
         return cell, None
@@ -290,10 +289,6 @@ def _sizes(options: Options) -> tuple[Any, Any]:
         _numbers(options.half_width, "--half-width"),
         _numbers(options.half_angle, "--half-angle"),
     )
-
-
-def _box(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
-    return rp.Cell(task, middle, *_sizes(options))
 
 
 def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
@@ -362,20 +357,6 @@ def _pictures(
     ], note
 
 
-def _turns(design: rp.CellDesign) -> dict[str, Any]:
-    """Convert a sector's ranges of ``angle`` and ``spin`` for JSON; infinite ones become None."""
-    from math import isfinite
-
-    turns = [
-        {
-            name: None if isinstance(x, float) and not isfinite(x) else x
-            for name, x in found.items()
-        }
-        for found in map(asdict, design.evaluation.turns)
-    ]
-    return {"turns": turns} if turns else {}
-
-
 def _widths(cell: rp.Cell) -> dict[str, Any]:
     """Collect the half-widths of a box, or those of a sector by coordinate, for JSON."""
     from ..studies import picked
@@ -387,30 +368,22 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
     """Convert the result to plain Python types, for JSON output."""
-    import numpy as np
-
     from ..studies import picked
 
     figures = asdict(design.evaluation)
-    del figures["failures"], figures["turns"]  # they come last
-    infinite = [
-        name
-        for name, value in figures.items()
-        if isinstance(value, float) and not np.isfinite(value)
-    ]
+    del figures["failures"]  # they come last
+    turns = figures.pop("turns")
     return {
         **design.task.as_dict(),
         "middle": design.cell.placement.homogeneous,
         **_widths(design.cell),
         "posture": design.posture,
-        **figures | dict.fromkeys(infinite),
+        **figures,
         "everywhere": design.evaluation.everywhere,
         "failures": [
             picked(stop, "cause", "share", "what") for stop in design.failures
         ],
-        **_turns(design),
+        **({"turns": turns} if turns else {}),
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
-        **(
-            {} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}
-        ),
+        **({} if design.proof is None else {"proof": asdict(design.proof)}),
     }

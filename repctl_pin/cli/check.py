@@ -18,7 +18,6 @@ from .given import (
     cut_note,
     integer,
     natural,
-    plain_proof,
     positive,
 )
 from .options import Parser
@@ -130,9 +129,7 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
         margin=margin,
         progress=in_percent(say),
     )
-    return report(
-        options, lambda: plain_proof(asdict(proof)), lambda: fitted(proof.summary())
-    )
+    return report(options, lambda: asdict(proof), lambda: fitted(proof.summary()))
 
 
 class _Case(NamedTuple):

@@ -21,14 +21,13 @@ from .given import (
     cut_note,
     integer,
     natural,
-    plain_proof,
     positive,
     proved,
     save_control,
     with_options,
 )
 from .options import Parser
-from .terminal import progress, report
+from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -143,9 +142,7 @@ def run(options: Options) -> int:
     task = problem.task
     desired, name = choose_desired(task, options.asked_weight())
 
-    def share_done(step: str, fraction: float) -> None:
-        say(f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step)
-
+    share_done = in_percent(say)
     with executor_of(options) as executor:
 
         def make(region: Region) -> rp.Design:
@@ -334,8 +331,6 @@ def _as_dict(
             for other in baselines
         },
         "degrees": [{"degree": d, "cost": c, "cost_error": e} for d, c, e in degrees],
-        **(
-            {} if design.proof is None else {"proof": plain_proof(asdict(design.proof))}
-        ),
+        **({} if design.proof is None else {"proof": asdict(design.proof)}),
         "notes": notes,
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import repctl_pin as rp
 
-from ..errors import InputError
 from .given import Options
 from .options import Parser
 from .terminal import report
@@ -41,11 +40,6 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Write the C code to a folder."""
-    if not options.saved:
-        raise InputError(
-            f"{options.what!r} is not a saved design (.json)",
-            remedy="make one with repctl design, study or cell",
-        )
     design = options.load_saved()
     if isinstance(design, rp.CellDesign):
         files = rp.export_c(design.function, options.out, options.name)

@@ -179,7 +179,10 @@ def run(options: Options) -> int:
     if options.yaml is not None:
         contents[options.yaml] = yaml_text(written)
     if options.profile is not None and rest is not None:
-        contents[options.profile] = _drawn(rest)
+        from ..show.plots.cycles import phase_figure
+        from ..show.plots.motions import png
+
+        contents[options.profile] = png(phase_figure(rest))
     files = [write_whole(name, content) for name, content in contents.items()]
 
     def text() -> str:
@@ -343,18 +346,6 @@ def _named(text: str, option: str) -> str | list[float]:
     return numbers_of(
         text, option, "is neither numbers, separated by commas, nor a name"
     )
-
-
-def _drawn(rest: rp.TimedMotion) -> bytes:
-    """Draw joint speed against path length, as the bytes of a PNG file."""
-    from matplotlib.figure import Figure
-
-    from ..show.plots.cycles import phase_plane
-    from ..show.plots.motions import png
-
-    figure = Figure(figsize=(6, 3.4), layout="constrained")
-    phase_plane(figure.add_subplot(), rest)
-    return png(figure)
 
 
 def _result(

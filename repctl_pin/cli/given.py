@@ -102,6 +102,11 @@ class Options(argparse.Namespace):
         from ..saving.files import made_of, read_design
         from ..saving.task_identity import task_of
 
+        if not self.saved:
+            raise InputError(
+                f"{self.what!r} is not a saved design (.json)",
+                remedy="make one with repctl design, study or cell",
+            )
         content = read_design(self.what)
         return made_of(
             content, task_of(content.task, self._robot_of(content.task)), self.what
@@ -220,12 +225,6 @@ def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute."""
     proof = rp.prove(design, progress=in_percent(say))
     return replace(design, proof=proof)
-
-
-def plain_proof(values: dict[str, Any]) -> dict[str, Any]:
-    """Convert the fields of a proof for JSON: an infinite limit margin becomes None."""
-    infinite = values["limit_margin"] == float("inf")
-    return values | ({"limit_margin": None} if infinite else {})
 
 
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:

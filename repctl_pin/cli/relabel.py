@@ -108,21 +108,18 @@ def _as_dict(relabeled: rp.Relabeled) -> dict[str, Any]:
 
     found, before = relabeled.found, relabeled.margins_before
 
-    def number(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
     moved = np.linalg.norm(relabeled.moved[found], axis=1)
     return {
         **relabeled.recording.task.as_dict(),
         "frames": len(relabeled.recording),
         "relabelled": int(found.sum()),
         "sessions": len(relabeled.recording.names),
-        "ambiguity_before": number(relabeled.residual_before),
-        "ambiguity_after": number(relabeled.residual_after),
+        "ambiguity_before": relabeled.residual_before,
+        "ambiguity_after": relabeled.residual_after,
         "method": relabeled.ambiguity.method,
-        "limit_margin_before": None if before is None else number(before[found].min()),
-        "limit_margin_after": number(relabeled.margins_after[found].min()),
-        "moved": number(np.sqrt(np.mean(moved**2))),
+        "limit_margin_before": None if before is None else before[found].min(),
+        "limit_margin_after": relabeled.margins_after[found].min(),
+        "moved": np.sqrt(np.mean(moved**2)),
         "cell": relabeled.design.cell.size(),
         "leaf": relabeled.leaf,
         "not_relabelled": [asdict(gap) for gap in relabeled.gaps],

@@ -34,11 +34,6 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Run the node until Ctrl-C."""
-    if not options.saved:
-        raise InputError(
-            f"{options.what!r} is not a saved design (.json)",
-            remedy="make one with repctl design, study or cell",
-        )
     design = options.load_saved()
     try:
         from ..integrations.ros2 import spin

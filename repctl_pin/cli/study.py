@@ -12,11 +12,9 @@ import repctl_pin as rp
 from ..files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
 from .options import Parser
-from .terminal import progress, report
+from .terminal import page_lines, progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from ..show.text.lines import Span
     from ..studies.study_maps import StudyMaps
 
@@ -119,20 +117,13 @@ def run(options: Options) -> int:
         return (
             f"{study_table(result)}\n"
             if options.full
-            else study_answer(result, _files(files))
+            else study_answer(result, page_lines(files))
         )
 
     listed = (
         files if options.full or options.json else []
     )  # the answer names them itself
     return report(options, lambda: result.as_dict() | {"run": run}, text, listed)
-
-
-def _files(files: Sequence[Path]) -> list[str]:
-    """Write the lines that name the page to open, and the other files beside it."""
-    page, *others = files
-    names = ", ".join(file.name for file in others)
-    return [f"open   {page}", f"wrote  {names} beside it"]
 
 
 def _report(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 import signal
 import sys
@@ -40,7 +41,9 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
     """Make the callback that reports a step of long work, and the fraction that is done."""
-    return lambda step, fraction: say(f"{step} {100 * fraction:.0f} %")
+    return lambda step, fraction: say(
+        f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
+    )
 
 
 def say_line(text: str) -> None:
@@ -95,14 +98,30 @@ def report(
     return 0
 
 
+def page_lines(files: Sequence[Path]) -> list[str]:
+    """Write the lines that name the page to open, and the other files beside it."""
+    page, *others = files
+    names = ", ".join(file.name for file in others)
+    return [f"open   {page}", f"wrote  {names} beside it"]
+
+
 def as_json(value: Any, indent: int | None = None) -> str:
     """Write JSON with unprintable characters escaped, for any terminal."""
-    text = json.dumps(
-        value, indent=indent, ensure_ascii=False, default=lambda array: array.tolist()
-    )
+    text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(
         c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text
     )
+
+
+def _plain(value: Any) -> Any:
+    """Convert arrays to lists, and infinity and NaN to None, because JSON lacks them."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @contextmanager

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arguments import Array
 from ..motion import governor_law as law
 from ..motion import leaf_direction
 from ..motion import target_joints as joints
@@ -61,25 +60,15 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     }
     for key, degree in (("short", SHORT), ("long", LONG)):
         nodes = NODES[degree]
+        more = (0, LONG - degree)  # zeros, to the size of the longer degree
         parts |= {
             key: degree,
-            f"share{key}": row(_padded(nodes.share[None])[0]),
-            f"ahead{key}": table(_padded(nodes.ahead)),
-            f"monomials{key}": table(_padded(nodes.monomials)),
+            f"share{key}": row(np.pad(nodes.share, more)),
+            f"ahead{key}": table(np.pad(nodes.ahead, more)),
+            f"monomials{key}": table(np.pad(nodes.monomials, more)),
         }
     return (
         filled("governor.h", name, parts),
         filled("governor.c", name, parts),
         filled("governor.hpp", name, parts),
     )
-
-
-def _padded(values: Array) -> Array:
-    """Fill a table with zeros to the size of the longer degree: (LONG + 1, LONG + 1).
-
-    A table of one row stays one row: (1, LONG + 1).
-    """
-    rows = 1 if len(values) == 1 else LONG + 1
-    whole = np.zeros((rows, LONG + 1))
-    whole[: len(values), : values.shape[1]] = values
-    return whole

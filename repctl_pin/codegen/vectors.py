@@ -197,11 +197,9 @@ def _gains(rng: np.random.Generator, task: Task) -> Gains:
     return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)
 
 
-def targets(
-    function: InverseFunction, count: int = 24, seed: int = 0
-) -> list[tuple[pin.SE3, Array]]:
+def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, Array]]:
     """Sample targets inside and outside the cell, each with a level c (r,)."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     U = (
         rng.uniform(-1.1, 1.1, (count, function.cell.k))
         * np.where(np.arange(count) % 3, 0.8, 1.0)[:, None]

@@ -10,7 +10,6 @@ import numpy as np
 from ..arguments import require_type
 from ..errors import InputError
 from ..inverse_function import Cell, InverseFunction, Sector
-from ..inverse_function.symmetry import Symmetry
 from ..proof.chain import chain_of
 from ..robot.chain_formulas import skew
 
@@ -145,7 +144,8 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
     """
     require_type(F, InverseFunction, "F", "a cell's function, such as found.function")
     frame, reference = _kinematics(F), _reference(F)
-    turning = [one.joint for one in _removed(F)]
+    cell = F.chart.cell
+    turning = [one.joint for one in cell.removed] if isinstance(cell, Sector) else []
 
     def back(q: Numbers) -> tuple[Numbers, Numbers]:
         q = jnp.asarray(q)
@@ -161,12 +161,6 @@ def pose_and_leaf(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numb
         return x, jnp.where(inside(F.cell, x), n_ref.T @ away, jnp.nan)
 
     return jax.jit(back)
-
-
-def _removed(F: InverseFunction) -> tuple[Symmetry, ...]:
-    """Return the symmetries that a sector's polynomials leave out; none for a box."""
-    cell = F.chart.cell
-    return cell.removed if isinstance(cell, Sector) else ()
 
 
 def _pose(x: Numbers) -> Numbers:

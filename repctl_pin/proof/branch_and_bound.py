@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import thread_time
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, read_only
+from ..arguments import Array
+from ..certificate import Proof
 from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
 from .potentials import U
 
@@ -27,36 +27,6 @@ _SMALLEST = 1e-7
 """Half-width, rad or m, below which an undecided box stops the search."""
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class SearchOutcome:
-    """Result of branch and bound over a region of joint space, or over a cell.
-
-    Attributes
-    ----------
-    leaf_margin, sigma_min : float
-        Lower bounds of the leaf margin and of σ_min(J) over all boxes.
-    boxes : int
-        Number of boxes evaluated.
-    worst, half : (n,) or (k,) arrays
-        Centre and half-widths of the box at which the search stopped, or of the box with the
-        smallest bound of the leaf margin.
-    reason : str
-        Why the search stopped before its goal; empty if it did not.
-    limit_margin : float
-        Lower bound of the distance to the joint limits over a cell, rad or m; over a region, for
-        which no search is needed, NaN.
-    """
-
-    leaf_margin: float
-    sigma_min: float
-    boxes: int
-    worst: Array
-    half: Array
-    reason: str
-    limit_margin: float = np.nan
-
-
 def bound_leaf_margin(
     problem: LeafMarginProblem,
     low: Array,
@@ -64,7 +34,7 @@ def bound_leaf_margin(
     goal: float | None,
     seconds: float,
     report: Callable[[str, float], None],
-) -> SearchOutcome:
+) -> Proof:
     """Bound the leaf margin from below on a union of boxes.
 
     Boxes are halved at a number that both halves share, so the halves leave no gap.
@@ -82,6 +52,11 @@ def bound_leaf_margin(
         Processor time, s, after which the search stops with the bound found so far.
     report
         Progress callback (step, fraction); the fraction is the proved share of the volume.
+
+    Returns
+    -------
+    Proof
+        The proof of the leaf margin; it has no description and no limit margin yet.
     """
     search = _Search(problem, low, high, goal)
     end, whole = thread_time() + seconds, search.volume()
@@ -93,7 +68,7 @@ def bound_leaf_margin(
         else:
             search.advance()
             report("proving", 1 - min(1.0, search.volume() / whole))
-    return search.outcome()
+    return search.proof()
 
 
 class _Search:
@@ -211,7 +186,7 @@ class _Search:
             why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
-    def outcome(self) -> SearchOutcome:
+    def proof(self) -> Proof:
         """Return the minimum bounds over all boxes, decided or not."""
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -229,7 +204,12 @@ class _Search:
             )
             if self.reason.startswith("stopped"):
                 worst = self._named(worst)
-        return SearchOutcome(bound, sigma, self.boxes, *worst, self.reason)
+        proved = bound > 0 and (
+            self.goal is None or (bound >= self.goal and not self.reason)
+        )
+        return Proof(
+            "", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal
+        )
 
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Name an arm angle as the reason if it may be singular in the smallest undecided box."""

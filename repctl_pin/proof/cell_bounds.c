@@ -20,7 +20,7 @@ typedef struct {
 } Cell;
 
 typedef struct {
-  double *leaf, *sigma, *limit, *Q, *reach, *away;
+  double *leaf, *sigma, *limit, *Q, *reach;
   int *split;
 } Out;
 
@@ -574,9 +574,9 @@ typedef struct {
 } Work;
 
 /* A (J_V) - 1 at q_ref(u): slopes and the rest; and A xi. */
-static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, Lanes *rest, Lanes *step, Lanes *away) {
+static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, Lanes *rest, Lanes *step) {
   const Problem *g = s->chain;
-  int N = g->N, n = g->n, k = s->space.k, M = s->space.M;
+  int N = g->N, k = s->space.k, M = s->space.M;
   for (int i = 0; i < N; i++) {
     for (int c = 0; c < N; c++) {
       Lanes e = all(0);
@@ -598,7 +598,6 @@ static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, 
       Lanes v = all(0);
       for (int x = 0; x < 6; x++) v += A[i * N + x] * w->closure.xi[x].p[m];
       sum += absolute(v);
-      if (m == 0 && i < n) away[i] = absolute(v);
     }
     for (int x = 0; x < 6; x++) {
       const Model *y = w->closure.xi + x;
@@ -612,7 +611,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, long 
   const Problem *g = s->chain;
   const Space *sp = &s->space;
   int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r;
-  Lanes u[k], h[k], A[N * N], first[k * N * N], rest[N * N], step[N], away[n];
+  Lanes u[k], h[k], A[N * N], first[k * N * N], rest[N * N], step[N];
   for (int a = 0; a < k; a++)
     for (int l = 0; l < LANES; l++) {
       long box = at + (l < count ? l : 0);
@@ -655,7 +654,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, long 
           B[l][(j * N + i) * N + c] = e;
         }
   }
-  after_A(s, w, A, first, rest, step, away);
+  after_A(s, w, A, first, rest, step);
 
   double wide[n], step_[N], first_[k * N * N], rest_[N * N], n_c[n * r], dn[n * r * k], n_rest[n * r];
   for (int l = 0; l < count; l++) {
@@ -672,7 +671,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, long 
     }
     for (int i = 0; i < n; i++) {
       wide[i] = (size_of(Q + i)[l] - fabs(Q[i].p[0][l]) + Q[i].r[l]) * (1 + 1e-12) + 1e-14 * fabs(q[l][i]);
-      out->Q[box * n + i] = q[l][i], out->away[box * n + i] = away[i][l];
+      out->Q[box * n + i] = q[l][i];
       for (int a = 0; a < r; a++) {
         const Model *y = w->chart + i * x + 1 + a;
         double e = y->r[l];

@@ -34,7 +34,7 @@ _CELL = c_struct(
 )
 """The struct Cell of cell_bounds.c."""
 
-_OUT = c_struct(pointers="leaf sigma limit Q reach away split")
+_OUT = c_struct(pointers="leaf sigma limit Q reach split")
 """The struct Out of cell_bounds.c."""
 
 
@@ -48,8 +48,6 @@ class CellBounds:
     leaf_margin, sigma_min, limit_margin : (K,) arrays
         Lower bounds on each box of the leaf margin ``σ_min(Nᵀ n̂_ref)``, of σ_min(J), and of the
         distance to the joint limits, rad or m; 0, 0 and −inf where F was not shown to exist.
-    away : (K, n) array
-        Approximate distance of F from q_ref at the centre of each box, rad or m.
     split : (K,) array of int
         Index of the coordinate along which to halve each box.
     """
@@ -57,7 +55,6 @@ class CellBounds:
     leaf_margin: Array
     sigma_min: Array
     limit_margin: Array
-    away: Array
     split: NDArray[np.int32]
 
 
@@ -133,9 +130,9 @@ class Kernel:
         """
         K, n = len(Uc), self._chain[0].n
         leaf, sigma, limit = np.zeros((3, K))
-        Q, reach, away = np.full((3, K, n), np.nan)
+        Q, reach = np.full((2, K, n), np.nan)
         split = np.zeros(K, np.int32)
-        arrays = (leaf, sigma, limit, Q, reach, away, split)
+        arrays = (leaf, sigma, limit, Q, reach, split)
         out = _OUT(*(array.ctypes.data for array in arrays))
         Uc, half = np.ascontiguousarray(Uc, float), np.ascontiguousarray(half, float)
         done = self._run(
@@ -147,4 +144,4 @@ class Kernel:
         )
         if not done:
             raise MemoryError("no memory for the Taylor models of a cell")
-        return CellBounds(leaf, sigma, limit, away, split), Q, reach
+        return CellBounds(leaf, sigma, limit, split), Q, reach

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..certificate import Proof
 from ..inverse_function.chart import Points
-from .branch_and_bound import SearchOutcome
 from .cell_kernel import CellBounds
 from .cells import CellProof
 from .leaf_margin_bounds import inverses
@@ -33,7 +33,7 @@ def bound_cell(
     limit: float,
     seconds: float,
     report: Callable[[str, float], None],
-) -> SearchOutcome:
+) -> Proof:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
     Parameters
@@ -49,8 +49,8 @@ def bound_cell(
 
     Returns
     -------
-    SearchOutcome
-        The bounds are 0 and −inf if the search stopped before its goal.
+    Proof
+        It has no description yet. The bounds are 0 and −inf if the search stopped before its goal.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
@@ -60,7 +60,7 @@ def bound_cell(
         else:
             search.advance()
             report("proving", 1 - search.volume())
-    return search.outcome()
+    return search.proof()
 
 
 class _CellSearch:
@@ -174,12 +174,13 @@ class _CellSearch:
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
-    def outcome(self) -> SearchOutcome:
+    def proof(self) -> Proof:
         """Return the margins proved on the whole cell, or where and why the search stopped."""
         leaf, sigma, limit = (
             (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         )
-        return SearchOutcome(leaf, sigma, self.boxes, *self.at, self.reason, limit)
+        proved = not self.reason
+        return Proof("", proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:

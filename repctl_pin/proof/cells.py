@@ -103,7 +103,7 @@ class CellProof:
         """
         if self._kernel is not None:
             return self._kernel.bounds(Uc, half)
-        q, reach, good, at, cost, _, center = self._enclosure(Uc, half)
+        q, reach, good, at, cost, _ = self._enclosure(Uc, half)
         limit = np.minimum(q - reach - self.lower, self.upper - q - reach).min(axis=1)
         S = self.chain.S[~self.chain.revolute, : self.chain.n]
         slides = (
@@ -116,7 +116,6 @@ class CellProof:
             np.where(good, leaf.leaf_margin, 0.0),
             np.where(good, leaf.sigma_min, 0.0),
             np.where(good, limit, -np.inf),
-            center,
             cost.argmax(axis=1).astype(np.int32),
         )
         return found, q, reach
@@ -124,13 +123,12 @@ class CellProof:
     @np.errstate(all="ignore")
     def _enclosure(
         self, Uc: Array, half: Array
-    ) -> tuple[Array, Array, NDArray[np.bool_], Expansion, Array, Array, Array]:
+    ) -> tuple[Array, Array, NDArray[np.bool_], Expansion, Array, Array]:
         """Enclose F on boxes Uc ± half, (K, k) each.
 
         Returns the centres and the half-widths (K, n) of boxes of joints that contain F, whether
         that is proved (K,), the expansion of J_V along F, the motion of q_ref along each coordinate
-        (K, k), the bound D for uniqueness (K, N, N), and the approximate distance of F from q_ref
-        at the centres (K, n).
+        (K, k), and the bound D for uniqueness (K, N, N).
         """
         chain, n, N, K = self.chain, self.chain.n, self.chain.N, len(Uc)
         reference, normals = self._models(Uc, half)
@@ -173,8 +171,7 @@ class CellProof:
         reach = np.where(
             good[:, None], (wide + Y) * (1 + self.eps) + 8 * U * np.abs(q_c), np.nan
         )
-        center = np.abs(np.einsum("Kix,Kx->Ki", A[..., :6], along.xi.P[..., 0]))[:, :n]
-        return q_c, reach, good, at, cost, unique, center
+        return q_c, reach, good, at, cost, unique
 
     # ---- parts ---------------------------------------------------------------------------------
 

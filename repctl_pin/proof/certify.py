@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -115,28 +116,20 @@ def _of_region(
     limit_bound, nearest = limit_margin(task, low, high)
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
-    worst, half, reason = found.worst, found.half, found.reason
-    proved = found.leaf_margin > 0 and (
-        goal is None or (found.leaf_margin >= goal and not reason)
-    )
-    if least is not None and limit_bound < least:
-        worst, half = (
-            (low[nearest] + high[nearest]) / 2,
-            (high[nearest] - low[nearest]) / 2,
-        )
-        proved, reason = False, f"the limit margin there is {limit_bound:.4g}"
-    return Proof(
+    proof = replace(
+        found,
         what=f"{task.robot.name} {task}, {design.region}",
-        proved=bool(proved),
-        leaf_margin=found.leaf_margin,
         limit_margin=limit_bound,
-        sigma_min=found.sigma_min,
-        boxes=found.boxes,
-        worst=np.asarray(worst),
-        half=np.asarray(half),
-        reason=reason,
-        asked_leaf_margin=goal,
         asked_limit_margin=least,
+    )
+    if least is None or limit_bound >= least:
+        return proof
+    return replace(
+        proof,
+        proved=False,
+        worst=(low[nearest] + high[nearest]) / 2,
+        half=(high[nearest] - low[nearest]) / 2,
+        reason=f"the limit margin there is {limit_bound:.4g}",
     )
 
 
@@ -160,22 +153,15 @@ def _of_cell(
     else:
         limit = -np.inf
     problem = CellProof(design.function.chart)
-    outcome = bound_cell(problem, leaf, limit, seconds, report)
+    proof = bound_cell(problem, leaf, limit, seconds, report)
     near = ", ".join(f"{v:.2g}" for v in problem.near)
-    return Proof(
+    return replace(
+        proof,
         what=(
             f"{design.task.robot.name} {design.task}, {design.cell!r}: "
             "F exists, is smooth, and is the only solution "
             f"within ({near}) of q_ref"
         ),
-        proved=not outcome.reason,
-        leaf_margin=outcome.leaf_margin,
-        limit_margin=outcome.limit_margin,
-        sigma_min=outcome.sigma_min,
-        boxes=outcome.boxes,
-        worst=outcome.worst,
-        half=outcome.half,
-        reason=outcome.reason,
         asked_leaf_margin=goal,
         asked_limit_margin=least,
     )

@@ -153,10 +153,12 @@ def _prepared(
 
 def in_numpy(problem: LeafMarginProblem, Q: Array, half: Array) -> LeafMarginBounds:
     """Bound the leaf margin in boxes Q ± half, (K, n) each, in NumPy."""
-    parts = [
-        _batch(problem, Q[i : i + _BATCH], half[i : i + _BATCH])
-        for i in range(0, len(Q), _BATCH)
-    ]
+    n, eps, beta = problem.chain.n, problem.eps, problem.beta
+    parts = []
+    for i in range(0, len(Q), _BATCH):
+        some = half[i : i + _BATCH]
+        at = _expansion(problem, Q[i : i + _BATCH], some)
+        parts.append(margins(at, some, n, eps, beta))
     return LeafMarginBounds(
         *(
             np.concatenate([getattr(part, name) for part in parts])
@@ -192,13 +194,6 @@ class Expansion:
     V: Array
     dV: Array
     rest: Array
-
-
-@np.errstate(all="ignore")
-def _batch(problem: LeafMarginProblem, Q: Array, half: Array) -> LeafMarginBounds:
-    return margins(
-        _expansion(problem, Q, half), half, problem.chain.n, problem.eps, problem.beta
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,10 +144,11 @@ class _Builder:
         self.rows.append(row)
         self.z0.append(z0)
         middle, reach = row @ self.box.center - z0, np.abs(row) @ self.box.half_width
-        away = (self.n + 6) * U * (np.abs(row) @ self.most + abs(z0))
+        z = len(self.rows) - 1
+        away = self._argument_error(z)
         self.low.append(float(middle - reach - away))
         self.high.append(float(middle + reach + away))
-        return len(self.rows) - 1
+        return z
 
     def _argument_error(self, z: int) -> float:
         """Bound the rounding error of argument number z."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..robot.chain_formulas import skew
 from .chain import Chain
 
 
@@ -49,9 +50,8 @@ def screws(chain: Chain, theta: Array) -> tuple[Array, Array]:
 def turn(axis: Array, angle: Array) -> Array:
     """Compute the rotation matrices about a unit vector (3,) by angles (K,): (K, 3, 3)."""
     c, s = np.cos(angle)[:, None, None], np.sin(angle)[:, None, None]
-    x, y, z = axis
-    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(c * np.eye(3) + s * hat + (1 - c) * np.outer(axis, axis), float)
+    turned = c * np.eye(3) + s * skew(axis) + (1 - c) * np.outer(axis, axis)
+    return np.asarray(turned, float)
 
 
 def bracket(a: Array, b: Array) -> Array:

@@ -84,6 +84,11 @@ class Audit:
     creeps : bool
         True if the creep of some joint is larger than the half-width of its confidence interval,
         which is corrected for the number of joints (Bonferroni).
+    scatter : float
+        Robust standard deviation of that origin about its trend, m; 0 if the hand does not return.
+    scatters : bool
+        True if visits differ, but not steadily: a joint's scatter is over 10 times its noise, or
+        10 times the tolerance of a closed cycle if that is larger.
     notes : tuple of str
         Remarks on the log.
 
@@ -104,6 +109,8 @@ class Audit:
     rate: float = 0.0
     error: float = 0.0
     creeps: bool = False
+    scatter: float = 0.0
+    scatters: bool = False
     notes: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
@@ -134,35 +141,6 @@ class Audit:
         way = place[-1]
         size = float(np.linalg.norm(way))
         return place @ way / size if size > 0 else np.zeros(len(place))
-
-    @property
-    def scatter(self) -> float:
-        """Robust standard deviation of the origin of joint ``part`` about its trend, m.
-
-        It is 0 if the hand does not return.
-        """
-        if self.joints is None:
-            return 0.0
-        return float(
-            np.linalg.norm(trend(self.visits.t, self.origins[:, self.part]).scatter)
-        )
-
-    @property
-    def scatters(self) -> bool:
-        """True if visits differ, but not steadily: a joint's scatter is over 10 times its floor."""
-        if self.joints is None or self.creeps:
-            return False
-        return bool((self.joints.scatter > _MANY * self.floor).any())
-
-    @property
-    def floor(self) -> Array:
-        """Smallest difference of each joint that counts (n,), rad or m.
-
-        It is the noise of the joint, or the tolerance of a closed cycle if that is larger.
-        """
-        return np.maximum(
-            self.visits.noise, CLOSED * joint_scale(self.task, self.visits.q[0])
-        )
 
     @property
     def clock(self) -> tuple[float, str]:
@@ -299,7 +277,10 @@ def audit(
     if tolerance is not None:
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
-    given = _read(log, task)
+    if isinstance(log, tuple) and len(log) == 2:
+        given = joint_log(*log, task.n)
+    else:
+        given = read_joint_log(log, task.robot_joints)
     units = np.where(task.revolute & degrees, _DEGREE, 1.0)
     given = replace(given, q=units * given.q)
     notes = _units(task, given)
@@ -336,13 +317,6 @@ def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
     return choose_task(
         robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind
     )
-
-
-def _read(log: Any, task: Task) -> JointLog:
-    """Read the log from a file, or take it from a pair of times and positions."""
-    if isinstance(log, tuple) and len(log) == 2:
-        return joint_log(*log, task.n)
-    return read_joint_log(log, task.robot_joints)
 
 
 def _units(task: Task, log: JointLog) -> list[str]:
@@ -410,6 +384,7 @@ def _measured(
     through = trend(visits.t, origins.reshape(len(origins), -1))
     rates = np.linalg.norm(through.rate.reshape(-1, 3), axis=1)
     part = int(np.argmax(rates))
+    creeps = bool((np.abs(joints.rate) > joints.error).any())
     return Audit(
         task,
         log,
@@ -419,7 +394,9 @@ def _measured(
         part,
         float(rates[part]),
         _error_of(task, visits, origins, part, floor),
-        bool((np.abs(joints.rate) > joints.error).any()),
+        creeps,
+        float(np.linalg.norm(through.scatter.reshape(-1, 3)[part])),
+        not creeps and bool((joints.scatter > _MANY * floor).any()),
         notes,
     )
 

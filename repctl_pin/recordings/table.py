@@ -117,7 +117,8 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
         names = [
             name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])
         ]
-        first = next(csv.reader([_next_line(text)]), [])
+        filled = (line for line in iter(text.readline, "") if line.strip())
+        first = next(csv.reader([next(filled, "")]), [])
         _check_header(file, names, first)
         kinds = [float if _is_number(cell) else object for cell in first]
         text.seek(0)
@@ -140,7 +141,8 @@ def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
     found = {n: rows[:, i] if one else rows[f"c{i}"] for i, n in enumerate(names)}
     for name, cell in zip(names, first, strict=True):  # counters stay whole numbers
         values = found[name]
-        if _WHOLE.fullmatch(cell) and values.dtype == float and _are_whole(values):
+        counts = _WHOLE.fullmatch(cell) and values.dtype == float
+        if counts and np.isfinite(values).all() and (values == np.rint(values)).all():
             found[name] = values.astype(np.int64)
     return found
 
@@ -165,10 +167,6 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
         raise InputError(
             f"{file}, line 2: {len(first)} fields, but the header has {len(names)}"
         )
-
-
-def _next_line(text: io.TextIOWrapper) -> str:
-    return next((line for line in iter(text.readline, "") if line.strip()), "")
 
 
 def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
@@ -207,10 +205,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _are_whole(values: Column) -> bool:
-    return bool(np.isfinite(values).all() and (values == np.rint(values)).all())
 
 
 def _csv_text(columns: Mapping[str, Column]) -> bytes:

@@ -41,30 +41,22 @@ class Visits:
 
     Attributes
     ----------
-    pose : SE3
-        Pose of the frame that was visited most often, p in m.
     t : (N,) array
         Time of each visit, s; a pause at the pose is one visit.
     q : (N, n) array
         Configuration at each visit, corrected by J⁺ to reach the pose exactly.
-    rows : (N,) array of int
-        Row of the log nearest to each visit.
     tolerance : float
-        Distance within which the hand counts as back, m; rotations count ``radian`` m per rad.
-    radian : float
-        Distance that counts as much as 1 rad, m; 0 if the task has no orientation.
+        Distance within which the hand counts as back, m; 1 rad counts as a quarter of the arm's
+        length.
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
         Smallest distance at which the hand came back to one of the poses tried, m.
     """
 
-    pose: pin.SE3
     t: Array
     q: Array
-    rows: NDArray[np.intp]
     tolerance: float
-    radian: float
     noise: Array
     nearest: float
 
@@ -116,8 +108,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     target = task.placement(Q[chosen])
     q = np.array([_onto(task, _at(Q, one), target) for one in best])
     times = np.array([float(_at(t, one)) for one in best])
-    rows = np.array([round(one.at) for one in best], np.intp)
-    return Visits(target, times, q, rows, tolerance, radian, noise, nearest)
+    return Visits(times, q, tolerance, noise, nearest)
 
 
 class _Pass(NamedTuple):

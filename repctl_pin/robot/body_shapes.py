@@ -87,7 +87,9 @@ class BodyShape:
 
         Where surfaces do not intersect, a part is inside another body if its point is.
         """
-        return self._center if self._parts is None else self._parts.witnesses
+        if self._parts is None:
+            return np.asarray(self.hull.aabb_center, float)[None]
+        return self._parts.witnesses
 
     @cached_property
     def interior(self) -> MeshInterior | None:
@@ -107,14 +109,6 @@ class BodyShape:
             if self.points is None or self.faces is None
             else mesh_parts(self.points, self.faces)
         )
-
-    @property
-    def _center(self) -> Array:
-        return np.asarray(self.hull.aabb_center, float)[None]
-
-    def contains(self, points: Array) -> bool:
-        """Test whether any of the points (K, 3) is inside the mesh."""
-        return self.interior is not None and self.interior.contains(points)
 
 
 def body_shape(
@@ -201,7 +195,9 @@ def contains(
     if outer.interior is None:
         return False
     points = inner.witnesses @ there.getRotation().T + there.getTranslation()
-    return outer.contains((points - here.getTranslation()) @ here.getRotation())
+    return outer.interior.contains(
+        (points - here.getTranslation()) @ here.getRotation()
+    )
 
 
 def transform(place: pin.SE3) -> coal.Transform3s:

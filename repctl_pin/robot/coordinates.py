@@ -89,7 +89,7 @@ def linear_coordinates(
         if factor == 1.0 and np.count_nonzero(matrix[:, j]) == 1:
             psi[j] = names[i]
     turns = np.array([revolute[np.nonzero(column)[0]].any() for column in matrix.T])
-    change = Coordinates(
+    return Coordinates(
         matrix,
         np.linalg.inv(matrix).astype(float),
         tuple(psi),
@@ -98,6 +98,3 @@ def linear_coordinates(
         fastest,
         turns,
     )
-    for array in (change.T, change.inverse, low, high, fastest, turns):
-        array.setflags(write=False)
-    return change

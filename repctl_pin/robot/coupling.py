@@ -52,8 +52,6 @@ def couple(
                 joint.multiplier,
                 joint.offset,
             )
-    for array in (S, offset):
-        array.setflags(write=False)
     return Coupling(S, offset)
 
 

@@ -113,20 +113,23 @@ class MeshInterior:
 
 
 class _Ray:
-    """Crossings of a mesh by rays in one direction, from any point."""
+    """Crossings of a mesh by rays in one direction, from any point.
+
+    The faces are sorted into strips along x, so that few are tested per ray. Their corners
+    (F, 3, 3) are in axes whose z axis is the direction of the rays.
+    """
 
     def __init__(self, turn: Array, points: Array, faces: Index) -> None:
         self._turn = turn
-        corners = (points @ turn)[faces]  # (F, 3, 3)
-        self._bottom, self._top = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        low, high = corners[:, :, 0].min(axis=1), corners[:, :, 0].max(axis=1)
+        corners = (points @ turn)[faces]
+        low, high = corners.min(axis=1), corners.max(axis=1)  # (F, 3)
+        self._bottom, self._top = low.min(axis=0), high.max(axis=0)
         self._edges = np.linspace(
             self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1
         )
         ends = zip(self._edges[:-1], self._edges[1:], strict=True)
-        self._strips = [
-            _Strip(corners[(low <= end) & (high >= start)]) for start, end in ends
-        ]
+        meets = [(low[:, 0] <= end) & (high[:, 0] >= start) for start, end in ends]
+        self._strips = [(corners[on], low[on].T, high[on].T) for on in meets]
 
     def crossings(self, point: Array) -> int:
         """Sum ±1 over the faces that the ray from a point (3,) crosses.
@@ -142,31 +145,10 @@ class _Ray:
             )
             - 1
         )
-        return self._strips[strip].crossings(p)
-
-
-class _Strip:
-    """Faces that the rays in one strip can cross, so that few faces are tested per ray.
-
-    Corners (F, 3, 3) are in axes whose z axis is the direction of the rays.
-    """
-
-    def __init__(self, corners: Array) -> None:
-        low, high = (
-            corners.min(axis=1, initial=np.inf),
-            corners.max(axis=1, initial=-np.inf),
-        )
-        self._low, self._high, self._top = low[:, :2].T, high[:, :2].T, high[:, 2]
-        self._corners = corners
-
-    def crossings(self, p: Array) -> int:
-        """Sum ±1 over the faces above p (3,); −1 if the normal points down."""
-        (left, front), (right, back), (x, y, z) = self._low, self._high, p.tolist()
-        near = (
-            (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= self._top)
-        )
-        corners = self._corners[near] - p
-        return sum(_looks_up(corner) for corner in corners.tolist())
+        corners, (left, front, _), (right, back, top) = self._strips[strip]
+        x, y, z = p.tolist()
+        near = (left <= x) & (x <= right) & (front <= y) & (y <= back) & (z <= top)
+        return sum(_looks_up(corner) for corner in (corners[near] - p).tolist())
 
 
 def _looks_up(corners: list[list[float]]) -> int:

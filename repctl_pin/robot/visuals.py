@@ -80,12 +80,9 @@ class Visuals:
     ----------
     shapes
         Shapes to draw.
-    missing
-        Missing meshes, named as in the URDF; those links are drawn as tubes.
     """
 
     shapes: tuple[Shape, ...]
-    missing: tuple[str, ...]
     _model: pin.Model = field(repr=False)
     _joint: NDArray[np.intp] = field(repr=False)  # (S,)
     _on_joint: Array = field(repr=False)  # (S, 4, 4)
@@ -97,10 +94,10 @@ class Visuals:
         """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
         links = link_frames(robot.model)
         riding: list[Placed] = []
-        missing: dict[str, str] = {}  # link: mesh name
-        for shape, place, filename in _find_shapes(robot):
+        missing = set()  # links whose mesh is missing
+        for shape, place in _find_shapes(robot):
             if shape.kind == "mesh" and shape.path is None:
-                missing.setdefault(shape.link, filename)
+                missing.add(shape.link)
             elif shape.color[3] > 0:
                 riding.append((shape, place))
         moving = any(links[shape.link].parentJoint > 0 for shape, _ in riding)
@@ -114,7 +111,6 @@ class Visuals:
         ]
         return cls(
             shapes=tuple(shape for shape, _ in [*riding, *around]),
-            missing=tuple(dict.fromkeys(missing.values())),
             _model=robot.model,
             _joint=np.array(joints, np.intp),
             _on_joint=np.array([M.homogeneous for M in placed]).reshape(-1, 4, 4),
@@ -155,11 +151,8 @@ class Visuals:
         return oMi[:, which] @ self._on_joint
 
 
-def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
-    """Iterate over a robot's visible shapes, with their mesh files located.
-
-    Yields shape, placement relative to the link, and mesh name; the path of a missing mesh is None.
-    """
+def _find_shapes(robot: Mechanism) -> Iterator[Placed]:
+    """Iterate over a robot's visible shapes; the path of a missing mesh is None."""
     for seen in robot.description.shapes:
         path = (
             find_mesh(seen.filename, robot.description.path, robot.package_dirs)
@@ -182,7 +175,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[tuple[Shape, pin.SE3, str]]:
             seen.color or PLAIN,
             own,
         )
-        yield shape, origin(seen), seen.filename
+        yield shape, origin(seen)
 
 
 def _surroundings(robot: Mechanism) -> Iterator[Placed]:

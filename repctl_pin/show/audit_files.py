@@ -31,12 +31,12 @@ _LEAST = 2e-3
 
 
 def write_audit(audit: Audit, folder: Path) -> list[Path]:
-    """Write ``audit.html`` and ``audit.png`` atomically; no files if the log does not repeat.
+    """Write ``audit.html`` and ``audit.png`` atomically.
 
     Parameters
     ----------
     audit
-        The audit.
+        The audit of a log that repeats.
     folder
         Output folder.
 
@@ -44,8 +44,6 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
     -------
     The files, in this order.
     """
-    if not audit.repeats:
-        return []
     contents: dict[str, str | bytes] = {
         "audit.html": audit_page(audit),
         "audit.png": png(audit_figure(audit)),

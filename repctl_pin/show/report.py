@@ -17,8 +17,8 @@ from .._version import __version__
 from ..studies import Study
 from ..studies.study_maps import StudyMaps
 from .page.html import render
-from .page.outcomes import study_headline
 from .page.snapshot import still_figure
+from .page.summaries import study_headline
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
 from .plots.designs import cost_against_degree, joint_map, maps_that_vary

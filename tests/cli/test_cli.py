@@ -44,6 +44,19 @@ def refused(done: subprocess.CompletedProcess, *words: str) -> None:
     assert done.stdout == ""
 
 
+def test_json_has_null_for_infinite_numbers(tmp_path: Path) -> None:
+    """The joints of kinova without limits; JSON has no infinity, though Python would read one."""
+
+    def unknown(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    done = repctl("inspect", "kinova", "--json", cwd=tmp_path)
+    joints = json.loads(done.stdout, parse_constant=unknown)["joints"]
+    endless = [joint for joint in joints if joint["kind"] == "continuous"]
+    assert endless and {joint["lower"] for joint in endless} == {None}
+    assert all(isinstance(joint["reference"], float) for joint in joints)
+
+
 def test_json_and_quiet(tmp_path, monkeypatch) -> None:
     """One study, reported twice."""
     monkeypatch.setattr(rp, "study", computed_once(rp.study))

@@ -11,7 +11,7 @@ import pytest
 from terminals import terminal_of
 
 import repctl_pin as rp
-from repctl_pin.show.text.headline import Outcome, headline_of
+from repctl_pin.show.text.headline import headline_of
 from repctl_pin.show.text.lines import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.numbers import metres, number, percent, radians
 from repctl_pin.show.text.parts import part_name
@@ -79,14 +79,17 @@ def test_a_coloured_piece_controls_no_terminal(monkeypatch: pytest.MonkeyPatch) 
 
 # ---- headlines: what is wrong, what is right, and its price -------------------------------------
 
-USUAL = Outcome(
-    MotionSummary("J⁺", 0.3, 1.0, body_distance=0.13), "elbow", "link4", 0.321
+USUAL = MotionSummary(
+    "J⁺", 0.3, 1.0, body_distance=0.13, part="elbow", link="link4", off=0.321
 )
-CLOSED = Outcome(
-    MotionSummary("nearest repeatable", 0.0, 1.003, body_distance=0.2),
-    "elbow",
-    "link4",
-    1e-12,
+CLOSED = MotionSummary(
+    "nearest repeatable",
+    0.0,
+    1.003,
+    body_distance=0.2,
+    part="elbow",
+    link="link4",
+    off=1e-12,
 )
 
 
@@ -118,7 +121,7 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
 
 
 @pytest.mark.parametrize(
-    ("outcomes", "expected"),
+    ("summaries", "expected"),
     [
         (
             [replace(USUAL, off=0.0017), CLOSED],
@@ -153,9 +156,7 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
                 replace(
                     USUAL,
                     off=0.0,
-                    summary=replace(
-                        USUAL.summary, joint_displacement=(6.28, "joint_1")
-                    ),
+                    joint_displacement=(6.28, "joint_1"),
                 ),
                 CLOSED,
             ],
@@ -164,12 +165,14 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         ),
     ],
 )
-def test_every_outcome_has_its_sentence(outcomes: list[Outcome], expected: str) -> None:
-    assert words(headline_of(outcomes, 10))[0] == expected
+def test_every_summary_has_its_sentence(
+    summaries: list[MotionSummary], expected: str
+) -> None:
+    assert words(headline_of(summaries, 10))[0] == expected
 
 
 def test_a_lost_path_is_not_called_back() -> None:
-    lost = replace(USUAL, summary=replace(USUAL.summary, path_loss=(3, 0.02, 0.0)))
+    lost = replace(USUAL, path_loss=(3, 0.02, 0.0))
     sentence, notes = words(headline_of([lost, CLOSED], 10))
     assert sentence.startswith(
         "Under the usual control the hand leaves its path in cycle 3: 2 cm"
@@ -179,12 +182,12 @@ def test_a_lost_path_is_not_called_back() -> None:
         "0 under the repeatable one."
     )
     assert "hands" not in sentence and "joint speed" not in notes
-    closed = replace(CLOSED, summary=replace(CLOSED.summary, path_loss=(3, 0.02, 0.0)))
+    closed = replace(CLOSED, path_loss=(3, 0.02, 0.0))
     told = words(headline_of([closed], 10))[0]
     assert told.endswith("After 10 cycles every part of the arm is back: 0 off.")
     little = words(headline_of([replace(lost, off=0.0017)], 10))[0]
     assert little.endswith("After 10 cycles the elbow has hardly drifted: 1.7 mm.")
-    turned = replace(USUAL, summary=replace(USUAL.summary, path_loss=(3, 1e-12, 0.31)))
+    turned = replace(USUAL, path_loss=(3, 1e-12, 0.31))
     assert "in cycle 3: 0.31 rad off" in words(headline_of([turned, CLOSED], 10))[0]
 
 
@@ -199,9 +202,7 @@ def test_a_stopped_motion_is_said_first() -> None:
 
 
 def test_limits_bodies_and_where_it_leads() -> None:
-    broken = replace(
-        USUAL, summary=replace(USUAL.summary, limit_violation=(7, "joint 2"))
-    )
+    broken = replace(USUAL, limit_violation=(7, "joint 2"))
     assert (
         "joint 2 leaves its range in cycle 7 under the usual control."
         in (words(headline_of([broken, CLOSED], 10))[1])
@@ -213,7 +214,7 @@ def test_limits_bodies_and_where_it_leads() -> None:
     )
     close = replace(
         USUAL,
-        summary=replace(USUAL.summary, body_distance=0.013),
+        body_distance=0.013,
         near=("link3", "link5"),
     )
     told = headline_of([close, CLOSED], 10)
@@ -224,7 +225,7 @@ def test_limits_bodies_and_where_it_leads() -> None:
     assert [n.tone for n in told.notes if "near" in n.text] == ["near"]
     also = replace(
         CLOSED,
-        summary=replace(CLOSED.summary, body_distance=0.013),
+        body_distance=0.013,
         near=("link3", "link5"),
     )
     (near,) = (n.text for n in headline_of([close, also], 10).notes if "near" in n.text)

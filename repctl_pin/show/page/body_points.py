@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from ...arguments import Array, read_only
+from ...arguments import Array
 from ...errors import InputError
 from ...motion.displacement import displacements
 from ...robot.visuals import Shape
@@ -25,26 +24,9 @@ _hulls: dict[tuple[Path, int], Array] = {}
 """Cache of mesh hulls, by file path and modification time; the terminal and the page share it."""
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class BodyDrift:
-    """Displacement of each body since the same moment of cycle 1.
-
-    Attributes
-    ----------
-    points : tuple of (P, 3) arrays
-        For each body, in its own frame, m: the corners that are displaced most at any sample, and
-        the outermost corners.
-    off : (T, S) array
-        Displacement of S bodies at T samples, m. At the end of a cycle, it is counted from the
-        start of cycle 1.
-    """
-
-    points: tuple[Array, ...]
-    off: Array
-
-
-def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> BodyDrift:
+def body_drift(
+    bodies: Sequence[Array], placements: Array, per_cycle: int
+) -> tuple[tuple[Array, ...], Array]:
     """Compute how far each body is displaced since the same moment of cycle 1.
 
     Parameters
@@ -55,6 +37,15 @@ def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> Bo
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle
         Number of samples of one cycle, including both ends.
+
+    Returns
+    -------
+    points : tuple of (P, 3) arrays
+        For each body, in its own frame, m: the corners that are displaced most at any sample, and
+        the outermost corners.
+    off : (T, S) array
+        Displacement of S bodies at T samples, m. At the end of a cycle, it is counted from the
+        start of cycle 1.
     """
     first = np.arange(len(placements)) % per_cycle
     first[per_cycle - 1 :: per_cycle] = 0
@@ -63,7 +54,15 @@ def body_drift(bodies: Sequence[Array], placements: Array, per_cycle: int) -> Bo
         body[np.union1d(np.unique(which[:, s]), _outermost(body))]
         for s, body in enumerate(bodies)
     ]
-    return BodyDrift(tuple(kept), off)
+    return tuple(kept), off
+
+
+def farthest(shapes: Sequence[Shape], off: Array) -> tuple[str, float]:
+    """Find the link of the shape that is displaced most, and how far, m, from all of them (S,)."""
+    if not len(shapes):
+        return "", 0.0
+    which = int(np.argmax(off))
+    return shapes[which].link, float(off[which])
 
 
 def corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...robot.visuals import Shape
-from .surfaces import Surface, Surfaces, read_surfaces
+from .surfaces import Surface, Surfaces
 
 Key = tuple[Any, ...]
 """Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""
@@ -46,16 +46,18 @@ _VERTEX_COLORS = 2  # three.js' VertexColors
 # Rotates a three.js cylinder, whose axis is y, to the z axis of a URDF's; column by column.
 _COLUMNS = [[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
 _UPRIGHT = np.array(_COLUMNS).ravel().tolist()
+_RINGS = 24
+"""Number of rings of a sphere or capsule, and of corners of each ring."""
+
 _IDENTITY = np.eye(4).ravel().tolist()
 
 
 def record(
-    shapes: Iterable[Shape], surfaces: Surfaces | None = None
+    shapes: Iterable[Shape], surfaces: Surfaces
 ) -> tuple[list[bytes], dict[Key, int], list[str]]:
     """Record the commands that fill a viewer's library with every distinct body of some shapes.
 
-    The output is deterministic. ``surfaces`` are the contents of the mesh files; if None, the files
-    are read.
+    The output is deterministic. ``surfaces`` are the contents of the mesh files.
 
     Returns
     -------
@@ -73,8 +75,6 @@ def record(
     distinct: dict[Key, Shape] = {}
     for shape in shapes:
         distinct.setdefault(key(shape), shape)
-    if surfaces is None:
-        surfaces = read_surfaces(distinct.values())
     problems: list[str] = []
     library: dict[Key, int] = {}
     for body, shape in distinct.items():
@@ -142,7 +142,11 @@ def _painted(surface: Surface) -> Element:
     numbers = map(str, count(1))
     names = [next(numbers) for _ in images]
     own_name = next(numbers)
-    urls = {k: _url(image) for k, image in enumerate(images) if image is not None}
+    urls = {
+        k: f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
+        for k, image in enumerate(images)
+        if image is not None
+    }
     textures = {k: next(numbers) for k in urls}
     pictures = {k: next(numbers) for k in urls}
     materials = [
@@ -205,11 +209,6 @@ def _material(name: str, **more: Any) -> Element:
     } | more
 
 
-def _url(image: bytes) -> str:
-    """Write a JPEG as a data URL."""
-    return f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"
-
-
 def _triangles(surface: Surface) -> Element:
     """Make the three.js geometry of a surface; normals and colours have 8 bits per component."""
     s = surface
@@ -247,8 +246,9 @@ def _array(
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
-def _round(radius: float, length: float, n: int = 24) -> Element:
+def _round(radius: float, length: float) -> Element:
     """Make the three.js geometry of a capsule along z, or of a sphere if ``length`` is 0."""
+    n = _RINGS
     polar = np.concatenate(
         [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
     )

@@ -20,12 +20,19 @@ from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from ..text.headline import Headline, Outcome, headline_of
+from ..text.headline import Headline, headline_of
 from ..text.parts import controlled, part_name
 from ..text.verdict import MotionSummary, motion_summary
-from .body_points import body_drift, corners
-from .outcomes import outcome_of
-from .scene import Arm, Frames, Violation, animation_page, farthest_link, frames_for
+from .body_points import body_drift, corners, farthest
+from .scene import (
+    Arm,
+    FirstViolation,
+    Frames,
+    animation_page,
+    frames_for,
+    is_planar,
+)
+from .summaries import for_headline
 from .surfaces import read_surfaces
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
@@ -50,11 +57,8 @@ class Playback:
         Unit of the drift.
     t : (T + 1,) array or None
         Time, s; None if unknown.
-    path_loss : (float, float, float) or None
-        Where the frame leaves its path, see :attr:`Motion.path_loss`; None also if the path is
-        unknown.
     motion : Motion or None
-        The motion itself, with its body distances; None for a motion read from a file.
+        The motion itself, with its path and its body distances; None for a motion read from a file.
     """
 
     label: str
@@ -64,7 +68,6 @@ class Playback:
     drift: Array
     unit: str = "rad"
     t: Array | None = None
-    path_loss: tuple[float, float, float] | None = None
     motion: Motion | None = None
 
 
@@ -95,7 +98,6 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
         motion.drift,
         task.unit,
         motion.t,
-        motion.path_loss,
         motion,
     )
 
@@ -187,25 +189,33 @@ def playback_page(
         for track, done in zip(tracks, played, strict=True)
     ]
     task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
-    link = farthest_link(arms)
+    link, _ = farthest(visuals.shapes, np.max([arm.off[-1] for arm in arms], axis=0))
     if headline is None:
-        outcomes = [
-            _outcome(chains, done, track, arm)
+        summaries = [
+            _summary(chains, done, track, arm)
             for done, track, arm in zip(played, tracks, arms, strict=True)
         ]
-        headline = headline_of(outcomes, cycles, stopped)
+        headline = headline_of(summaries, cycles, stopped)
     lines = (
         list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))
         if paths is None
         else list(paths)
     )
+    origins = [
+        chain.task.joint_origins(chain.task.from_robot(track.Q[0]))
+        for chain in chains
+        for track in tracks
+    ]
     return animation_page(
         arms,
         lines,
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
-        caption="\n".join(_chain_words(chain.task) for chain in chains),
-        planar=_is_planar(chains, [track.Q[0] for track in tracks], lines),
+        caption="\n".join(
+            f"{one.frame}: {controlled(one.kind)}, {one.n} joints, {one.r} redundant"
+            for one in (chain.task for chain in chains)
+        ),
+        planar=is_planar(np.vstack([*origins, *lines])),
         frames=frames,
         headline=headline,
         part=(link, part_name(task, start, link)),
@@ -217,20 +227,6 @@ def _cycle_time(track: Playback) -> float:
     """Return the time of one cycle, s; 4 s if it is unknown."""
     span = 0.0 if track.t is None else float(track.t[-1] - track.t[0])
     return span / track.cycles if span > 0 else 4.0
-
-
-def _outcome(
-    chains: Sequence[TracedChain],
-    played: Sequence[JointMotion],
-    track: Playback,
-    arm: Arm,
-) -> Outcome:
-    """Collect the quantities of one motion that the headline reports."""
-    task, link = chains[0].task, farthest_link([arm])
-    assert arm.drift is not None
-    farthest = link, float(arm.drift.off[-1].max(initial=0.0))
-    summary = _summary(chains, played, track)
-    return outcome_of(summary, task, task.from_robot(track.Q[0]), farthest, played)
 
 
 def _arm(
@@ -254,10 +250,10 @@ def _arm(
         tip,
         elbow,
         track.drift,
-        track.color,
+        *body_drift(bodies, placements, frames.per_cycle),
+        color=track.color,
         unit=track.unit,
         broken=_broken(played, rows, track.t is not None),
-        drift=body_drift(bodies, placements, frames.per_cycle),
     )
 
 
@@ -287,7 +283,7 @@ def _is_of(chain: Task, task: Task) -> bool:
 
 def _broken(
     played: Sequence[JointMotion], rows: Array, timed: bool
-) -> Violation | None:
+) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
     Speed limits count if the motion is timed, and collisions if it has one chain.
@@ -309,13 +305,11 @@ def _broken(
         at, links = touch
         link = next(name for name in links if name in robot.description.links)
         data, frame = robot.model.createData(), frame_id(robot.model, link)
-        origin = np.array(
-            [
-                _frame_origin(robot.model, data, q, frame)
-                for q in robot.coupling.joints(rows)
-            ]
-        )
-        return Violation(
+        origin = np.empty((len(rows), 3))
+        for q, place in zip(robot.coupling.joints(rows), origin, strict=True):
+            pin.framesForwardKinematics(robot.model, data, q)
+            place[:] = data.oMf[frame].translation
+        return FirstViolation(
             f"{' and '.join(links)} have touched", at, cycle_of(at, cycles), origin
         )
     if found is None:
@@ -323,16 +317,14 @@ def _broken(
     at, joint, task, words = found
     k = task.robot_joints.index(joint)
     origin = np.array([task.joint_origins(task.from_robot(q))[k] for q in rows])
-    return Violation(f"{joint} {words}", at, cycle_of(at, cycles), origin)
-
-
-def _frame_origin(model: pin.Model, data: pin.Data, q: Array, frame: int) -> Array:
-    pin.framesForwardKinematics(model, data, q)
-    return data.oMf[frame].translation.copy()
+    return FirstViolation(f"{joint} {words}", at, cycle_of(at, cycles), origin)
 
 
 def _summary(
-    chains: Sequence[TracedChain], played: Sequence[JointMotion], track: Playback
+    chains: Sequence[TracedChain],
+    played: Sequence[JointMotion],
+    track: Playback,
+    arm: Arm,
 ) -> MotionSummary:
     """Summarise a motion for the headline.
 
@@ -351,8 +343,8 @@ def _summary(
     violations = [
         summary.limit_violation for summary in summaries if summary.limit_violation
     ]
-    loss = track.path_loss
-    return replace(
+    loss = None if track.motion is None else track.motion.path_loss
+    worst = replace(
         summaries[0],
         elbow_displacement=max(summary.elbow_displacement for summary in summaries),
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
@@ -366,6 +358,9 @@ def _summary(
         else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
+    moved = farthest(arm.shapes, arm.off[-1])
+    task = chains[0].task
+    return for_headline(worst, task, task.from_robot(track.Q[0]), moved, played)
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
@@ -374,22 +369,3 @@ def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
     return chain.task.positions(part), np.array(
         [chain.task.joint_origins(q)[chain.elbow] for q in part]
     )
-
-
-def _chain_words(task: Task) -> str:
-    return f"{task.frame}: {controlled(task.kind)}, {task.n} joints, {task.r} redundant"
-
-
-def _is_planar(
-    chains: Sequence[TracedChain], starts: Sequence[Array], paths: Sequence[Array]
-) -> bool:
-    """Check whether all joint origins and paths lie in one horizontal plane.
-
-    The page shows such a robot from above.
-    """
-    joints = [
-        chain.task.joint_origins(chain.task.from_robot(q))
-        for chain in chains
-        for q in starts
-    ]
-    return bool(np.ptp(np.vstack([*joints, *paths]), axis=0)[2] < 1e-9)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,14 +15,16 @@ from ...errors import InputError
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
-from ..text.headline import NO_HEADLINE, Headline, about, law_of, title_of, under
-from .body_points import BodyDrift, body_drift, corners
+from ..text.headline import NO_HEADLINE, Headline, names_of
 from .html import page
 from .meshes import Key, key, lifted, record
-from .surfaces import Surfaces, read_surfaces
+from .surfaces import Surfaces
 
 _PER_CYCLE = (61, 126, 251, 501)
 """Maximum numbers of samples per cycle that are tried one after the other."""
+
+_SHOWN = 24
+"""Maximum number of cycles that are shown."""
 
 _CLOSE = 2e-4
 """Error of a joint drawn between two samples, rad or m, that the page allows."""
@@ -51,7 +53,7 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Violation:
+class FirstViolation:
     """First violation of a limit, or first collision, of one motion.
 
     Attributes
@@ -89,14 +91,16 @@ class Arm:
         Positions of the frame and of the elbow of K chains, m.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
+    points : tuple of (P, 3) arrays
+        Corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
+    off : (T, S) array
+        Displacement of each shape since the same moment of cycle 1, m.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
         Unit of the drift.
-    broken : Violation or None
+    broken : FirstViolation or None
         First violated joint limit, or first collision.
-    drift : BodyDrift or None
-        Displacement of each shape since cycle 1; :func:`animation_page` computes it if None.
     """
 
     label: str
@@ -105,18 +109,17 @@ class Arm:
     tip: Array
     elbow: Array
     cycle_drift: Array
+    points: tuple[Array, ...]
+    off: Array
     color: str = VERMILLION
     unit: str = "rad"
-    broken: Violation | None = None
-    drift: BodyDrift | None = None
+    broken: FirstViolation | None = None
 
 
-def choose_frames(
-    samples: int, cycles: int, *, per_cycle: int = 61, shown: int = 24
-) -> Frames:
+def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    If there are more than ``shown`` cycles, the first and the last are shown, and every k-th one
+    If there are more than 24 cycles, the first and the last are shown, and every k-th one
     before the last. Within a cycle, the samples are evenly spaced if its number of steps has a
     suitable divisor, and nearly so otherwise.
 
@@ -126,15 +129,13 @@ def choose_frames(
         Number of samples and cycles of the motion; each cycle has the same number of steps.
     per_cycle
         Maximum number of samples per cycle.
-    shown
-        Maximum number of cycles.
     """
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
         raise InputError(
             f"{samples} samples are not {cycles} cycles of equal steps and a start"
         )
-    stride = -(-(cycles - 1) // (shown - 1)) or 1
+    stride = -(-(cycles - 1) // (_SHOWN - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
     most = min(per_cycle - 1, steps)
     even = max(k for k in range(1, most + 1) if steps % k == 0)
@@ -185,14 +186,14 @@ def animation_page(
     paths: Sequence[Array],
     *,
     frames: Frames,
+    surfaces: Surfaces,
     seconds: float,
     title: str,
     caption: str,
+    part: tuple[str, str],
     planar: bool = False,
     headline: Headline = NO_HEADLINE,
-    part: tuple[str, str] | None = None,
     live: bool = False,
-    surfaces: Surfaces | None = None,
     names: Mapping[str, str] | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
@@ -205,22 +206,21 @@ def animation_page(
         The paths that the tips follow, closed or not, m.
     frames
         The samples of the motions that the arrays of the arms hold.
+    surfaces
+        Contents of the arms' mesh files.
     seconds
         Time of one cycle at normal speed.
     title, caption
         Robot and task, in words; any text. Line breaks of the caption are kept.
+    part : (str, str)
+        Link of the part that the page points at, and its display name.
     planar
         True if the arms are seen from above, as in a drawing.
     headline
         Headline above the panes.
-    part : (str, str), optional
-        Link of the part that the page points at, and its display name; by default the link of the
-        shape that is displaced most.
     live
         True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
         examples of poses.
-    surfaces
-        Contents of the arms' mesh files; if None, the files are read.
     names
         Display name of the part that each shape belongs to, by the name of the shape; only for live
         poses.
@@ -230,21 +230,9 @@ def animation_page(
     The page's HTML.
     """
     shapes = [shape for arm in arms for shape in arm.shapes]
-    if surfaces is None:
-        surfaces = read_surfaces(shapes)
     commands, library, problems = record(shapes, surfaces)
     parts: list[Array] = []
-    if any(arm.drift is None for arm in arms):
-        bodies = corners(arms[0].shapes, surfaces)
-        arms = [
-            arm
-            if arm.drift is not None
-            else replace(
-                arm, drift=body_drift(bodies, arm.placements, frames.per_cycle)
-            )
-            for arm in arms
-        ]
-    link, name = part or (farthest_link(arms), None)
+    link, name = part
     described = [_describe(arm, frames, library, link, parts) for arm in arms]
     scene = {
         "title": title,
@@ -256,7 +244,7 @@ def animation_page(
         "perCycle": frames.per_cycle,
         "paths": [len(path) for path in paths],
         "problems": problems,
-        "part": name or link,
+        "part": name,
         "names": dict(names or {}),
         "arms": described,
     }
@@ -264,13 +252,6 @@ def animation_page(
         np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]
     ]
     return page(scene, commands, motion, headline)
-
-
-def farthest_link(arms: Sequence[Arm]) -> str:
-    """Find the link of the shape that is displaced most at the end of any motion."""
-    ends = [np.zeros(0) if arm.drift is None else arm.drift.off[-1] for arm in arms]
-    which = int(np.argmax(np.max(ends, axis=0, initial=0.0))) if len(ends[0]) else 0
-    return arms[0].shapes[which].link if arms[0].shapes else ""
 
 
 def _describe(
@@ -285,22 +266,17 @@ def _describe(
     The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
     a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
     """
-    assert arm.drift is not None
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
     moving = moving_of(arm.placements)
     parts += [poses[:, moving], arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
-    parts += [
-        points for points, moves in zip(arm.drift.points, moving, strict=True) if moves
-    ]
+    parts += [points for points, moves in zip(arm.points, moving, strict=True) if moves]
     rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [
         0,
         frames.per_cycle - 1,
     ]
-    off = arm.drift.off.max(axis=1, initial=0.0)[
-        rows
-    ]  # (cycles shown, 2): at start and end
+    off = arm.off.max(axis=1, initial=0.0)[rows]  # (cycles shown, 2): at start and end
     shapes = [
         {
             "name": shape.name,
@@ -311,7 +287,7 @@ def _describe(
             else [*lifted(shape.color[:3]).tolist(), float(shape.color[3])],
             "pose": None if moving[k] else poses[0, k].tolist(),
             "standing": shape.standing,
-            "points": len(arm.drift.points[k]),
+            "points": len(arm.points[k]),
         }
         for k, shape in enumerate(arm.shapes)
     ]
@@ -322,10 +298,7 @@ def _describe(
     }
     return {
         **picked(arm, "label", "color", "unit"),
-        "title": title_of(arm.label),
-        "law": law_of(arm.label),
-        "about": about(arm.label),
-        "under": under(arm.label),
+        **names_of(arm.label),
         "drift": arm.cycle_drift.tolist(),
         "off": off.tolist(),
         "part": [shape.link == link for shape in arm.shapes],
@@ -333,6 +306,11 @@ def _describe(
         "broken": broken,
         "shapes": shapes,
     }
+
+
+def is_planar(points: Array) -> bool:
+    """Test if points (K, 3) lie in one horizontal plane; such a robot is shown from above."""
+    return bool(np.ptp(points[:, 2]) < 1e-9)
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:

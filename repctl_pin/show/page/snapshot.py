@@ -15,6 +15,7 @@ from ...robot.task import Task
 from ...studies import Study
 from ..palette import COLOURS, INK
 from ..plots.motions import plain
+from .scene import is_planar
 
 _START = "#9aa4ae"
 
@@ -82,7 +83,7 @@ def still_figure(study: Study) -> Figure:
         if row.motion is not None
     ]
     stations = np.vstack([bones(study.task, study.q0), study.path.points(16)])
-    flat = bool(np.ptp(stations[:, 2]) < 1e-9)
+    flat = is_planar(stations)
     figure = Figure(figsize=(5.0 * len(rows), 4.6), layout="constrained")
     axes: list[Any] = []
     for k, row in enumerate(rows, 1):

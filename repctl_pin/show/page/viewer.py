@@ -41,7 +41,9 @@ from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from ..text.parts import controlled, part_name
-from .scene import Arm, Frames, animation_page, moving_of, poses_of
+from .body_points import body_drift, corners, farthest
+from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
+from .surfaces import read_surfaces
 
 HOST = "127.0.0.1"
 
@@ -238,20 +240,26 @@ class Viewer:
                 np.clip(q0 - 0.3, task.lower, task.upper),
             ]
         )
+        shapes = self._visuals.shapes
         placements = self._visuals.placements(task.to_robot(Q))
         self._moving = moving_of(placements)
+        surfaces, frames = read_surfaces(shapes), Frames(np.arange(3), (1,), 3)
+        outer, off = body_drift(corners(shapes, surfaces), placements, frames.per_cycle)
+        link, _ = farthest(shapes, off[-1])
         points = task.positions(Q)
         tips = points[:, None]
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
         arms = [
             Arm(
                 name,
-                self._visuals.shapes,
+                shapes,
                 placements,
                 tips,
                 tips,
                 np.zeros(1),
-                colour,
+                outer,
+                off,
+                color=colour,
                 unit=task.unit,
             )
             for name, colour in zip(self.names, colours, strict=False)
@@ -259,21 +267,19 @@ class Viewer:
         keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
         caption = f"{task.frame}: {controlled(task.kind)}. {keys}"
         lines = [] if path is None else [path.points()]
-        flat = bool(
-            np.ptp(np.vstack([*map(task.joint_origins, Q), points, *lines])[:, 2])
-            < 1e-9
-        )
-        title, frames = f"{task.robot.name}: live", Frames(np.arange(3), (1,), 3)
+        flat = is_planar(np.vstack([*map(task.joint_origins, Q), points, *lines]))
         return animation_page(
             arms,
             lines,
             frames=frames,
+            surfaces=surfaces,
             seconds=1.0,
-            title=title,
+            title=f"{task.robot.name}: live",
             caption=caption,
+            part=(link, link),
             planar=flat,
             live=True,
-            names={s.name: part_name(task, q0, s.link) for s in self._visuals.shapes},
+            names={s.name: part_name(task, q0, s.link) for s in shapes},
         )
 
     def _serve(self, sockets: Any, page: str) -> None:

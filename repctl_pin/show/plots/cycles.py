@@ -57,7 +57,8 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
         Label, motion and colour of each. Motions of joints without limits are not drawn.
     """
     lines = [
-        (label, colour, least_margins(motion)) for label, motion, colour in motions
+        (label, colour, _least_in_cycles(motion.limit_margin.min(axis=1), motion))
+        for label, motion, colour in motions
     ]
     lines = [
         line for line in lines if np.isfinite(line[2]).all() and line[2].max() < 1e6
@@ -114,11 +115,6 @@ def _least_over_cycles(
     ax.set_ylim(min(low, 0.0), high + 0.04 * (high - min(low, 0.0)))
     ax.axhspan(min(low, 0.0), 0, color="#f0f0f0", zorder=0)
     ax.axhline(0, color=INK, lw=0.9)
-
-
-def least_margins(motion: Motion) -> np.ndarray:
-    """Find the smallest limit margin of any joint in each cycle: (cycles,)."""
-    return _least_in_cycles(motion.limit_margin.min(axis=1), motion)
 
 
 def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
@@ -182,23 +178,9 @@ def orbit(
     return quiet(ax)
 
 
-def orbits_figure(
-    motions: Sequence[tuple[str, Motion, str]],
-    title: str,
-    joints: tuple[int, int, int] | None = None,
-) -> Figure:
-    """Draw the figure of orbits: three joints, plotted pair by pair in three panels.
-
-    Parameters
-    ----------
-    motions
-        Label, motion and colour of each.
-    title
-        Title of the figure.
-    joints
-        Indices of the three joints; by default those that drift most.
-    """
-    i, j, k = joints or liveliest_joints(motions)
+def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
+    """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels."""
+    i, j, k = liveliest_joints(motions)
     figure = titled(10, 3.9, title)
     axes = figure.subplots(1, 3)
     for ax, (across, upward) in zip(axes, ((i, j), (i, k), (j, k)), strict=True):
@@ -206,21 +188,17 @@ def orbits_figure(
     return legend_below(figure, axes[0])
 
 
-def phase_plane(ax: Axes, timed: TimedMotion, *, colour: str = BLUE) -> Axes:
-    """Draw ‖q̇‖ against the length of the joint path, from rest to rest.
+def phase_figure(timed: TimedMotion) -> Figure:
+    """Draw the figure of ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    Parameters
-    ----------
-    ax
-        Axes to draw on.
-    timed
-        Result of :func:`repctl_pin.timed`; its first three cycles are drawn, if there are more.
-    colour
-        Colour of the line.
+    :func:`repctl_pin.timed` keeps three cycles of a longer motion.
     """
-    ax.plot(timed.length, timed.speed, color=colour)
+    figure = Figure(figsize=(6, 3.4), layout="constrained")
+    ax = figure.add_subplot()
+    ax.plot(timed.length, timed.speed, color=BLUE)
     ax.set_xlabel("length of the joint path")
     ax.set_ylabel("joint speed ‖q̇‖ (per s)")
     ax.set_xlim(0, timed.length[-1])
     ax.set_ylim(0, None)
-    return quiet(ax)
+    quiet(ax)
+    return figure

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ...certificate import proved_words
+from ...motion import Motion
 from ...studies import Row, Study
-from ..page.outcomes import row_outcome, study_headline
-from .headline import Outcome, off_of
+from ..page.summaries import row_summary, study_headline
+from .headline import off_of
 from .lines import Span, fitted, wrapped
-from .numbers import displacement, metres, number, percent
+from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import MotionSummary
+from .verdict import TOO_FAST, MotionSummary
 
 ROWS, COLUMNS = 24, 80
 """Size of the terminal into which the answer fits."""
@@ -27,9 +28,6 @@ _TITLES = {
 }
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
-
-_SPEED = 1 + 1e-9
-"""Ratio of joint speed to limit above which a joint counts as too fast."""
 
 
 def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
@@ -60,7 +58,8 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     ]
     out += _short_table(study, rows)
     notes = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
-    notes += _proved(study)
+    if proof := study.design.proof:
+        notes.append(f"leaf margin in Ω: {proved_words(proof)}")
     notes += [f"note: {note}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
@@ -78,7 +77,7 @@ def _about(study: Study) -> str:
     """Write one line that names the arm, its task, its path and the number of cycles."""
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
-    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    times = counted(cycles, "cycle")
     task = (
         f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
     )
@@ -109,64 +108,52 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     """List the rows of the short table: name of a quantity, and its value for every strategy."""
-    outcomes = [row_outcome(study, row) for row in rows]
-    summaries = [None if one is None else one.summary for one in outcomes]
-    usual = summaries[0]
-
-    def line(say: Callable[[Row, MotionSummary], Span]) -> list[Span]:
-        return [
-            Span("stopped", "bad") if summary is None else say(row, summary)
-            for row, summary in zip(rows, summaries, strict=True)
-        ]
-
+    summaries = [row_summary(study, row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
     unit = "" if some is None else f", {some.task.unit}"
-    cells = [
-        ("hand off its path, at most", line(_hand)),
-        (
-            f"{_part(outcomes)} off at the end",
-            [
-                Span("stopped", "bad") if one is None else off_of(one)
-                for one in outcomes
-            ],
-        ),
-        (f"joints off at the end{unit}", line(_joints)),
-        ("first cycle closes", line(_first)),
-        ("extra joint speed, cycle 1", line(lambda _, summary: _speed(summary, usual))),
-        ("limits", line(lambda _, summary: _limits(summary))),
+    names = [
+        "hand off its path, at most",
+        f"{_part(summaries)} off at the end",
+        f"joints off at the end{unit}",
+        "first cycle closes",
+        "extra joint speed, cycle 1",
+        "limits",
     ]
-    known = any(
-        summary is not None and summary.body_distance is not None
-        for summary in summaries
-    )
-    return [*cells, *([("closest links", line(_links))] if known else [])]
+    if any(one is not None and one.body_distance is not None for one in summaries):
+        names.append("closest links")
+    columns = [
+        [Span("stopped", "bad")] * len(names)
+        if row.motion is None or one is None
+        else _column(row.motion, one, summaries[0])[: len(names)]
+        for row, one in zip(rows, summaries, strict=True)
+    ]
+    return [
+        (name, list(line))
+        for name, line in zip(names, zip(*columns, strict=True), strict=True)
+    ]
 
 
-def _part(outcomes: Sequence[Outcome | None]) -> str:
+def _column(
+    motion: Motion, summary: MotionSummary, usual: MotionSummary | None
+) -> list[Span]:
+    """Format the values of one strategy, in the order of the rows of the short table."""
+    off = float(motion.tracking_error.max())
+    drift = number(float(motion.drift[-1]))
+    return [
+        Span(displacement(off), "bad" if summary.path_loss else ""),
+        off_of(summary),
+        Span("0", "good") if motion.closes else Span(drift, "bad"),
+        Span("yes", "good") if motion.first_closes else Span("no", "bad"),
+        _speed(summary, usual),
+        _limits(summary),
+        _links(summary),
+    ]
+
+
+def _part(summaries: Sequence[MotionSummary | None]) -> str:
     """Name the part that is displaced most; "farthest part" if strategies differ in it."""
-    names = {one.part for one in outcomes if one is not None and not one.back}
+    names = {one.part for one in summaries if one is not None and not one.back}
     return names.pop() if len(names) == 1 else "farthest part"
-
-
-def _hand(row: Row, summary: MotionSummary) -> Span:
-    assert row.motion is not None
-    off = float(row.motion.tracking_error.max())
-    return Span(displacement(off), "bad" if summary.path_loss else "")
-
-
-def _joints(row: Row, _: MotionSummary) -> Span:
-    motion = row.motion
-    assert motion is not None
-    return (
-        Span("0", "good")
-        if motion.closes
-        else Span(number(float(motion.drift[-1])), "bad")
-    )
-
-
-def _first(row: Row, _: MotionSummary) -> Span:
-    assert row.motion is not None
-    return Span("yes", "good") if row.motion.first_closes else Span("no", "bad")
 
 
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
@@ -181,12 +168,12 @@ def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
 def _limits(summary: MotionSummary) -> Span:
     if summary.limit_violation:
         return Span(f"cycle {summary.limit_violation[0]}!", "bad")
-    if summary.speed_ratio > _SPEED:
+    if summary.speed_ratio > TOO_FAST:
         return Span(f"speed × {summary.speed_ratio:.2g}!", "bad")
     return Span("kept")
 
 
-def _links(_: Row, summary: MotionSummary) -> Span:
+def _links(summary: MotionSummary) -> Span:
     if summary.body_distance is None:
         return Span("–")
     if summary.collision_cycle:
@@ -197,15 +184,10 @@ def _links(_: Row, summary: MotionSummary) -> Span:
 def _violations(row: Row) -> list[str]:
     """Write which joint exceeds its limits, or which links collide, and when: one text for each."""
     motion, said = row.motion, [str(violation) for violation in row.violations]
-    if motion is not None and motion.speed_ratio > _SPEED:
+    if motion is not None and motion.speed_ratio > TOO_FAST:
         times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
         said.append(f"{motion.fastest_joint} goes {times}")
     return said
-
-
-def _proved(study: Study) -> list[str]:
-    proof = study.design.proof
-    return [f"leaf margin in Ω: {proved_words(proof)}"] if proof else []
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...recordings.audit import Audit
+from ...robot.task import unit_of
 from .headline import Headline
 from .lines import Span, capital, fitted, wrapped
 from .numbers import metres, number
@@ -29,8 +30,7 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
     files
         Lines on the files that were written, printed at the end.
     """
-    said = [*audit_sentence(audit), Span(f" {_returns(audit)}")]
-    out = [*wrapped(said), Span(f"\n\n{fitted(_about(audit))}\n")]
+    out = [*wrapped(audit_sentence(audit)), Span(f"\n\n{fitted(_about(audit))}\n")]
     after = [f"note: {note}" for note in audit.notes]
     if audit.repeats:
         out.append(Span(f"\n{_table(audit)}\n\n"))
@@ -39,7 +39,7 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 
 
 def audit_sentence(audit: Audit) -> list[Span]:
-    """Write a sentence on whether the arm creeps, and how fast."""
+    """Write whether the arm creeps, how fast, and how often the hand came back."""
     if not audit.repeats:
         return [
             Span(
@@ -48,12 +48,14 @@ def audit_sentence(audit: Audit) -> list[Span]:
         ]
     seconds, unit = audit.clock
     error = f"{metres(audit.error * seconds)} per {unit}"
+    returns = Span(f" The hand is back at the same pose {audit.returns} times.")
     if audit.creeps:
         name, rate, interval = _fastest(audit)
         return [
             Span(f"Your arm creeps: {name} "),
             Span(rate.replace(" ", "\u00a0"), "bad"),
             Span(f" {interval}."),
+            returns,
         ]
     if audit.scatters:
         off = metres(audit.scatter).replace(" ", "\u00a0")
@@ -63,16 +65,22 @@ def audit_sentence(audit: Audit) -> list[Span]:
             ),
             Span(off, "bad"),
             Span(" off its trend."),
+            returns,
         ]
-    no = Span("no creep".replace(" ", "\u00a0"), "good")
-    return [Span("Your arm repeats: "), no, Span(f" above the noise, {error}.")]
+    return [
+        Span("Your arm repeats: "),
+        Span("no\u00a0creep", "good"),
+        Span(f" above the noise, {error}."),
+        returns,
+    ]
 
 
 def audit_headline(audit: Audit) -> Headline:
     """Write the headline of the page: the sentence of the audit, and its consequences."""
-    said = (*audit_sentence(audit), Span(f" {_returns(audit)}"))
     notes = [note.removeprefix("! ") for note in _leads(audit)]
-    return Headline(said, tuple(Span(f"{capital(note)}.") for note in notes))
+    return Headline(
+        tuple(audit_sentence(audit)), tuple(Span(f"{capital(note)}.") for note in notes)
+    )
 
 
 def _distance(audit: Audit) -> str:
@@ -84,12 +92,6 @@ def _distance(audit: Audit) -> str:
     nearest, allowed = metres(audit.visits.nearest), metres(audit.visits.tolerance)
     said = f": the hand comes back no nearer than {nearest} ({allowed} would count)"
     return re.sub(r"(\d) (\w+)", "\\1\u00a0\\2", said)
-
-
-def _returns(audit: Audit) -> str:
-    if not audit.repeats:
-        return ""
-    return f"The hand is back at the same pose {audit.returns} times."
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
@@ -114,7 +116,11 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
         )
     )
     name = audit.task.joint_names[joint]
-    return name, f"{rate} {_unit(audit, joint)} per {unit}", f"(± {error})"
+    return (
+        name,
+        f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}",
+        f"(± {error})",
+    )
 
 
 def part_of(audit: Audit) -> str:
@@ -137,10 +143,6 @@ def time_span(seconds: float) -> str:
     return f"{seconds / (scale or 1):.2g} {unit}"
 
 
-def _unit(audit: Audit, joint: int) -> str:
-    return "rad" if audit.task.revolute[joint] else "m"
-
-
 def _number(value: float) -> str:
     """Format a change of a joint; 0 below 1e-9 rad or m, as lengths are."""
     return "0" if abs(value) < 1e-9 else number(value)
@@ -161,7 +163,7 @@ def _table(audit: Audit) -> str:
         moved = float(visits.q[-1, i] - visits.q[0, i])
         rate, error = float(joints.rate[i]), float(joints.error[i])
         values = (moved, rate * each, rate * seconds, error * seconds)
-        name = f"{audit.task.joint_names[i]}, {_unit(audit, int(i))}"
+        name = f"{audit.task.joint_names[i]}, {unit_of([audit.task.revolute[i]])}"
         rows.append([name, *map(_number, values)])
     header = ["", "first to last", "per return", f"per {unit}", "± 95 %"]
     return table(header, rows)

@@ -10,7 +10,7 @@ from ...motion import Motion
 from ...studies import Row, Study
 from ...studies.study_maps import StudyMaps
 from ..palette import COLOURS
-from .numbers import number, percent
+from .numbers import counted, number, percent
 
 GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
@@ -46,7 +46,7 @@ def summary(study: Study) -> list[str]:
     some = next(row.motion for row in study.rows if row.motion is not None)
     out = [
         f"The frame {task.frame} of {study.robot.name} followed a closed path, {path.name}, "
-        f"{some.cycles} {_times(some.cycles)}. The task ({task.kind}) has {task.m} coordinates and "
+        f"{counted(some.cycles, 'time')}. The task ({task.kind}) has {task.m} coordinates and "
         f"the arm {task.n} joints, which leaves {task.r} free: many joint motions move the frame "
         "in the same way."
     ]
@@ -70,8 +70,8 @@ def summary(study: Study) -> list[str]:
         assert closed.distance is not None and closed.leaf_margin is not None
         out.append(
             "Under the nearest repeatable inverse the joints drift by "
-            f"{amount(closed.motion, -1)} after {closed.motion.cycles} "
-            f"{_times(closed.motion.cycles, 'cycle')}. "
+            f"{amount(closed.motion, -1)} after "
+            f"{counted(closed.motion.cycles, 'cycle')}. "
             f"It differs from J⁺ by {ratio_in_percent(closed.distance)} on average over Ω, "
             f"and {_price(plain, closed)}. Its smallest leaf margin is "
             f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
@@ -225,7 +225,3 @@ def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
         for row in study.rows
         if row.motion is not None and row.key != without
     ]
-
-
-def _times(count: int, word: str = "time") -> str:
-    return word if count == 1 else f"{word}s"

@@ -10,20 +10,14 @@ from dataclasses import dataclass
 
 from ...motion.motion import ON_PATH
 from .lines import Span, capital
-from .numbers import NOTHING, displacement, metres, percent, radians
-from .verdict import MotionSummary
-
-SMALL = 0.01
-"""Displacement of a part, m, below which it has hardly drifted."""
+from .numbers import counted, displacement, metres, percent, radians
+from .verdict import SMALL, TOO_FAST, TURNED, MotionSummary
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
 
 _UNTURNED = 1e-5
 """Displacement of a joint, rad, below which a sentence writes 0."""
-
-_TURNED = 0.1
-"""Displacement of a joint, rad, above which it is named if no part is displaced."""
 
 _TITLES = {"J⁺": "Usual control", "nearest repeatable": "Repeatable"}
 _ABOUT = {
@@ -47,109 +41,70 @@ class Headline:
 NO_HEADLINE = Headline((), ())
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The quantities of one motion that the headline reports.
-
-    Attributes
-    ----------
-    summary : MotionSummary
-        The quantities that the verdict reports.
-    part : str
-        Display name of the part that is displaced most at the end.
-    link : str
-        That part's link in the URDF.
-    off : float
-        Displacement of that part, m.
-    leaves : (int, str) or None
-        The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
-    near : tuple of str
-        The two links with the minimum body distance; empty without bodies.
-    """
-
-    summary: MotionSummary
-    part: str
-    link: str
-    off: float
-    leaves: tuple[int, str] | None = None
-    near: tuple[str, ...] = ()
-
-    @property
-    def back(self) -> bool:
-        """True if every part of the arm is back where it began, within a tenth of a millimetre."""
-        return self.off < NOTHING
-
-    @property
-    def turned(self) -> bool:
-        """True if a joint is displaced although no part is."""
-        return self.off < SMALL and self.summary.joint_displacement[0] >= _TURNED
-
-
-def title_of(label: str) -> str:
-    """Return the title of the pane of a controller, from its label."""
-    return _TITLES.get(label, label)
-
-
-def law_of(label: str) -> str:
-    """Return the technical name that follows the title of a controller, in brackets."""
-    return " (pseudoinverse)" if label == "J⁺" else ""
-
-
-def about(label: str) -> str:
-    """Return what a controller does, from its label; empty for a controller of the user's."""
-    return _ABOUT.get(label, "")
-
-
 def under(label: str) -> str:
     """Return how a sentence names a controller, from its label."""
     return _UNDER.get(label, label)
 
 
+def names_of(label: str) -> dict[str, str]:
+    """Collect what a page writes about a controller, from its label.
+
+    These are the title of its pane, the technical name that follows the title in brackets, what
+    the controller does, and how a sentence names it; the second and third can be empty.
+    """
+    return {
+        "title": _TITLES.get(label, label),
+        "law": " (pseudoinverse)" if label == "J⁺" else "",
+        "about": _ABOUT.get(label, ""),
+        "under": under(label),
+    }
+
+
 def stopped_words(label: str, why: str) -> str:
     """Write a sentence that a motion stopped, and why."""
-    return f"{title_of(label)} stopped: {why}."
+    return f"{_TITLES.get(label, label)} stopped: {why}."
 
 
 def headline_of(
-    outcomes: Sequence[Outcome], cycles: int, stopped: Sequence[str] = ()
+    summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = ()
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
     Parameters
     ----------
-    outcomes
-        Outcome of each motion: the first is the reference, the last the repeatable one.
+    summaries
+        Summary of each motion: the first is the reference, the last the repeatable one.
     cycles
         Number of cycles of each.
     stopped
         Sentences about motions that stopped.
     """
-    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    times = counted(cycles, "cycle")
     said = tuple(Span(f"{text} ", "bad") for text in stopped)
-    if not outcomes:
+    if not summaries:
         return Headline(said, ())
-    worst = max(outcomes, key=lambda one: one.off)
-    lost = _lost(outcomes)
-    hands = _HANDS.get(len(outcomes), "all hands are")
+    worst = max(summaries, key=lambda one: one.off)
+    lost = _lost(summaries)
+    hands = _HANDS.get(len(summaries), "all hands are")
     words = lost or [Span(f"After {times} {hands} back. ")]
-    if all(one.back and not one.turned for one in outcomes):
-        every = f"every part of the {'arm' if len(outcomes) == 1 else 'arms'}"
+    if all(one.back and not one.turned for one in summaries):
+        every = f"every part of the {'arm' if len(summaries) == 1 else 'arms'}"
         also = f"After {times} {every} is back: " if lost else f"So is {every}: "
         words += [Span(also), Span("0", "good", _exact(worst)), Span(" off.")]
-        return Headline((*said, *words), tuple(_notes(outcomes)))
+        return Headline((*said, *words), tuple(_notes(summaries)))
     if worst.off >= SMALL:
-        one = "one" if len(outcomes) == 2 and any(o.back for o in outcomes) else "the"
-        subject, offs = _subject(worst.part, one), _offs(outcomes, " off")
+        one = "one" if len(summaries) == 2 and any(o.back for o in summaries) else "the"
+        subject, offs = _subject(worst.part, one), _offs(summaries, " off")
         verb = "is not back" if lost else "is not"
-    elif any(one.turned for one in outcomes):
-        subject, offs = _turned(outcomes)
+    elif any(one.turned for one in summaries):
+        subject, offs = _turned(summaries)
         verb = "is not back" if lost else "is not"
     else:
-        subject, offs = _subject(worst.part, "the"), _offs(outcomes, "")
+        subject, offs = _subject(worst.part, "the"), _offs(summaries, "")
         verb = "has hardly drifted"
     start = f"After {times} {subject}" if lost else capital(subject)
     words += [Span(f"{start} {verb}: "), *offs, Span(".")]
-    return Headline((*said, *words), tuple(_notes(outcomes)))
+    return Headline((*said, *words), tuple(_notes(summaries)))
 
 
 def _subject(part: str, article: str) -> str:
@@ -164,24 +119,24 @@ def _subject(part: str, article: str) -> str:
     return f"{article} {part}"
 
 
-def _lost(outcomes: Sequence[Outcome]) -> list[Span]:
+def _lost(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write under which controllers the hand leaves its path; empty if it never does."""
     said = []
-    for one in outcomes:
-        if one.summary.path_loss is None:
+    for one in summaries:
+        if one.path_loss is None:
             continue
-        cycle, way, angle = one.summary.path_loss
-        by = metres(way) if way > ON_PATH * one.summary.size else radians(angle)
+        cycle, way, angle = one.path_loss
+        by = metres(way) if way > ON_PATH * one.size else radians(angle)
         said.append(
             Span(
-                f"Under {under(one.summary.label)} the hand leaves its path in cycle {cycle}: "
+                f"Under {under(one.label)} the hand leaves its path in cycle {cycle}: "
             )
         )
         said += [Span(f"{by} off".replace(" ", "\u00a0"), "bad"), Span(". ")]
     return said
 
 
-def off_of(one: Outcome) -> Span:
+def off_of(one: MotionSummary) -> Span:
     """Format the displacement of the part that is displaced most.
 
     The tone is ``good`` for 0, and ``bad`` from 1 cm up.
@@ -190,57 +145,53 @@ def off_of(one: Outcome) -> Span:
     return Span(displacement(one.off), tone, _exact(one))
 
 
-def _exact(one: Outcome) -> str:
+def _exact(one: MotionSummary) -> str:
     return f"{one.link}: {one.off:.3g} m"
 
 
-def _offs(outcomes: Sequence[Outcome], unit: str) -> list[Span]:
+def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """List the displacement under each controller, as part of a sentence.
 
     ``unit`` follows each value, except a 0 that is not the first.
     """
     said: list[Span] = []
-    for k, one in enumerate(outcomes):
+    for k, one in enumerate(summaries):
         value, tone, exact = off_of(one)
         word = "" if one.back and k else unit
         said += [Span(", ")] if said else []
         said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, exact))
-        said += (
-            [Span(f" under {under(one.summary.label)}")] if len(outcomes) > 1 else []
-        )
+        said += [Span(f" under {under(one.label)}")] if len(summaries) > 1 else []
     return said
 
 
-def _turned(outcomes: Sequence[Outcome]) -> tuple[str, list[Span]]:
+def _turned(summaries: Sequence[MotionSummary]) -> tuple[str, list[Span]]:
     """Write which joint is displaced although parts are not, or hardly, and by how much."""
-    name = max(
-        outcomes, key=lambda one: one.summary.joint_displacement[0]
-    ).summary.joint_displacement[1]
+    name = max(summaries, key=lambda one: one.joint_displacement[0]).joint_displacement[
+        1
+    ]
     said: list[Span] = []
-    for one in outcomes:
-        angle = one.summary.joint_displacement[0]
+    for one in summaries:
+        angle = one.joint_displacement[0]
         said += [Span(", ")] if said else []
         value = "0" if angle < _UNTURNED else radians(angle)
         said.append(
-            Span(value.replace(" ", "\u00a0"), "bad" if angle >= _TURNED else "good")
+            Span(value.replace(" ", "\u00a0"), "bad" if angle >= TURNED else "good")
         )
-        said += (
-            [Span(f" under {under(one.summary.label)}")] if len(outcomes) > 1 else []
-        )
+        said += [Span(f" under {under(one.label)}")] if len(summaries) > 1 else []
     return f"the joint {name}", said
 
 
-def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
+def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write the extra joint speed, present and predicted limit violations, and body distances."""
-    first, last = outcomes[0].summary, outcomes[-1].summary
+    first, last = summaries[0], summaries[-1]
     said: list[Span] = []
     if (
-        len(outcomes) > 1
+        len(summaries) > 1
         and first.speed > 0
         and not (first.path_loss or last.path_loss)
     ):
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
-        subject = capital(under(outcomes[-1].summary.label))
+        subject = capital(under(summaries[-1].label))
         said.append(
             Span(f"{subject} takes no more joint speed.")
             if cost.startswith("0")
@@ -248,75 +199,75 @@ def _notes(outcomes: Sequence[Outcome]) -> list[Span]:
                 f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed."
             )
         )
-    return [*said, *_limits(outcomes), *_leads(outcomes), *_bodies(outcomes)]
+    return [*said, *_limits(summaries), *_leads(summaries), *_bodies(summaries)]
 
 
-def _limits(outcomes: Sequence[Outcome]) -> list[Span]:
+def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
     said = []
-    for one in outcomes:
-        words = f" under {under(one.summary.label)}" if len(outcomes) > 1 else ""
-        if one.summary.limit_violation:
-            cycle, joint = one.summary.limit_violation
+    for one in summaries:
+        words = f" under {under(one.label)}" if len(summaries) > 1 else ""
+        if one.limit_violation:
+            cycle, joint = one.limit_violation
             said.append(
                 Span(f"{joint} leaves its range in cycle {cycle}{words}.", "bad")
             )
-        if one.summary.speed_ratio > 1 + 1e-9:
+        if one.speed_ratio > TOO_FAST:
             said.append(
                 Span(
-                    f"{one.summary.speed_ratio:.2g} times the speed limit{words}.",
+                    f"{one.speed_ratio:.2g} times the speed limit{words}.",
                     "bad",
                 )
             )
     return said or [Span("Joint limits kept.")]
 
 
-def _leads(outcomes: Sequence[Outcome]) -> list[Span]:
-    found = [(one.leaves, one) for one in outcomes if one.leaves is not None]
+def _leads(summaries: Sequence[MotionSummary]) -> list[Span]:
+    found = [(one.leaves, one) for one in summaries if one.leaves is not None]
     return [
         Span(
             f"At this rate {leaves[1]} leaves its range in cycle {leaves[0]}"
-            + (f" under {under(one.summary.label)}." if len(outcomes) > 1 else ".")
+            + (f" under {under(one.label)}." if len(summaries) > 1 else ".")
         )
         for leaves, one in found
     ]
 
 
-def _bodies(outcomes: Sequence[Outcome]) -> list[Span]:
+def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write collisions and the minimum body distance; links are named if they are near."""
-    known = [one for one in outcomes if one.summary.body_distance is not None]
+    known = [one for one in summaries if one.body_distance is not None]
     if not known:
         return []
-    touching = [one for one in known if one.summary.collision_cycle]
+    touching = [one for one in known if one.collision_cycle]
     said = [
         Span(
-            f"{' and '.join(one.near)} touch in cycle {one.summary.collision_cycle} "
-            f"under {under(one.summary.label)}.",
+            f"{' and '.join(one.near)} touch in cycle {one.collision_cycle} "
+            f"under {under(one.label)}.",
             "bad",
         )
         for one in touching
     ]
-    free = [one for one in known if not one.summary.collision_cycle]
-    near = [one for one in free if (one.summary.body_distance or 0.0) < NEAR]
+    free = [one for one in known if not one.collision_cycle]
+    near = [one for one in free if (one.body_distance or 0.0) < NEAR]
     texts = [_near_words(one) for one in near]
     if len(near) == 2 and texts[0] == texts[1]:
         said.append(Span(f"{texts[0]}, in both.", "near"))
-    elif len(outcomes) > 1:
+    elif len(summaries) > 1:
         said += [
-            Span(f"{text} under {under(one.summary.label)}.", "near")
+            Span(f"{text} under {under(one.label)}.", "near")
             for text, one in zip(texts, near, strict=True)
         ]
     else:
         said += [Span(f"{text}.", "near") for text in texts]
-    if said or len(free) < len(outcomes):
+    if said or len(free) < len(summaries):
         return said
-    least = min(one.summary.body_distance or 0.0 for one in free)
+    least = min(one.body_distance or 0.0 for one in free)
     value = metres(least).replace(" ", "\u00a0")
     return [
         Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")
     ]
 
 
-def _near_words(one: Outcome) -> str:
+def _near_words(one: MotionSummary) -> str:
     """Write which two links come near to each other, and how near."""
-    value = metres(one.summary.body_distance or 0.0).replace(" ", "\u00a0")
+    value = metres(one.body_distance or 0.0).replace(" ", "\u00a0")
     return f"{' and '.join(one.near)} come as near as {value}"

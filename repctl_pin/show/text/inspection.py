@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from ...robot.robot import Robot
 from .table import table
@@ -40,9 +39,9 @@ def inspection(
             {
                 "name": name,
                 "kind": joints[name].kind,
-                "lower": _finite(robot.lower[i]),
-                "upper": _finite(robot.upper[i]),
-                "speed": _finite(robot.velocity_limit[i]),
+                "lower": float(robot.lower[i]),
+                "upper": float(robot.upper[i]),
+                "speed": float(robot.velocity_limit[i]),
                 "reference": float(robot.reference[i]),
             }
             for i, name in enumerate(robot.joint_names)
@@ -162,9 +161,5 @@ def _frames(found: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
+def _number(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "–"

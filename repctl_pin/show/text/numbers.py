@@ -54,6 +54,11 @@ def percent(share: float) -> str:
     return f"{text.replace('-', '−')} %"
 
 
+def counted(count: int, noun: str) -> str:
+    """Write a number of things: 1 cycle, 10 cycles."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def row(values: Iterable[float], digits: int = 4) -> str:
     """Format numbers in one line, each with the given number of digits."""
     return ", ".join(f"{value:.{digits}g}" for value in values)

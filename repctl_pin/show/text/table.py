@@ -13,7 +13,7 @@ from ...motion import Motion
 from ...strategies import Pseudoinverse
 from .lines import fitted, terminal_width
 from .numbers import number
-from .verdict import study_verdict
+from .verdict import TOO_FAST, study_verdict
 
 if TYPE_CHECKING:
     from ...studies import Row, Study
@@ -146,9 +146,19 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
             of_motions(lambda motion: number(motion.drift[0])),
         ),
         *(later if cycles > 1 else []),
-        ("tracking error, m", of_motions(_tracking)),
+        (
+            "tracking error, m",
+            of_motions(
+                lambda motion: _marked(motion.tracking_error.max(), motion.path_loss)
+            ),
+        ),
         *speeds,
-        (f"peak joint speed, {speed}", of_motions(_peak)),
+        (
+            f"peak joint speed, {speed}",
+            of_motions(
+                lambda motion: _marked(motion.peak_speed, motion.speed_ratio > TOO_FAST)
+            ),
+        ),
         (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
         *(
             distances
@@ -205,17 +215,14 @@ def _desired(study: Study) -> str:
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
 
 
-def _tracking(motion: Motion) -> str:
-    return f"{number(motion.tracking_error.max())}{'!' if motion.path_loss else ''}"
-
-
-def _peak(motion: Motion) -> str:
-    return f"{number(motion.peak_speed)}{'!' if motion.speed_ratio > 1 + 1e-9 else ''}"
+def _marked(value: float, bad: object) -> str:
+    """Format a number, with an exclamation mark if it is bad."""
+    return f"{number(value)}{'!' if bad else ''}"
 
 
 def _apart(motion: Motion, cycles: int) -> str:
     least = float(motion.coarse.body_distance[: cycles * motion.coarse.steps + 1].min())
-    return f"{number(least)}{'' if least >= 0 else '!'}"
+    return _marked(least, least < 0)
 
 
 def _time(row: Row) -> str:
@@ -226,8 +233,4 @@ def _time(row: Row) -> str:
 
 def _limit_margin(motion: Motion) -> str:
     margin = float(motion.limit_margin.min())
-    return (
-        f"{number(margin)}{'!' if motion.broken_cycle else ''}"
-        if np.isfinite(margin)
-        else "no limits"
-    )
+    return _marked(margin, motion.broken_cycle) if np.isfinite(margin) else "no limits"

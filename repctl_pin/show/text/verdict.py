@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from ...motion.joint_motion import JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
 from ...robot.length import arm_length
-from .numbers import metres, percent, radians
+from .numbers import NOTHING, counted, metres, percent, radians
 
 if TYPE_CHECKING:
     from ...studies import Study
@@ -19,10 +20,21 @@ if TYPE_CHECKING:
 STILL = 1e-5
 """Displacement of an elbow, in arm lengths, below which it counts as back at its start."""
 
+TOO_FAST = 1 + 1e-9
+"""Ratio of joint speed to limit above which a joint counts as too fast."""
+
+SMALL = 0.01
+"""Displacement of a part, m, below which it has hardly drifted."""
+
+TURNED = 0.1
+"""Displacement of a joint, rad, from which it is named if no part is displaced."""
+
 
 @dataclass(frozen=True)
 class MotionSummary:
-    """The quantities of one motion that the verdict reports.
+    """The quantities of one motion that verdicts and headlines report.
+
+    A verdict does not use the last five, from ``part`` on.
 
     Attributes
     ----------
@@ -50,6 +62,16 @@ class MotionSummary:
         never does.
     size : float
         Length of the arm, m.
+    part : str
+        Display name of the part that is displaced most at the end.
+    link : str
+        That part's link in the URDF.
+    off : float
+        Displacement of that part, m; NaN if unknown.
+    leaves : (int, str) or None
+        The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
+    near : tuple of str
+        The two links with the minimum body distance; empty without bodies.
     """
 
     label: str
@@ -63,6 +85,21 @@ class MotionSummary:
     overall_speed: float | None = None
     path_loss: tuple[int, float, float] | None = None
     size: float = 1.0
+    part: str = ""
+    link: str = ""
+    off: float = math.nan
+    leaves: tuple[int, str] | None = None
+    near: tuple[str, ...] = ()
+
+    @property
+    def back(self) -> bool:
+        """True if every part of the arm is back where it began, within a tenth of a millimetre."""
+        return self.off < NOTHING
+
+    @property
+    def turned(self) -> bool:
+        """True if a joint is displaced although no part is."""
+        return self.off < SMALL and self.joint_displacement[0] >= TURNED
 
     @property
     def twists(self) -> bool:
@@ -71,7 +108,7 @@ class MotionSummary:
         The joint turned by at least 0.1 rad, and by more than 1 rad for each tenth of the arm's
         length that the elbow moved. Or the joint turned and the elbow did not move."""
         angle, elbow = self.joint_displacement[0], self.elbow_displacement
-        far = angle >= 0.1 and angle * self.size > 10 * elbow
+        far = angle >= TURNED and angle * self.size > 10 * elbow
         return far or (angle > 0 and elbow < STILL * self.size)
 
 
@@ -126,7 +163,7 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
     cycles
         Number of cycles of each.
     """
-    times = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    times = counted(cycles, "cycle")
     words = []
     if any(summary.path_loss for summary in summaries):
         said = _compared(summaries, [_loss(summary) for summary in summaries])
@@ -140,7 +177,7 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
     if len(summaries) > 1:
         said = _speeds(summaries[0], summaries[-1], times)
         words.append(f"Joint speed, relative to {_short(summaries[0])}: {said}.")
-    too_fast = [summary.speed_ratio > 1 + 1e-9 for summary in summaries]
+    too_fast = [summary.speed_ratio > TOO_FAST for summary in summaries]
     if any(too_fast):
         speeds = [
             f"up to {d.speed_ratio:.2g} times the limit" if fast else "respected"

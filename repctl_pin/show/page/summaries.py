@@ -1,13 +1,12 @@
-"""Outcomes of motions, for the headline of a page or of a terminal answer.
+"""Summaries of motions, for the headline of a page or of a terminal answer.
 
-An outcome names the part of the arm that is displaced most at the end, and how far.
+They name the part of the arm that is displaced most at the end, and how far.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import numpy as np
+from dataclasses import replace
 
 from ...arguments import Array
 from ...motion.displacement import displacements, leaves_range
@@ -16,20 +15,20 @@ from ...robot.mechanism import Mechanism
 from ...robot.task import Task
 from ...robot.visuals import Visuals
 from ...studies import Row, Study
-from ..text.headline import Headline, Outcome, headline_of, stopped_words
+from ..text.headline import Headline, headline_of, stopped_words
 from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
-from .body_points import corners
+from .body_points import corners, farthest
 
 
-def outcome_of(
+def for_headline(
     summary: MotionSummary,
     task: Task,
     q0: Array,
-    farthest: tuple[str, float],
+    moved: tuple[str, float],
     played: Sequence[JointMotion],
-) -> Outcome:
-    """Collect the quantities of one motion that the headline reports.
+) -> MotionSummary:
+    """Add to the summary of a motion what only the headline reports.
 
     Parameters
     ----------
@@ -39,7 +38,7 @@ def outcome_of(
         Task of the arm whose parts are named.
     q0 : (n,) array
         Start configuration.
-    farthest : (str, float)
+    moved : (str, float)
         The link that is displaced most at the end, and how far, m.
     played
         The motion of each chain of the robot.
@@ -50,9 +49,14 @@ def outcome_of(
         if summary.body_distance is None
         else played[0].coarse.nearest_bodies[1].links
     )
-    link, off = farthest
-    return Outcome(
-        summary, part_name(task, q0, link), link, off, min(found, default=None), near
+    link, off = moved
+    return replace(
+        summary,
+        part=part_name(task, q0, link),
+        link=link,
+        off=off,
+        leaves=min(found, default=None),
+        near=near,
     )
 
 
@@ -69,19 +73,18 @@ def farthest_body(robot: Mechanism, ends: Array) -> tuple[str, float]:
     visuals = Visuals.of(robot)
     placements = visuals.placements(ends)
     off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
-    which = int(np.argmax(off[0]))
-    return visuals.shapes[which].link, float(off[0, which])
+    return farthest(visuals.shapes, off[0])
 
 
-def row_outcome(study: Study, row: Row) -> Outcome | None:
-    """Collect the outcome of one row of a study; None if its motion stopped."""
+def row_summary(study: Study, row: Row) -> MotionSummary | None:
+    """Summarise one row of a study for the headline; None if its motion stopped."""
     motion = row.motion
     if motion is None:
         return None
     task, ends = motion.task, motion.q[[0, -1]]
     summary = motion_summary(row.label, motion, study.elbow)
-    farthest = farthest_body(task.robot, task.to_robot(ends))
-    return outcome_of(summary, task, ends[0], farthest, [motion])
+    moved = farthest_body(task.robot, task.to_robot(ends))
+    return for_headline(summary, task, ends[0], moved, [motion])
 
 
 def study_headline(study: Study) -> Headline:
@@ -90,6 +93,6 @@ def study_headline(study: Study) -> Headline:
     stopped = [
         stopped_words(row.label, row.stopped) for row in rows if row.motion is None
     ]
-    found = [one for row in rows if (one := row_outcome(study, row)) is not None]
+    found = [one for row in rows if (one := row_summary(study, row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
     return headline_of(found, cycles, stopped)
