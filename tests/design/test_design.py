@@ -180,6 +180,54 @@ def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
         assert here * there < 0
 
 
+def test_a_singularity_in_a_corner_between_the_held_out_nodes_is_found(
+    small_design: rp.Design,
+) -> None:
+    """V = N(center) is singular in corners of Ω alone, where none of 4096 random points lies."""
+    task, center = small_design.task, small_design.region.center
+    N = redundancy.nullspace(task.jacobian(center))
+    box = rp.Box(center, 0.85 * np.array([0.2, 0.9, 1.2]))
+
+    def side(Q: np.ndarray) -> np.ndarray:
+        V = np.broadcast_to(N.T, (len(Q), 1, 3))
+        J_V = np.concatenate([task.jacobians(Q), V], axis=1)
+        return np.sign(np.linalg.det(J_V)) * np.sign(
+            np.linalg.det(np.vstack([task.jacobian(center), N.T]))
+        )
+
+    assert (side(box.random(4096, 0)) == 1).all()
+    rows, _ = replace(small_design, region=box, held_out=64).evaluate_baselines()
+    assert rows.evaluation is None
+    at = np.array(re.findall(r"theta\d = ([-.\d]+)", rows.text), float)
+    assert side(at[None])[0] == -1 and box.ratio(at[None])[0] < 1.01
+    smaller = replace(small_design, region=box.shrunk(0.9), held_out=64)
+    rows, _ = smaller.evaluate_baselines()
+    assert rows.evaluation is not None and rows.evaluation.leaf_margin > 0.5
+
+
+class Asked(rp.Box):
+    """A box that keeps the numbers and seeds of the random configurations it was asked for."""
+
+    def random(self, count: int, seed: int) -> np.ndarray:
+        self.__dict__.setdefault("asked", []).append((count, seed))
+        return super().random(count, seed)
+
+
+@pytest.mark.parametrize("held_out, each", [(128, 4), (129, 5), (7, 1)])
+def test_held_out_nodes_are_divided_among_32_sets(
+    small_design: rp.Design, held_out: int, each: int
+) -> None:
+    """Each with a scrambling of its own, which no other seed has."""
+    seen: set[int] = set()
+    for seed in range(3):
+        box = Asked(small_design.region.center, 0.2)
+        rp.compare(replace(small_design, region=box, held_out=held_out, seed=seed))
+        counts, seeds = zip(*box.__dict__["asked"], strict=True)
+        assert counts == (each,) * 32 and seen.isdisjoint(seeds)
+        seen |= set(seeds)
+    assert len(seen) == 96
+
+
 @pytest.mark.parametrize("signs", [[1, 1, 1], [-1, 1, -1]])
 def test_the_share_of_the_region_inside_the_limits(
     tmp_path: Path, signs: list[int]
@@ -939,6 +987,69 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(
         with pytest.raises(rp.InputError, match=says):
             fitted(count)
     assert fitted(least).samples >= least
+
+
+def test_the_usual_numbers_of_nodes(panda_design: rp.Design, few_nodes: None) -> None:
+    """16,384, or 32 (N − r) r / m if that is more, as it is here than 1024; for up to three joints
+    the next cube, for more the next power of two."""
+    assert panda_design.samples == panda_design.held_out == 16_384
+    for robot, degree, due in (("planar3r", 6, 11**3), ("planar4r", 4, 2**12)):
+        task = rp.Robot.load(robot).task(None, "xy")
+        box = rp.Box([0.3, 0.7, 0.5, 0.4][: task.n], 0.1)
+        potentials = rp.Polynomial(box.center, degree, 0.1)
+        least = 32 * (potentials.size - task.r) * task.r / task.m
+        design = rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, box, options=rp.FitOptions(tolerance=1)
+        )
+        assert 1024 < least <= design.samples == due and design.held_out == 1024
+
+
+class Overlooked(rp.Box):
+    """A box whose searches begin near its centre; only sets of up to 32 points fill it."""
+
+    def random(self, count: int, seed: int) -> np.ndarray:
+        Q = super().random(count, seed)
+        return Q if count <= 32 else self.center + 0.02 * (Q - self.center)
+
+
+def test_a_singularity_that_only_the_held_out_nodes_show_is_kept_away_from() -> None:
+    """PPR on 64 nodes, whose optimum is singular between them."""
+    task, told = rp.Robot.load("ppr").task(None, "xy"), []
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        Overlooked(np.zeros(3), 3.1),
+        degree=3,
+        options=rp.FitOptions(samples=64, held_out=1024),
+        progress=lambda what, _: told.append(what),
+    )
+    assert told.count("evaluating on held-out nodes") > 1
+    assert design.converged and design.potentials.degree == 3
+    assert design.leaf_margin > 0.5 and design.cost < 0.2
+
+
+def test_a_singularity_that_only_the_held_out_nodes_show_is_refused() -> None:
+    """One potential, whose gradient turns within 0.1 rad of a configuration: there is no other."""
+    task, center = rp.Robot.load("planar3r").task(None, "xy"), np.array([0.3, 1.0, 0.8])
+    n, at = redundancy.nullspace(task.jacobian(center)), center + [0.2, -0.1, 0.15]
+
+    class Dented(rp.CustomPotentials):
+        def gradients(self, Q: np.ndarray) -> np.ndarray:
+            dent = np.exp(-np.sum((Q - at) ** 2, axis=1) / 0.005)
+            return n + 120 * ((Q - at) * dent[:, None])[:, :, None]
+
+    def h(q: np.ndarray) -> float:
+        return float(n[:, 0] @ q - 0.3 * np.exp(-np.sum((q - at) ** 2) / 0.005))
+
+    with pytest.raises(rp.SingularRegionError, match="Ω contains an algo") as error:
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task),
+            Dented([h]),
+            Overlooked(center, 0.4),
+            options=rp.FitOptions(samples=8, held_out=1024),
+        )
+    assert np.linalg.norm(error.value.at - at) < 0.2
+    assert isinstance(error.value.free, rp.Box)
 
 
 def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:

@@ -498,4 +498,5 @@ def test_costs_have_converged_when_the_last_two_are_equal(
     assert judged(5.0, 100.009, 100.0) and judged(5.0, 100.0, 100.009)
     assert not judged(100.0, 100.0, 100.02) and not judged(5.0, 5.0, 1.0)
     assert not judged(0.01, 0.010009) and judged(0.01, 0.010009, tolerance=1e-3)
+    assert not judged(3.0, 2.0, tolerance=0.5) and judged(3.0, 2.0, tolerance=0.6)
     assert not judged(2.0, 1.0, 1.0, converged=False)
