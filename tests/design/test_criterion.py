@@ -319,6 +319,8 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     with_guards, sides = guarded.total(cost, A)
     assert with_guards == pytest.approx(plain + 0.5 * distance.sum())
     assert sides.positive + sides.negative == len(Q) + 2
+    given = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5, [at[:1], at[1:]])
+    assert given.total(cost, A) == (pytest.approx(with_guards), sides)
     # the first potentials alone: the same as the others' coefficients at 0
     alone = guarded.total(gauss_newton, A[:7])
     padded = guarded.total(gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))]))
@@ -609,6 +611,22 @@ def test_the_penalised_cost_is_minimised_in_few_steps(uneven, penalty: float) ->
     found = way.descend(way.coarse, A, penalty, 1e-12)
     assert found.converged and found.gradient_norm < 1e-5 * before.gradient_norm
     assert found.steps <= (10 if penalty < 10 else 6)
+
+
+def test_a_descent_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
+    """From the same coefficients; powers of two, which round alike."""
+    box, found, begin = rp.Box([0.3, 1.0, 0.8], 0.3), [], None
+    for size in (1.0, 2.0**-10, 2.0**10):
+        task = planar_task(size * np.array([1.0, 0.875, 0.75]), tmp_path)
+        way = continuation(task, rp.Polynomial(box.center, 2, 0.3), box)
+        if begin is None:
+            begin = started(way)
+            noise = np.random.default_rng(2).normal(size=begin.shape)
+            begin = begin + 0.1 * way.chosen.basis @ noise
+        one = way.descend(way.coarse, begin, 0.0, 1e-10)
+        found.append([one.steps, one.cost * size**2, *one.A.flat])
+    assert found[0][0] > 3
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
