@@ -121,7 +121,6 @@ def fit(problem: FitProblem) -> Design:
                 fine.guard(refusal.at[None])
         raise way.refusal(Q_few, refusal)
     finally:
-        few_nodes.close()
         all_nodes.close()
 
 

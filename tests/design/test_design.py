@@ -1004,6 +1004,37 @@ def test_the_usual_numbers_of_nodes(panda_design: rp.Design, few_nodes: None) ->
         assert 1024 < least <= design.samples == due and design.held_out == 1024
 
 
+def test_a_usual_fit_begins_on_a_quarter_of_its_nodes() -> None:
+    """16³ of 26³, the first cube from 16,384 up."""
+    task, told = rp.Robot.load("planar3r").task(None, "xy"), []
+    rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box([0.3, 1.0, 0.8], 0.2),
+        degree=1,
+        options=rp.FitOptions(held_out=64, tolerance=1),
+        progress=lambda what, _: told.append(what),
+    )
+    nodes = [what for what in told if what.endswith(" nodes") and what[0].isdigit()]
+    assert list(dict.fromkeys(nodes)) == ["4096 nodes", "17576 nodes"]
+
+
+def test_a_potential_that_varies_in_a_small_part_of_the_region_is_used() -> None:
+    """A bump around the centre, of a tenth of the region's width."""
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
+
+    def bump(q: np.ndarray) -> float:
+        return float(np.exp(-np.sum((q - box.center) ** 2) / 0.0008))
+
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        rp.Polynomial(box.center, 1) + rp.CustomPotentials([bump]),
+        box,
+        options=rp.FitOptions(samples=512, held_out=64),
+    )
+    assert design.dropped == ()
+
+
 class Overlooked(rp.Box):
     """A box whose searches begin near its centre; only sets of up to 32 points fill it."""
 
