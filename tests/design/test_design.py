@@ -83,14 +83,17 @@ def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> 
     assert (
         "constant rows" in text and "extended Jacobian" in text and "converged" in text
     )
-    for baseline in baselines:
-        assert f"{baseline.evaluation.cost:.6g} ± " in text
+    costs = [f"{baseline.evaluation.cost:.6g} ± " for baseline in baselines]
+    places = {line.index(c) for c in costs for line in text.split("\n") if c in line}
+    assert len(places) == 1 and all(
+        cost in text for cost in costs
+    )  # one below the other
     refused = replace(rows, evaluation=None, refused="singular near joint1 = 1.2")
     assert "constant rows  singular near" in panda_design.summary([refused])
 
 
 def test_a_summary_computes_nothing_and_baselines_report_progress(
-    panda_design: rp.Design,
+    panda_design: rp.Design, capsys: pytest.CaptureFixture[str]
 ) -> None:
     begin = time.process_time()
     text = panda_design.summary()
@@ -107,6 +110,8 @@ def test_a_summary_computes_nothing_and_baselines_report_progress(
         True,
         True,
     ]
+    small.evaluate_baselines()
+    assert capsys.readouterr() == ("", "")  # there is a bar only on request
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +148,7 @@ def test_baselines_are_evaluated_on_the_nodes_of_the_design(
     small_design: rp.Design,
 ) -> None:
     """As the same inverse in place of the design's: V = N(center), constant."""
+    assert small_design.shrunk == 1  # nothing was asked
     shares: list[float] = []
     rows, _ = small_design.evaluate_baselines(progress=lambda _, s: shares.append(s))
     assert shares[:2] == [0.0, 0.5]
@@ -472,6 +478,16 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
     assert np.abs(design.inverse.batch(Q) - desired.batch(Q)).max() < 1e-7
 
 
+def test_a_fit_that_starts_at_its_optimum_takes_no_step() -> None:
+    """G_d is made from V = N(center), which is the solution of the linear problem."""
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
+    N = redundancy.nullspace(task.jacobian(box.center))
+    desired = rp.RepeatableInverse(task, rp.Polynomial(box.center, 1).weighted(N))
+    few = rp.FitOptions(samples=64, held_out=64)
+    design = rp.nearest_repeatable(desired, None, box, degree=2, options=few)
+    assert design.converged and design.steps == 0 and design.cost < 1e-25
+
+
 # ---- laws ----------------------------------------------------------------------------------------
 
 
@@ -573,6 +589,9 @@ def test_designs_are_compared_on_common_nodes(
     other = panda_design_of(panda, "axis", 0.3, 1, samples=512, held_out=64)
     with pytest.raises(rp.InputError, match="different tasks"):
         rp.compare(linear, other)
+    for wrong in ((3, linear), (linear, linear.inverse)):
+        with pytest.raises(rp.InputError, match="what is compared must be a design, "):
+            rp.compare(*wrong)
 
 
 def test_every_design_is_compared_over_the_first_ones_region() -> None:
@@ -602,6 +621,9 @@ def test_every_design_is_compared_over_the_first_ones_region() -> None:
         gap = two.inverse.batch(Q) - one.desired.batch(Q)
         due = w @ np.sum(gap**2, axis=(1, 2))
         assert here.cost == pytest.approx(due, abs=6 * here.cost_error)
+        size = w @ np.sum(one.desired.batch(Q) ** 2, axis=(1, 2))
+        relative = np.sqrt(here.cost / size)
+        assert here.relative_distance == pytest.approx(relative, rel=0.01)
 
 
 def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
