@@ -540,6 +540,23 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
         assert np.abs(other.inverse.batch(Q) - G).max() < 1e-5 * np.abs(G).max()
 
 
+def test_potentials_that_depend_on_others_change_nothing() -> None:
+    """Three of twelve are left out, which still leaves more potentials than joints."""
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
+    linear, square = (rp.Polynomial(box.center, degree, 0.2) for degree in (1, 2))
+    options = rp.FitOptions(samples=64, held_out=64, tolerance=1e-10)
+    plain, joined = (
+        rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box, options=options)
+        for potentials in (square, linear + square)
+    )
+    assert len(joined.dropped) == 3 and not plain.dropped
+    assert joined.fit_cost == pytest.approx(plain.fit_cost, rel=1e-8)
+    Q = box.random(16, 5)
+    np.testing.assert_allclose(
+        joined.inverse.batch(Q), plain.inverse.batch(Q), atol=1e-5
+    )
+
+
 def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     first, again, other = (
         panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=256, seed=seed)
