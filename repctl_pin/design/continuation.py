@@ -164,7 +164,7 @@ class Continuation:
                 tolerance=tolerance,
                 report=self.reported,
             )
-            penalty = max(penalty, min(10 * penalty, _MOST_PENALTY))
+            penalty = min(10 * penalty, _MOST_PENALTY)
             lowest = self._lowest(found.A)
             if found.sides.uniform and lowest.value > 0:
                 return found
@@ -235,7 +235,8 @@ class Continuation:
             )
             away = A + _RESTART * basis @ noise / np.sqrt(len(noise))
             found = None
-            if self.coarse.total(criterion.cost, away)[-1].uniform:
+            _, sides = self.coarse.total(criterion.cost, away)
+            if sides.uniform:
                 found = self.descend(self.coarse, away, _PENALTY, self.tolerance)
             if found is not None:
                 yield found

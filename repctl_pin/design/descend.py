@@ -255,8 +255,7 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
     """
     level = max(float(np.trace(H)) / len(g), 1e-300)
     while True:
-        matrix = (H + H.T) / 2
-        matrix[np.diag_indices_from(matrix)] += damping * level
+        matrix = H + damping * level * np.eye(len(g))
         try:
             factor = scipy.linalg.cho_factor(matrix)
         except np.linalg.LinAlgError:

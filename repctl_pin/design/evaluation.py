@@ -60,8 +60,8 @@ def evaluate_design(
     desired: Inverse,
     region: Region,
     *,
-    samples: int = 16384,
-    seed: int = 1,
+    samples: int,
+    seed: int,
 ) -> Evaluation:
     """Evaluate a repeatable inverse against a desired one, on held-out nodes.
 

@@ -108,7 +108,7 @@ def fit(problem: FitProblem) -> Design:
                 fine = BarrierCost(all_nodes, builder, 1 / len(Q), coarse.guards)
             for _ in range(_ROUNDS):
                 found = way.descend(fine, near.A, _PENALTY, options.tolerance)
-                result = found or replace(near, converged=False)
+                result = found or replace(near, converged=False, steps=0)
                 cost, _ = all_nodes.total(criterion.cost, result.A)
                 result = replace(result, cost=cost, steps=result.steps + near.steps)
                 report("evaluating on held-out nodes", 0.0)
@@ -116,12 +116,11 @@ def fit(problem: FitProblem) -> Design:
                     return _judged(problem, chosen, result, len(Q))
                 except SingularRegionError as error:
                     refusal = error
-                if found is None or way.margin(near.A)(refusal.at[None])[0] <= 0:
+                if way.margin(near.A)(refusal.at[None])[0] <= 0:
                     break
                 fine.guard(refusal.at[None])
         raise way.refusal(Q_few, refusal)
     finally:
-        few_nodes.close()
         all_nodes.close()
 
 

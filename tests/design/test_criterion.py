@@ -4,9 +4,11 @@ this file imports them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -251,6 +253,51 @@ def test_the_node_at_which_a_strategy_is_no_inverse_is_named(
             evaluate(Off(task), potentials, Q)
 
 
+def test_the_node_at_which_a_gradient_is_not_finite_is_named() -> None:
+    """One node of three, whichever it is."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    Q = np.array([[0.1, 0.4, 0.5], [0.2, 0.5, 0.4], [0.3, 0.6, 0.7]])
+
+    class Undefined(rp.Joined):
+        def gradients(self, Q: np.ndarray) -> np.ndarray:
+            D = super().gradients(Q)
+            D[k, 2, 1] = np.nan
+            return D
+
+    potentials = Undefined(rp.Polynomial(Q[0], 1))
+    for k in range(3):
+        says = f"{potentials.names[1]} is not finite at theta1 = {Q[k, 0]:.3f}, "
+        with pytest.raises(rp.InputError, match=re.escape(says)):
+            evaluate(rp.Pseudoinverse(task), potentials, Q)
+
+
+def test_progress_tells_the_share_of_the_nodes_that_are_built(setting) -> None:
+    """They are built once, or anew for each sum."""
+    _, potentials, builder, Q, weights = setting
+    A, shares = some_A(potentials, setting[0].r, 0), []
+    for options, times in (({}, 1), ({"stream": False}, 1), ({"stream": True}, 2)):
+        shares.clear()
+        nodes = Local(builder, Q[:50], weights[:50], 20, tick=shares.append, **options)
+        for _ in range(2):
+            nodes.total(cost, A)
+        assert shares == pytest.approx(times * [0.4, 0.8, 1.0])
+
+
+def test_gradients_of_zero_are_no_error_and_on_no_side(setting) -> None:
+    """det(Nᵀ V) = 0 at all nodes is counted as at most 0; and at one node alone."""
+    task, potentials, builder, Q, weights = setting
+    batch, A = builder(Q, weights), some_A(potentials, task.r, 0)
+    found, sides = cost(batch, 0 * A)
+    assert found == 0 and (sides.positive, sides.negative) == (0, len(Q))
+    EF = np.array(batch.EF)
+    EF[5] = 0
+    one, sides = cost(replace(batch, EF=EF), A)
+    others = cost(builder(np.delete(Q, 5, 0), np.delete(weights, 5)), A)
+    assert one == pytest.approx(others[0])
+    assert sides.positive == others[1].positive
+    assert sides.negative == others[1].negative + 1
+
+
 def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     box, potentials = rp.Box(Q_PANDA, 0.4), rp.Polynomial(Q_PANDA, 2, 0.4)
     N = oriented_nullspace(
@@ -272,6 +319,8 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
     with_guards, sides = guarded.total(cost, A)
     assert with_guards == pytest.approx(plain + 0.5 * distance.sum())
     assert sides.positive + sides.negative == len(Q) + 2
+    given = BarrierCost(Local(builder, Q, weights, 16), builder, 0.5, [at[:1], at[1:]])
+    assert given.total(cost, A) == (pytest.approx(with_guards), sides)
     # the first potentials alone: the same as the others' coefficients at 0
     alone = guarded.total(gauss_newton, A[:7])
     padded = guarded.total(gauss_newton, np.concatenate([A[:7], np.zeros((28, 1))]))
@@ -380,21 +429,32 @@ def test_the_search_for_singularities_stays_in_the_region() -> None:
             assert found.value > 0 and box.ratio(found.ends).max() <= 1 + 2e-9
 
 
+def continuation(
+    task: rp.Task,
+    potentials: rp.Polynomial,
+    box: rp.Box,
+    *,
+    warm: np.ndarray | None = None,
+    nodes: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Continuation:
+    """The continuation of a fit to J⁺ on the given nodes, or on 64."""
+    desired, (Q, weights) = rp.Pseudoinverse(task), nodes or box.nodes(64, 0)
+    chosen = independent(desired, potentials, *box.nodes(512, 0))
+    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
+    builder = Builder(desired, potentials, chosen.kept, N)
+    points = BarrierCost(Local(builder, Q, weights, 16), builder, 1 / len(Q))
+    problem = FitProblem(desired, potentials, box, rp.FitOptions(), warm)
+    return Continuation(problem, chosen, points)
+
+
 @pytest.fixture(scope="module")
 def fit_of_planar3r():
     """A function that makes the continuation of a fit of degree 3, with 64 nodes."""
-    task = rp.Robot.load("planar3r").task(None, "xy")
-    desired, box = rp.Pseudoinverse(task), rp.Box([0.3, 1.0, 0.8], 0.3)
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.3)
     potentials = rp.Polynomial(box.center, 3, box.half_width)
-    Q, weights = box.nodes(64, 0)
-    chosen = independent(desired, potentials, Q, weights)
-    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
-    builder = Builder(desired, potentials, chosen.kept, N)
 
     def made(warm: np.ndarray | None = None) -> Continuation:
-        nodes = BarrierCost(Local(builder, Q, weights, 16), builder, 1 / len(Q))
-        problem = FitProblem(desired, potentials, box, rp.FitOptions(), warm)
-        return Continuation(problem, chosen, nodes)
+        return continuation(task, potentials, box, warm=warm)
 
     return made
 
@@ -428,20 +488,191 @@ def test_the_gradient_norm_belongs_to_the_coefficients_found(fit_of_planar3r) ->
 def test_singular_configurations_alone_become_barrier_points() -> None:
     """PPR on few nodes: two descents end in a singularity between them, which few of the 16
     searches find; the third does not."""
-    task = rp.Robot.load("ppr").task(None, "xy")
-    desired, box = rp.Pseudoinverse(task), rp.Box(np.zeros(3), 3.1)
-    potentials, (Q, weights) = rp.Polynomial(np.zeros(3), 3, 3.1), box.nodes(64, 0)
-    chosen = independent(desired, potentials, *box.nodes(512, 0))
-    N = oriented_nullspace(task.jacobian(box.center)[None], task, box.center[None])[0]
-    builder = Builder(desired, potentials, chosen.kept, N)
-    nodes = BarrierCost(Local(builder, Q, weights, 64), builder, 1 / len(Q))
-    problem = FitProblem(desired, potentials, box, rp.FitOptions())
-    way = Continuation(problem, chosen, nodes)
-    found = way.fit_degree(len(chosen.kept), None)
+    task, box = rp.Robot.load("ppr").task(None, "xy"), rp.Box(np.zeros(3), 3.1)
+    way = continuation(task, rp.Polynomial(np.zeros(3), 3, 3.1), box)
+    found, guards = way.fit_degree(len(way.chosen.kept), None), way.coarse.guards
     assert found is not None and found.sides.uniform
-    assert nodes.guards and all(1 <= len(Q) < 8 for Q in nodes.guards)
-    points = np.concatenate(nodes.guards)
+    assert guards and all(1 <= len(Q) < 8 for Q in guards)
+    points = np.concatenate(guards)
     assert box.contains(points).all() and (way.margin(found.A)(points) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("robot", "joints", "degree", "sizes"),
+    [("planar3r", [2], 3, [3, 2, 1]), ("planar4r", [1, 3], 2, [4, 2])],
+)
+def test_the_lowest_degree_may_have_just_enough_potentials(
+    robot: str, joints: list[int], degree: int, sizes: list[int]
+) -> None:
+    """Powers of one joint angle, or of two for r = 2."""
+    task = rp.Robot.load(robot).task(None, "xy")
+    box = rp.Box([0.3, 1.0, 0.8, 0.4][: task.n], 0.2)
+    potentials = rp.Polynomial(box.center, degree, 0.2, joints, cross=False)
+    _, *ladder = continuation(task, potentials, box).regular()
+    assert [len(one.A) for one in ladder] == sizes
+
+
+@pytest.fixture(scope="module")
+def uneven() -> tuple[Continuation, np.ndarray, np.ndarray]:
+    """A fit for planar4r, r = 2, with 32 nodes of unequal weights, the nodes and the weights."""
+    box = rp.Box([0.3, 0.7, 0.5, 0.4], 0.3)
+    Q, weights = box.random(32, 0), np.random.default_rng(0).uniform(0.2, 1.8, 32)
+    nodes, potentials = (Q, weights / weights.sum()), rp.Polynomial(box.center, 2, 0.3)
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    return continuation(task, potentials, box, nodes=nodes), *nodes
+
+
+def started(way: Continuation) -> np.ndarray:
+    """The coefficients from which a fit starts: with a large tolerance no step is taken."""
+    way.tolerance, usual = 1e9, way.tolerance
+    found = way.fit_degree(len(way.chosen.kept), None)
+    way.tolerance = usual
+    assert found is not None
+    return found.A
+
+
+def test_a_fit_starts_at_the_solution_of_the_linear_problem(uneven) -> None:
+    """Node by node, with J⁺ J for N Nᵀ: ``(mean DᵀNNᵀD + ε DᵀG_d G_dᵀD) A = mean DᵀNNᵀN(center)``
+    with ε = 1."""
+    way, Q, weights = uneven
+    task, center = way.problem.desired.task, way.problem.region.center
+    J, D = task.jacobians(Q), way.problem.potentials.gradients(Q)
+    G = np.linalg.pinv(J)
+    N_center = oriented_nullspace(task.jacobian(center)[None], task, center[None])[0]
+    free = np.eye(task.n) - G @ J
+    due = [
+        np.einsum("K,Kai,Kab,Kbj->ij", weights, D, M, other, optimize=True)
+        for M, other in (
+            (free, D),
+            (G @ np.swapaxes(G, 1, 2), D),
+            (free, np.broadcast_to(N_center, (len(Q), *N_center.shape))),
+        )
+    ]
+    for ours, theirs in zip(way.moments, due, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
+    EE, FF, right = due
+    np.testing.assert_allclose((EE + FF) @ started(way), right, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("robot", "center", "width", "degree", "emphasis"),
+    [
+        ("ppr", [0, 0, 0], 2.4, 3, 0.1),
+        ("planar3r", [0.3, 1.4, -0.9], 1.2, 2, 0.1),
+        ("ppr", [0, 0, 0], 3.1, 3, 0.01),
+    ],
+)
+def test_the_start_weighs_the_null_space_more_until_no_node_is_singular(
+    robot: str, center: list[float], width: float, degree: int, emphasis: float
+) -> None:
+    """Ω, in which V must be regular, is smaller than the box of the nodes."""
+    task, box = rp.Robot.load(robot).task(None, "xy"), rp.Box(center, 0.2)
+    potentials, nodes = rp.Polynomial(center, degree, width), rp.Box(center, width)
+    way = continuation(task, potentials, box, nodes=nodes.nodes(64, 0))
+    EE, FF, right = way.moments
+    uniform = {
+        e: way.coarse.total(cost, np.linalg.solve(EE + e * FF, right))[1].uniform
+        for e in (1.0, 0.1, 0.01)
+    }
+    assert uniform == {e: e <= emphasis for e in uniform}
+    A = started(way)
+    np.testing.assert_allclose((EE + emphasis * FF) @ A, right, atol=1e-10)
+
+
+def test_the_gradient_norm_is_the_slope_of_the_penalised_cost(uneven) -> None:
+    """``C(A) + τ mean ‖E A − Nᵀ N(center)‖²``, τ = penalty · C(start) / r, by differences along
+    coordinates in which the gradients of the potentials are orthonormal."""
+    way, basis = uneven[0], uneven[0].chosen.basis
+    begin, (EE, _, right) = started(way), way.moments
+    scale = way.coarse.total(cost, begin)[0] / begin.shape[1]
+    A = begin + 0.02 * basis @ np.random.default_rng(1).normal(size=begin.shape)
+    for penalty in (0.0, 100.0):
+
+        def value(x: np.ndarray, penalty: float = penalty) -> float:
+            B = basis @ x
+            close = np.sum(B * (EE @ B)) - 2 * np.sum(B * right)
+            return way.coarse.total(cost, B)[0] + penalty * scale * close
+
+        found = way.descend(way.coarse, A, penalty, 1e9)
+        assert np.allclose(found.A, A, rtol=0, atol=1e-12)
+        slope = scipy.optimize.approx_fprime(
+            np.linalg.solve(basis, A).ravel(), lambda x: value(x.reshape(A.shape)), 1e-6
+        )
+        assert found.gradient_norm == pytest.approx(np.linalg.norm(slope), rel=1e-4)
+
+
+@pytest.mark.parametrize("penalty", [3.0, 100.0])
+def test_the_penalised_cost_is_minimised_in_few_steps(uneven, penalty: float) -> None:
+    """From afar, as Newton's method would where the penalty, which is quadratic, is large."""
+    way, basis = uneven[0], uneven[0].chosen.basis
+    A = started(way)
+    A = A + 0.05 * basis @ np.random.default_rng(1).normal(size=A.shape)
+    before = way.descend(way.coarse, A, penalty, 1e9)
+    found = way.descend(way.coarse, A, penalty, 1e-12)
+    assert found.converged and found.gradient_norm < 1e-5 * before.gradient_norm
+    assert found.steps <= (10 if penalty < 10 else 6)
+
+
+def test_a_descent_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
+    """From the same coefficients; powers of two, which round alike."""
+    box, found, begin = rp.Box([0.3, 1.0, 0.8], 0.3), [], None
+    for size in (1.0, 2.0**-10, 2.0**10):
+        task = planar_task(size * np.array([1.0, 0.875, 0.75]), tmp_path)
+        way = continuation(task, rp.Polynomial(box.center, 2, 0.3), box)
+        if begin is None:
+            begin = started(way)
+            noise = np.random.default_rng(2).normal(size=begin.shape)
+            begin = begin + 0.1 * way.chosen.basis @ noise
+        one = way.descend(way.coarse, begin, 0.0, 1e-10)
+        found.append([one.steps, one.cost * size**2, *one.A.flat])
+    assert found[0][0] > 3
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def beyond_the_nodes() -> tuple[Continuation, np.ndarray]:
+    """A fit of degree 1 whose region has singularities of V outside its nodes, and a start."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    center = np.array([0.3, 1.0, 0.8])
+    wide = rp.Box(center, [0.2, 2.0, 0.7])
+    nodes = rp.Box(center, 0.1).nodes(27, 0)
+    way = continuation(task, rp.Polynomial(center, 1), wide, nodes=nodes)
+    EE, FF, right = way.moments
+    return way, np.linalg.solve(EE + FF, right)
+
+
+def test_no_descent_begins_where_gradients_are_singular(beyond_the_nodes) -> None:
+    """Between the nodes, or at them: there is nothing to keep away from."""
+    way, A = beyond_the_nodes
+    assert way.coarse.total(cost, A)[1].uniform
+    task, center = way.problem.desired.task, way.problem.region.center
+    for start in (A, task.jacobian(center)[:1].T):
+        assert way.descend(way.coarse, start, 1e-2, 1e9) is None
+        assert way.coarse.guards == []
+    assert way.fit_degree(3, None) is None and list(way.regular()) == []
+
+
+def test_a_refusal_names_where_the_linear_problem_is_singular(
+    beyond_the_nodes, fit_of_planar3r: Callable[..., Continuation]
+) -> None:
+    """At one of the given nodes, or else between them; or else where the last fit was."""
+    way, A = beyond_the_nodes
+    region, other = way.problem.region, np.array([0.35, 1.05, 0.75])
+    error = rp.SingularRegionError("it is singular", other, None)
+    Q = region.random(64, 1)[::-1]
+    bad = way.margin(A)(Q) <= 0
+    assert bad.any() and not bad[0]
+    for last in (None, error):
+        named = way.refusal(Q, last)
+        assert np.array_equal(named.at, Q[bad][0])
+        assert "Ω contains an algorithmic singularity near theta1 = " in str(named)
+        assert named.free is not None and not named.free.contains(named.at[None])[0]
+        between = way.refusal(Q[~bad], last)
+        assert way.margin(A)(between.at[None])[0] <= 0
+        assert region.contains(between.at[None])[0]
+    regular = fit_of_planar3r()
+    named = regular.refusal(regular.problem.region.random(32, 0), error)
+    assert np.array_equal(named.at, other) and "theta2 = 1.050" in str(named)
 
 
 def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) -> None:
@@ -454,6 +685,28 @@ def test_nodes_that_do_not_determine_the_potentials_are_said(fit_of_planar3r) ->
         assert "give more samples" in str(error) and error.free is None
         assert np.array_equal(error.at, at)
         way.coarse.guard(Q[3:5])
+
+
+def test_a_fit_whose_last_descent_fails_keeps_the_optimum_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The steps are those of that optimum, which is not said to have converged."""
+    found, usual = [], Continuation.descend
+
+    def once(way: Continuation, *given: Any) -> Any:
+        found.append(None if found else usual(way, *given))
+        return found[-1]
+
+    monkeypatch.setattr(Continuation, "descend", once)
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.3)
+    options = rp.FitOptions(samples=64, held_out=64)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree=2, options=options
+    )
+    coarse, fine = found
+    assert coarse.converged and fine is None and not design.converged
+    assert design.steps == coarse.steps > 0
+    assert design.fit_cost == pytest.approx(coarse.cost)
 
 
 def test_converged_tells_the_truth(fitted: Callable[..., rp.Design]) -> None:

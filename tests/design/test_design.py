@@ -83,14 +83,17 @@ def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> 
     assert (
         "constant rows" in text and "extended Jacobian" in text and "converged" in text
     )
-    for baseline in baselines:
-        assert f"{baseline.evaluation.cost:.6g} ± " in text
+    costs = [f"{baseline.evaluation.cost:.6g} ± " for baseline in baselines]
+    places = {line.index(c) for c in costs for line in text.split("\n") if c in line}
+    assert len(places) == 1 and all(
+        cost in text for cost in costs
+    )  # one below the other
     refused = replace(rows, evaluation=None, refused="singular near joint1 = 1.2")
     assert "constant rows  singular near" in panda_design.summary([refused])
 
 
 def test_a_summary_computes_nothing_and_baselines_report_progress(
-    panda_design: rp.Design,
+    panda_design: rp.Design, capsys: pytest.CaptureFixture[str]
 ) -> None:
     begin = time.process_time()
     text = panda_design.summary()
@@ -107,6 +110,8 @@ def test_a_summary_computes_nothing_and_baselines_report_progress(
         True,
         True,
     ]
+    small.evaluate_baselines()
+    assert capsys.readouterr() == ("", "")  # there is a bar only on request
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +148,7 @@ def test_baselines_are_evaluated_on_the_nodes_of_the_design(
     small_design: rp.Design,
 ) -> None:
     """As the same inverse in place of the design's: V = N(center), constant."""
+    assert small_design.shrunk == 1  # nothing was asked
     shares: list[float] = []
     rows, _ = small_design.evaluate_baselines(progress=lambda _, s: shares.append(s))
     assert shares[:2] == [0.0, 0.5]
@@ -178,6 +184,54 @@ def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
             for q in (center, at)
         )
         assert here * there < 0
+
+
+def test_a_singularity_in_a_corner_between_the_held_out_nodes_is_found(
+    small_design: rp.Design,
+) -> None:
+    """V = N(center) is singular in corners of Ω alone, where none of 4096 random points lies."""
+    task, center = small_design.task, small_design.region.center
+    N = redundancy.nullspace(task.jacobian(center))
+    box = rp.Box(center, 0.85 * np.array([0.2, 0.9, 1.2]))
+
+    def side(Q: np.ndarray) -> np.ndarray:
+        V = np.broadcast_to(N.T, (len(Q), 1, 3))
+        J_V = np.concatenate([task.jacobians(Q), V], axis=1)
+        return np.sign(np.linalg.det(J_V)) * np.sign(
+            np.linalg.det(np.vstack([task.jacobian(center), N.T]))
+        )
+
+    assert (side(box.random(4096, 0)) == 1).all()
+    rows, _ = replace(small_design, region=box, held_out=64).evaluate_baselines()
+    assert rows.evaluation is None
+    at = np.array(re.findall(r"theta\d = ([-.\d]+)", rows.text), float)
+    assert side(at[None])[0] == -1 and box.ratio(at[None])[0] < 1.01
+    smaller = replace(small_design, region=box.shrunk(0.9), held_out=64)
+    rows, _ = smaller.evaluate_baselines()
+    assert rows.evaluation is not None and rows.evaluation.leaf_margin > 0.5
+
+
+class Asked(rp.Box):
+    """A box that keeps the numbers and seeds of the random configurations it was asked for."""
+
+    def random(self, count: int, seed: int) -> np.ndarray:
+        self.__dict__.setdefault("asked", []).append((count, seed))
+        return super().random(count, seed)
+
+
+@pytest.mark.parametrize("held_out, each", [(128, 4), (129, 5), (7, 1)])
+def test_held_out_nodes_are_divided_among_32_sets(
+    small_design: rp.Design, held_out: int, each: int
+) -> None:
+    """Each with a scrambling of its own, which no other seed has."""
+    seen: set[int] = set()
+    for seed in range(3):
+        box = Asked(small_design.region.center, 0.2)
+        rp.compare(replace(small_design, region=box, held_out=held_out, seed=seed))
+        counts, seeds = zip(*box.__dict__["asked"], strict=True)
+        assert counts == (each,) * 32 and seen.isdisjoint(seeds)
+        seen |= set(seeds)
+    assert len(seen) == 96
 
 
 @pytest.mark.parametrize("signs", [[1, 1, 1], [-1, 1, -1]])
@@ -424,6 +478,16 @@ def test_a_repeatable_desire_is_met_exactly(panda_pose: rp.Task) -> None:
     assert np.abs(design.inverse.batch(Q) - desired.batch(Q)).max() < 1e-7
 
 
+def test_a_fit_that_starts_at_its_optimum_takes_no_step() -> None:
+    """G_d is made from V = N(center), which is the solution of the linear problem."""
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
+    N = redundancy.nullspace(task.jacobian(box.center))
+    desired = rp.RepeatableInverse(task, rp.Polynomial(box.center, 1).weighted(N))
+    few = rp.FitOptions(samples=64, held_out=64)
+    design = rp.nearest_repeatable(desired, None, box, degree=2, options=few)
+    assert design.converged and design.steps == 0 and design.cost < 1e-25
+
+
 # ---- laws ----------------------------------------------------------------------------------------
 
 
@@ -476,6 +540,23 @@ def test_the_optimum_does_not_depend_on_the_basis_nor_on_the_batch(
         assert np.abs(other.inverse.batch(Q) - G).max() < 1e-5 * np.abs(G).max()
 
 
+def test_potentials_that_depend_on_others_change_nothing() -> None:
+    """Three of twelve are left out, which still leaves more potentials than joints."""
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
+    linear, square = (rp.Polynomial(box.center, degree, 0.2) for degree in (1, 2))
+    options = rp.FitOptions(samples=64, held_out=64, tolerance=1e-10)
+    plain, joined = (
+        rp.nearest_repeatable(rp.Pseudoinverse(task), potentials, box, options=options)
+        for potentials in (square, linear + square)
+    )
+    assert len(joined.dropped) == 3 and not plain.dropped
+    assert joined.fit_cost == pytest.approx(plain.fit_cost, rel=1e-8)
+    Q = box.random(16, 5)
+    np.testing.assert_allclose(
+        joined.inverse.batch(Q), plain.inverse.batch(Q), atol=1e-5
+    )
+
+
 def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     first, again, other = (
         panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=256, seed=seed)
@@ -525,6 +606,9 @@ def test_designs_are_compared_on_common_nodes(
     other = panda_design_of(panda, "axis", 0.3, 1, samples=512, held_out=64)
     with pytest.raises(rp.InputError, match="different tasks"):
         rp.compare(linear, other)
+    for wrong in ((3, linear), (linear, linear.inverse)):
+        with pytest.raises(rp.InputError, match="what is compared must be a design, "):
+            rp.compare(*wrong)
 
 
 def test_every_design_is_compared_over_the_first_ones_region() -> None:
@@ -554,6 +638,9 @@ def test_every_design_is_compared_over_the_first_ones_region() -> None:
         gap = two.inverse.batch(Q) - one.desired.batch(Q)
         due = w @ np.sum(gap**2, axis=(1, 2))
         assert here.cost == pytest.approx(due, abs=6 * here.cost_error)
+        size = w @ np.sum(one.desired.batch(Q) ** 2, axis=(1, 2))
+        relative = np.sqrt(here.cost / size)
+        assert here.relative_distance == pytest.approx(relative, rel=0.01)
 
 
 def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
@@ -939,6 +1026,105 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(
         with pytest.raises(rp.InputError, match=says):
             fitted(count)
     assert fitted(least).samples >= least
+
+
+def test_the_usual_numbers_of_nodes(panda_design: rp.Design, few_nodes: None) -> None:
+    """16,384, or 32 (N − r) r / m if that is more, as it is here than 1024; for up to three joints
+    the next cube, for more the next power of two."""
+    assert panda_design.samples == panda_design.held_out == 16_384
+    for robot, degree, due in (("planar3r", 6, 11**3), ("planar4r", 4, 2**12)):
+        task = rp.Robot.load(robot).task(None, "xy")
+        box = rp.Box([0.3, 0.7, 0.5, 0.4][: task.n], 0.1)
+        potentials = rp.Polynomial(box.center, degree, 0.1)
+        least = 32 * (potentials.size - task.r) * task.r / task.m
+        design = rp.nearest_repeatable(
+            rp.Pseudoinverse(task), potentials, box, options=rp.FitOptions(tolerance=1)
+        )
+        assert 1024 < least <= design.samples == due and design.held_out == 1024
+
+
+def test_a_usual_fit_begins_on_a_quarter_of_its_nodes() -> None:
+    """16³ of 26³, the first cube from 16,384 up."""
+    task, told = rp.Robot.load("planar3r").task(None, "xy"), []
+    rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box([0.3, 1.0, 0.8], 0.2),
+        degree=1,
+        options=rp.FitOptions(held_out=64, tolerance=1),
+        progress=lambda what, _: told.append(what),
+    )
+    nodes = [what for what in told if what.endswith(" nodes") and what[0].isdigit()]
+    assert list(dict.fromkeys(nodes)) == ["4096 nodes", "17576 nodes"]
+
+
+def test_a_potential_that_varies_in_a_small_part_of_the_region_is_used() -> None:
+    """A bump around the centre, of a tenth of the region's width."""
+    task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
+
+    def bump(q: np.ndarray) -> float:
+        return float(np.exp(-np.sum((q - box.center) ** 2) / 0.0008))
+
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        rp.Polynomial(box.center, 1) + rp.CustomPotentials([bump]),
+        box,
+        options=rp.FitOptions(samples=512, held_out=64),
+    )
+    assert design.dropped == ()
+
+
+class Overlooked(rp.Box):
+    """A box whose searches begin near its centre; only sets of up to 32 points fill it."""
+
+    def random(self, count: int, seed: int) -> np.ndarray:
+        Q = super().random(count, seed)
+        return Q if count <= 32 else self.center + 0.02 * (Q - self.center)
+
+
+def test_a_singularity_that_only_the_held_out_nodes_show_is_kept_away_from() -> None:
+    """PPR on 64 nodes, whose optimum is singular between them."""
+    task, told = rp.Robot.load("ppr").task(None, "xy"), []
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        Overlooked(np.zeros(3), 3.1),
+        degree=3,
+        options=rp.FitOptions(samples=64, held_out=1024),
+        progress=lambda what, _: told.append(what),
+    )
+    assert told.count("evaluating on held-out nodes") > 1
+    assert design.converged and design.potentials.degree == 3
+    assert design.leaf_margin > 0.5 and design.cost < 0.2
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_singularity_that_only_the_held_out_nodes_show_is_refused(flat: bool) -> None:
+    """One potential, whose gradient turns within 0.1 rad of a configuration, or is 0 there: there
+    is no other."""
+    task, center = rp.Robot.load("planar3r").task(None, "xy"), np.array([0.3, 1.0, 0.8])
+    n, at = redundancy.nullspace(task.jacobian(center)), center + [0.2, -0.1, 0.15]
+
+    class Dented(rp.CustomPotentials):
+        def gradients(self, Q: np.ndarray) -> np.ndarray:
+            away = (Q - at)[:, :, None]
+            square = np.sum(away**2, axis=1, keepdims=True)
+            if flat:
+                return np.where(square < 0.01, 0.0, n)
+            return n + 120 * away * np.exp(-square / 0.005)
+
+    def h(q: np.ndarray) -> float:
+        return float(n[:, 0] @ q - 0.3 * np.exp(-np.sum((q - at) ** 2) / 0.005))
+
+    with pytest.raises(rp.SingularRegionError, match="Ω contains an algo") as error:
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task),
+            Dented([h]),
+            Overlooked(center, 0.4),
+            options=rp.FitOptions(samples=8, held_out=1024),
+        )
+    assert np.linalg.norm(error.value.at - at) < 0.2
+    assert isinstance(error.value.free, rp.Box)
 
 
 def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:

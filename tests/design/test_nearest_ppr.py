@@ -481,6 +481,8 @@ def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -
     )  # a refusal settles nothing
     with pytest.raises(rp.InputError, match="each of the designs"):
         cost_has_converged([3, refused])
+    with pytest.raises(rp.InputError, match="designs must be a list of designs"):
+        cost_has_converged(3)
     with pytest.raises(rp.InputError, match="at least two"):
         cost_has_converged(designs(0.8, (3,)))
 
@@ -490,12 +492,13 @@ def test_costs_have_converged_when_the_last_two_are_equal(
 ) -> None:
     """By hand: |c − c'| < tolerance · c, of the last two designs alone, all of them converged."""
 
-    def judged(*costs: float, tolerance: float = 1e-4, converged: bool = True) -> bool:
+    def judged(*costs: float, converged: bool = True, **options: float) -> bool:
         designs = [replace(panda_design, cost=cost) for cost in costs]
         designs[0] = replace(designs[0], converged=converged)
-        return cost_has_converged(designs, tolerance=tolerance)
+        return cost_has_converged(designs, **options)
 
     assert judged(5.0, 100.009, 100.0) and judged(5.0, 100.0, 100.009)
     assert not judged(100.0, 100.0, 100.02) and not judged(5.0, 5.0, 1.0)
     assert not judged(0.01, 0.010009) and judged(0.01, 0.010009, tolerance=1e-3)
+    assert not judged(3.0, 2.0, tolerance=0.5) and judged(3.0, 2.0, tolerance=0.6)
     assert not judged(2.0, 1.0, 1.0, converged=False)

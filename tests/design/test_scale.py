@@ -92,16 +92,18 @@ def test_few_nodes_first_then_all(panda: rp.Robot, few_nodes: None) -> None:
     """2048 nodes start from the optimum on 1024; nothing is left on the worker."""
     many = {"samples": 2048, "degree": 1, "batch": 256}
     one = design(panda, **many)
-    box, held = Watched(Q0, 0.4), []
+    box, held, built = Watched(Q0, 0.4), [], set()
 
     def tell(step: str, share: float) -> None:
         held.append(box.held() if step.startswith("step") else 0)
+        built.update([step] if step[0].isdigit() else [])
 
     with ThreadPoolExecutor(1) as pool:
         assert same(design(panda, box=box, executor=pool, progress=tell, **many), one)
         pool.submit(abs, -1).result()  # after what the design still asked of it
         assert max(held) > 0 == box.held()
     assert one.converged and one.samples == 2048
+    assert built == {"1024 nodes", "2048 nodes"}
     Q, weights = rp.Box(Q0, 0.4).nodes(2048, 0)
     away = one.inverse.batch(Q) - one.desired.batch(Q)
     cost = weights @ (away**2).sum(axis=(1, 2))  # on all of them
@@ -297,6 +299,8 @@ def test_progress_is_reported(panda: rp.Robot) -> None:
     assert all(0 <= share <= 1 for _, share in said)
     text = " ".join(what for what, _ in said)
     assert "1024 nodes" in text and "step 1, cost " in text and "evaluating" in text
+    begins = [share for what, share in said if what.startswith(("search", "evalu"))]
+    assert begins == [0.0, 0.0]
 
 
 def test_all_steps_of_a_fit_are_counted() -> None:
