@@ -164,13 +164,14 @@ def test_the_best_posture_is_chosen_in_this_order(
     first: tuple, second: tuple, best: int
 ) -> None:
     """Share of the corners, collisions, limit margin, joint speed, distance from the reference."""
-    near, far = np.full(7, 0.1), np.full(7, 0.5)
+    reference = np.full(7, 2.0)
+    near, far = reference + 0.1, reference - 0.5
     two = [
         Candidate(q, share, margin, body_distance, speed)
         for q, (share, body_distance, margin, speed) in ((near, first), (far, second))
     ]
     for candidates in (two, two[::-1]):
-        assert chosen(candidates, np.zeros(7)) is two[best]
+        assert chosen(candidates, reference) is two[best]
 
 
 def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered() -> None:
@@ -214,17 +215,27 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
 
     due = constraint()
     assert [due.short(one) for one in reversed(functions)] == [True, True]
+    easy = ActiveConstraint(replace(margin, measure=lambda Q: 9 - Q[:, 2:3]), due.U)
+    for constraints, rounds in (([due], 0), ([easy], 20)):
+        unchanged = PenaltyMethod(desired, chart, U, constraints, rounds)
+        assert unchanged.kept(free, terms, print) is free[-1]
     guess = None
     for _ in range(2):  # without a guess, and from a function that violates nothing
         kept = constraint()
-        fit = PenaltyMethod(desired, chart, U, [kept], 5)
+        fit = PenaltyMethod(desired, chart, U, [kept], 20)
         weights: list[float] = []
+        told: dict[str, list[float]] = {}
 
-        def tell(*_: object, fit=fit, weights=weights) -> None:
+        def tell(what: str, share: float, fit=fit, weights=weights, told=told) -> None:
             weights.append(fit.weight)
+            told.setdefault(what, []).append(share)
 
         found = fit.kept(free, terms, tell, guess=guess)
         assert found.steps > free[-1].steps
+        assert [*told] == ["joint 3, degree 2", "joint 3, degree 3"]
+        for shares in told.values():  # no round once nothing changes any more
+            assert shares[0] == 0.5 and len(shares) < 12 and max(shares) < 1
+            assert shares == sorted({*shares})
         assert weights[0] == (100 if guess is None else 1000)
         assert all(b in (a, min(10 * a, 1e5)) for a, b in pairwise(weights))
         assert weights[1] == 10 * weights[0]  # ten times in each round, up to 1e5
@@ -308,13 +319,32 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
         assert found.min() == exact.min()
         assert abs(share - (exact < 0).mean()) < 0.2
         assert (found >= exact - 1e-12).all() or exact.min() < 0
-    # and of a configuration whose hulls overlap, in the middle of a cell, but no bodies
+    # and of configurations whose hulls overlap, in the middle of a cell, but no bodies
     q = np.array([-1.25, -0.15, 0.35, -0.1, -0.8, -0.87, 0.43])
-    assert bodies.hull_distances(q[None])[0] < -0.005
-    (one,) = judged(
-        rp.Pseudoinverse(task), rp.Cell(task, task.placement(q), 1e-3), q[None]
-    )
-    assert one.share == 1 and one.body_distance >= 0
+    both = np.array([q + 0.02, q])
+    assert bodies.hull_distances(both).max() < -0.003
+    cell, G_d = rp.Cell(task, task.placement(q), 0.02), rp.Pseudoinverse(task)
+    for one, at in zip(judged(G_d, cell, both), both, strict=True):
+        ends, _, _ = straight(G_d, cell, at, cell.corners())
+        exact = bodies.distances(np.concatenate([at[None], ends]))
+        assert (bodies.hull_distances(ends) < 0).any() and np.ptp(exact) > 1e-3
+        assert one.share == 1 and one.body_distance == pytest.approx(
+            exact.min(), abs=1e-9
+        )
+
+
+def test_postures_in_collision_are_judged_only_where_all_collide() -> None:
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    Q = task.reference + np.random.default_rng(0).normal(size=(12, task.n))
+    apart = rp.Bodies(task).distances(Q)
+    assert {*(apart < 0)} == {False, True}
+    cell, G_d = rp.Cell(task, task.placement(Q[0]), 1e-3), rp.Pseudoinverse(task)
+    for some, kept in ((apart < 1, apart >= 0), (apart < 0, apart < 0)):
+        candidates = judged(G_d, cell, Q[some])
+        assert np.array_equal([c.q for c in candidates], Q[kept])
+        alone = [c.share == 0 for c in candidates]  # no corner is reached from there
+        distances = np.array([c.body_distance for c in candidates])
+        assert np.allclose(distances[alone], apart[kept][alone]) and sum(alone) > 1
 
 
 # ---- searches for small and for large margins ----------------------------------------------------
@@ -486,6 +516,35 @@ def test_the_margins_of_a_task_are_those_of_its_limits_and_its_jacobian() -> Non
         margin = make(task)
         assert np.allclose(margin.measure(Q), due, rtol=0, atol=1e-12)
         assert margin.measure(Q).shape == due.shape and margin.required == 0
+
+
+def test_the_rounds_end_where_nothing_can_be_met(tmp_path: Path) -> None:
+    """The label is to be in a narrow corridor around a parabola, in which no plane is: the weight
+    is raised to 1e5, until neither poses nor coefficients change any more."""
+    chart = wrist(tmp_path)
+    cell = chart.cell
+    middle, wide = cell.placement.translation[:2], cell.half_width[:2]
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        turns = np.cumsum(Q, axis=1)[:, :2]
+        tool = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ [0.5, 0.4]
+        away = Q[:, 2] - 0.4 - 0.5 * (((tool - middle) / wide) ** 2).sum(axis=1)
+        return np.stack([away + 0.2, 0.2 - away], axis=1)
+
+    G_d, U = rp.Pseudoinverse(cell.task), cell.sample(32)
+    terms = chart_of(cell, np.array([0.3, 0.9, 0.4]), 1, 32).monomials
+    free = descend(Cost(G_d, chart, terms, U), np.zeros((terms.size, 1)))
+    constraint = ActiveConstraint(margin_of(measure, 0.1), cell.sample(32, 1))
+    method = PenaltyMethod(G_d, chart, U, [constraint], 30)
+    weights: list[float] = []
+    found = method.kept([free], terms, lambda *_: weights.append(method.weight))
+    assert weights[:4] == [100, 1e3, 1e4, 1e5] and {*weights[4:]} == {1e5}
+    assert len(weights) < 30 and found.steps > free.steps + len(weights)
+    edge, last = constraint.edge, CandidateFunction(chart, terms, found.a)
+    assert constraint.short(last) and np.array_equal(constraint.edge, edge)
+    kept = [constraint.penalty(last)]
+    again = descend(Cost(G_d, chart, terms, U, kept, weight=1e5), found.a)
+    assert again.value.cost > 0.999 * again.start
 
 
 # ---- null spaces and rays ------------------------------------------------------------------------
