@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arms import Q_PANDA, planar_task
+from arms import Q_PANDA, planar_task, planar_urdf
 from cell_functions import cell_of, chart_of, middle, panda, rays
 from sectors import found as sector_design
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import kinematics, margins
+from repctl_pin.inverse_function import kinematics, margins, turning
 from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
 from repctl_pin.inverse_function.margins import (
@@ -296,6 +296,24 @@ def test_the_posture_of_a_search_is_the_best_of_all(
     assert np.abs(found.q - best.q).max() < 0.035 and found.share == best.share == 1
 
 
+def test_a_posture_is_unwound_only_inside_the_limits(tmp_path: Path) -> None:
+    """The first joint may turn from −7 to 0.5 rad: the pose at 2 rad is reached at 2 − 2π rad, and
+    that at −6.5 rad at 2π − 6.5 rad."""
+    text = planar_urdf([0.5, 0.4, 0.3]).split('lower="-7.0" upper="7.0"')
+    hand = 'lower="0.7" upper="0.9"'
+    text = (
+        text[0] + 'lower="-7" upper="0.5"' + text[1] + hand + text[2] + hand + text[3]
+    )
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    for first, due in ((2.0, 2 - 2 * np.pi), (-6.5, 2 * np.pi - 6.5)):
+        cell = rp.Cell(task, task.placement([first, 0.8, 0.8]), 0.01)
+        offered = searched(rp.Pseudoinverse(task), cell)
+        for one in offered:
+            assert abs(one.q[0] - due) < 0.3 and task.limit_margin(one.q).min() > 0
+            assert np.abs(task.error(one.q, cell.placement)).max() < 1e-9
+
+
 def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
     design = sector_design("pose")
     chart = design.function.chart
@@ -306,6 +324,30 @@ def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
     d = np.random.default_rng(1).normal(size=a.shape)
     ends = [cost.value(a + w * 1e-5 * d).cost for w in (1, -1)]
     assert np.isclose((ends[0] - ends[1]) / 2e-5, gradient @ d.ravel(), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("range_", "whole"), [(3.0, 6.0), (3.5, 2 * np.pi)])
+def test_the_range_of_the_angle_where_a_pose_is_covered(
+    range_: float, whole: float, tmp_path: Path
+) -> None:
+    """That of the first joint, at most a full turn; none where the others are beyond their limits
+    or the arm is too short; and none of a cell whose angle no joint turns."""
+    text = planar_urdf([0.5, 0.4, 0.3], range_=range_).split("<limit ")
+    text[2] = text[2].replace(f'"{-range_}"', '"0.7"')
+    (tmp_path / "arm.urdf").write_text("<limit ".join(text), encoding="utf-8")
+    task, q = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy"), np.full(3, 0.8)
+    near, far = (rp.Sector(task, task.placement(q), radius=r) for r in (0.02, 0.6))
+    chart = chart_of(near.without(near.symmetries), q, 1, 32)
+    chart = replace(chart, cell=far.without(far.symmetries))
+    U = np.linspace(-1, 1, 41)[:, None]
+    at = chart.solve(U, np.zeros((41, 1)))
+    covered = at.found & (task.limit_margin(at.Q)[:, 1:].min(axis=1) >= 0)
+    assert 5 < covered.sum() < at.found.sum() < 40
+    found = turning.turn_at(chart, U)
+    assert np.allclose(found, np.where(covered, whole, np.nan), equal_nan=True)
+    assert turning.turn_at(replace(chart, cell=far), U) is None
+    cell = rp.Cell(task, task.placement(q), 0.02)
+    assert turning.turn_at(chart_of(cell, q, 1, 32), U) is None
 
 
 def test_the_lowest_body_distance_is_that_of_all() -> None:

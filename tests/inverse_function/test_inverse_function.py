@@ -876,21 +876,29 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
     return str(caught.value)
 
 
-def test_a_middle_out_of_reach() -> None:
+def test_a_middle_out_of_reach(tmp_path: Path) -> None:
+    """By how much, for an arm that reaches 1.2 m."""
     assert "is out of reach" in refused(
         rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1)
     )
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    far = pin.SE3(np.eye(3), np.array([0.9, 1.2, 0.0]))
+    found = re.search(
+        r"stays ([\d.]+) m or rad short", refused(rp.Cell(task, far, 0.1))
+    )
+    assert found is not None and float(found[1]) == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.parametrize("side", [1, -1])
 def test_a_middle_beyond_the_limits_names_the_joint_and_the_least_violation(
-    tmp_path: Path,
+    side: int, tmp_path: Path
 ) -> None:
     """As near to its base as 0.9 rad in each joint bring it, a hand of ±0.5 rad does not come.
     Newton's method ends where the squares of what each joint exceeds ±0.4 rad by are least."""
     l1, l2, l3 = lengths = np.array([1.0, 0.9, 0.8])
     (tmp_path / "narrow.urdf").write_text(planar_urdf(lengths, range_=0.5))
     task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
-    middle = task.placement([0.9, 0.9, 0.9])
+    middle = task.placement(side * np.full(3, 0.9))
     says = refused(rp.Cell(task, middle, 0.05))
     found = re.search(r"outside the limits of '(theta\d)', ([\d.]+) beyond them", says)
     assert found is not None, says
