@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arms import Q_PANDA, planar_task, planar_urdf
+from arms import Q_PANDA, chain_with_bodies, planar_task, planar_urdf
 from cell_functions import cell_of, chart_of, middle, panda, rays
 from sectors import found as sector_design
 
@@ -312,6 +312,37 @@ def test_a_posture_is_unwound_only_inside_the_limits(tmp_path: Path) -> None:
         for one in offered:
             assert abs(one.q[0] - due) < 0.3 and task.limit_margin(one.q).min() > 0
             assert np.abs(task.error(one.q, cell.placement)).max() < 1e-9
+
+
+class Watched(rp.Pseudoinverse):
+    """J⁺, and the configurations at which each batch of it was evaluated."""
+
+    seen: list[np.ndarray]
+
+    def batch(self, Q: Any, *rest: Any, **options: Any) -> np.ndarray:
+        self.__dict__.setdefault("seen", []).append(np.array(Q))
+        return super().batch(Q, *rest, **options)
+
+
+@pytest.mark.parametrize(("range_", "count"), [(7.0, {24}), (1.1, {*range(3, 24)})])
+def test_the_postures_that_are_judged_are_far_from_each_other(
+    range_: float, count: set[int], tmp_path: Path
+) -> None:
+    """At most 24, each as far as possible from those before it, and by 0.05 rad at least. Four of
+    those that are 0.3 rad apart are offered."""
+    (tmp_path / "arm.urdf").write_text(planar_urdf([0.5, 0.4, 0.3], range_=range_))
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    cell = rp.Cell(task, task.placement([0.2, 0.8, 0.8]), 0.02)
+    G_d = Watched(task)
+    offered = [one.q for one in searched(G_d, cell)]
+    assert len(offered) == 4 or range_ < 7
+    assert all(np.linalg.norm(a - b) > 0.3 for a, b in combinations(offered, 2))
+    Q = G_d.seen[0][:: len(cell.corners())]
+    away = np.linalg.norm(Q[:, None] - Q, axis=2)
+    assert len(Q) in count and len(Q) == len(np.unique(Q, axis=0))
+    for i in range(1, len(Q)):
+        nearest = away[i:, :i].min(axis=1)
+        assert nearest[0] == nearest.max() >= 0.05
 
 
 def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
@@ -676,6 +707,27 @@ def test_a_margin_falls_short_beyond_its_slack(
     assert np.allclose(20 * new, np.rint(20 * new)) and [1, 1] in new.tolist()
     assert len(np.unique(new, axis=0)) == len(new)
     assert (len(constraint.edge) > 0) is due
+
+
+@pytest.mark.parametrize("kind", ["limits", "bodies", "singularities"])
+def test_limits_may_be_missed_by_more_than_other_margins(
+    kind: str, tmp_path: Path
+) -> None:
+    """Two fifths of the required margin, and a quarter, where self-motion has more than that."""
+    if kind == "limits":
+        task, q, slack = planar_task([0.5, 0.4, 0.0], tmp_path), [0.3, 0.9, 6.4], 0.4
+    elif kind == "bodies":
+        task = rp.Robot.load(chain_with_bodies(tmp_path)).task("tip", "xy")
+        q, slack = [1.48, -1.35, -2.24], 0.25
+    else:
+        task, q, slack = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.25, 2.6], 0.25
+    make = {"limits": limits_of, "bodies": distances_of}.get(kind, singular_values_of)
+    chart = chart_of(rp.Cell(task, task.placement(q), 1e-3), np.array(q), 1, 16)
+    function, U = CandidateFunction.zero(chart), chart.cell.corners()
+    least = make(task).least(function.at(U)).min()
+    for missed, due in ((slack - 0.05, False), (slack + 0.05, True)):
+        margin = make(task, least / (1 - missed))
+        assert ActiveConstraint(margin, U).short(function) is due
 
 
 def test_poses_far_above_the_required_margin_are_not_searched(tmp_path: Path) -> None:

@@ -1096,10 +1096,23 @@ def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
     assert re.search(said, str(error.value))
 
 
+def test_a_posture_that_does_not_lead_to_the_middle(tmp_path: Path) -> None:
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    far = rp.Cell(task, pin.SE3(np.eye(3), np.array([0.9, 1.2, 0.0])), 0.1)
+    says = refused(far, [0.2, 0.8, 0.8])
+    assert "posture" in says and "does not lead to the middle of the cell" in says
+
+
 def test_a_middle_at_a_singularity(tmp_path: Path) -> None:
+    """Of a given posture; and of all postures, where every joint slides along x."""
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
     assert "the arm is at a singularity" in refused(stretched, [0.1, 0.0, 0.0])
+    text = planar_urdf([0.5, 0.4, 0.3]).replace("revolute", "prismatic")
+    (tmp_path / "slides.urdf").write_text(text.replace('xyz="0 0 1"', 'xyz="1 0 0"'))
+    task = rp.Robot.load(tmp_path / "slides.urdf").task("tool", "xy")
+    says = refused(rp.Cell(task, task.placement([0.1, 0.2, 0.3]), 0.02))
+    assert says.startswith("in the middle of the cell, (1.8, 0, 0) m, the arm is at")
 
 
 @pytest.mark.slow
