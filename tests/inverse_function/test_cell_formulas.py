@@ -219,7 +219,7 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
     for constraints, rounds in (([due], 0), ([easy], 20)):
         unchanged = PenaltyMethod(desired, chart, U, constraints, rounds)
         assert unchanged.kept(free, terms, print) is free[-1]
-    guess = None
+    guess, costs = None, []
     for _ in range(2):  # without a guess, and from a function that violates nothing
         kept = constraint()
         fit = PenaltyMethod(desired, chart, U, [kept], 20)
@@ -238,12 +238,17 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
             assert shares == sorted({*shares})
         assert weights[0] == (100 if guess is None else 1000)
         assert all(b in (a, min(10 * a, 1e5)) for a, b in pairwise(weights))
+        assert guess is not None or weights[-1] < 1e5  # no margin was short any more
         assert weights[1] == 10 * weights[0]  # ten times in each round, up to 1e5
         assert {*map(tuple, due.edge)} <= {*map(tuple, kept.edge)}
         assert (
             margin.least(CandidateFunction(chart, terms, found.a).at(U)) > 0.08
         ).all()
         guess = low.fit(U, terms.values(U) @ found.a)
+        costs.append(found.value.cost)
+    fit = PenaltyMethod(desired, chart, U, [constraint()], 20)
+    again = fit.kept(free[1:], terms, lambda *_: None)  # degree 2 is fitted anew
+    assert again.value.cost == pytest.approx(costs[0], rel=1e-3)
 
 
 def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
@@ -269,19 +274,25 @@ def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lengths", "q"),
+    ("lengths", "q", "half_width", "range_"),
     [
-        ((1.0, 0.9, 0.8), (0.6, -1.2, 1.4)),
-        ((1.0, 0.9, 0.8), (0.3, 1.5, 1.4)),
-        ((0.5, 0.4, 0.3), (0.2, 0.8, 0.8)),
+        ((1.0, 0.9, 0.8), (0.6, -1.2, 1.4), 0.1, 7.0),
+        ((1.0, 0.9, 0.8), (0.3, 1.5, 1.4), 0.6, 7.0),
+        ((0.5, 0.4, 0.3), (0.2, 0.8, 0.8), 0.02, 1.25),
     ],
 )
 def test_the_posture_of_a_search_is_the_best_of_all(
-    lengths: tuple[float, ...], q: tuple[float, ...], tmp_path: Path
+    lengths: tuple[float, ...],
+    q: tuple[float, ...],
+    half_width: float,
+    range_: float,
+    tmp_path: Path,
 ) -> None:
-    """All configurations of the middle, by the law of cosines for the last two links at each θ₁."""
-    task = planar_task(lengths, tmp_path)
-    cell, G_d = rp.Cell(task, task.placement(q), 0.1), rp.Pseudoinverse(task)
+    """All configurations of the middle, by the law of cosines for the last two links at each θ₁.
+    The next one is the fastest of the others, or that with the largest limit margin below 0.1."""
+    (tmp_path / "arm.urdf").write_text(planar_urdf(lengths, range_=range_))
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    cell, G_d = rp.Cell(task, task.placement(q), half_width), rp.Pseudoinverse(task)
     l1, l2, l3 = lengths
     first = np.tile(np.linspace(-np.pi, np.pi, 721), 2)
     knee = l1 * np.stack([np.cos(first), np.sin(first)])
@@ -291,9 +302,19 @@ def test_the_posture_of_a_search_is_the_best_of_all(
     way = np.arctan2(y, x) - np.arctan2(l3 * np.sin(third), l2 + l3 * np.cos(third))
     second = (way - first + np.pi) % (2 * np.pi) - np.pi
     Q = np.stack([first, second, third], axis=1)[np.abs(cosine) < 0.99]
-    best = chosen(judged(G_d, cell, Q), task.reference)
-    found = searched(G_d, cell)[0]
+    every = judged(G_d, cell, Q[task.limit_margin(Q).min(axis=1) > 0])
+    best = chosen(every, task.reference)
+    found, second_best, *_ = searched(G_d, cell)
     assert np.abs(found.q - best.q).max() < 0.035 and found.share == best.share == 1
+    others = [c for c in every if c.share == 1 and np.linalg.norm(c.q - found.q) > 0.3]
+    room = [min(0.1, c.margin) for c in others]
+    fast = [
+        c.speed
+        for c, margin in zip(others, room, strict=True)
+        if margin > max(room) - 0.01
+    ]
+    assert second_best.share == 1 and second_best.margin > max(room) - 0.01
+    assert second_best.speed < 1.02 * min(fast)
 
 
 def test_a_posture_is_unwound_only_inside_the_limits(tmp_path: Path) -> None:
