@@ -317,6 +317,31 @@ def test_the_posture_of_a_search_is_the_best_of_all(
     assert second_best.speed < 1.02 * min(fast)
 
 
+def test_a_posture_that_collides_at_a_corner_comes_after_all_that_do_not(
+    tmp_path: Path,
+) -> None:
+    """A post that the first link of the fastest postures touches at a corner only."""
+    text = planar_urdf([1.0, 0.8, 0.3], range_=3.0)
+    for i, length in enumerate((1.0, 0.8, 0.3), 1):
+        box = f'<box size="{0.96 * length} 0.01 0.01"/></geometry></collision></link>'
+        link = f'<link name="link{i}"><collision><origin xyz="{length / 2} 0 0"/><geometry>'
+        text = text.replace(f'<link name="link{i}"/>', link + box)
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    place = f'<origin xyz="{0.93 * np.cos(1.2)} {0.93 * np.sin(1.2)} 0"/>'
+    (tmp_path / "post.urdf").write_text(
+        f'<robot name="post"><link name="post"><collision>{place}<geometry>'
+        '<box size="0.01 0.01 0.05"/></geometry></collision></link></robot>'
+    )
+    around = tmp_path / "post.urdf"
+    task = rp.Robot.load(tmp_path / "arm.urdf", surroundings=around).task("tool", "xy")
+    fast = np.array([1.12, -1.56, -0.63])
+    cell, G_d = rp.Cell(task, task.placement(fast), 0.12), rp.Pseudoinverse(task)
+    offered, (colliding,) = searched(G_d, cell), judged(G_d, cell, fast[None])
+    assert colliding.body_distance < 0 <= min(c.body_distance for c in offered)
+    assert colliding.share == 1 and colliding.speed < offered[-1].speed
+    assert rp.Bodies(task).distances(fast[None]) > 0
+
+
 def test_a_posture_is_unwound_only_inside_the_limits(tmp_path: Path) -> None:
     """The first joint may turn from −7 to 0.5 rad: the pose at 2 rad is reached at 2 − 2π rad, and
     that at −6.5 rad at 2π − 6.5 rad."""
@@ -681,7 +706,7 @@ def test_rays_are_followed_until_they_stop(tmp_path: Path) -> None:
     margin on the way, the last joints, and the null vector there."""
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), np.array([0.6, -1.2, 1.4])
     cell, G_d = rp.Cell(task, task.placement(q), 1.2), rp.Pseudoinverse(task)
-    U = np.concatenate([cell.sample(60), cell.corners()])
+    U = np.concatenate([cell.sample(28), cell.corners()])
     for options, steps in (({}, 16), ({"steps": 40}, 40)):
         ends = rays(G_d, cell, q, U, **options)
         Q, least, reached = straight(G_d, cell, q, U, steps)
