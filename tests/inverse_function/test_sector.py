@@ -521,23 +521,46 @@ def test_the_ranges_at_most_poses_are_those_of_a_dense_sample() -> None:
         assert least <= (away <= (turn.joint_range - range_) / 2).mean() <= most
 
 
-def test_a_joint_without_limits_turns_all_round(tmp_path: Path) -> None:
-    text = planar_urdf([0.5, 0.4, 0.3]).replace("revolute", "continuous", 1)
-    (tmp_path / "endless.urdf").write_text(text, encoding="utf-8")
-    task, q = (
-        rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy"),
-        [0.2, 0.8, 0.8],
-    )
+def test_the_largest_value_of_a_joint_is_found_by_search() -> None:
+    """At edges of a sector with tilts, where its 4096 sampled poses do not come."""
+    design = found("pose")
+    cell = design.function.chart.cell
+    U = np.clip(4 * cell.sample(4096, 5), -1, 1)
+    points = design.function.chart.solve(U, np.zeros((len(U), 1)))
+    assert points.found.all()
+    for one, turn in zip(cell.removed, design.evaluation.turns, strict=True):
+        spread = np.ptp(points.Q[:, one.joint])
+        assert spread - 1e-6 < turn.spread < spread + 1e-3
+
+
+@pytest.mark.parametrize("lower", [-np.inf, -0.1])
+def test_a_sector_goes_round_as_far_as_its_joint(lower: float, tmp_path: Path) -> None:
+    """All round and around the given placement without limits, else up to both limits."""
+    text = planar_urdf([0.5, 0.4, 0.3])
+    limits = text.replace('"-7.0"', f'"{lower}"', 1).replace('"7.0"', '"0.8"', 1)
+    endless = text.replace("revolute", "continuous", 1)
+    file = tmp_path / "arm.urdf"
+    file.write_text(limits if np.isfinite(lower) else endless, encoding="utf-8")
+    task, q = rp.Robot.load(file).task("tool", "xy"), [0.2, 0.8, 0.8]
+    sector = rp.Sector(task, task.placement(q), radius=0.05)
     design = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
-        rp.Sector(task, task.placement(q), radius=0.05),
+        sector,
         posture=q,
         degree=1,
         options=rp.FitOptions(samples=16, held_out=64),
     )
-    (turn,) = design.evaluation.turns
-    assert turn.joint_range == np.inf and turn.reach == 2 * np.pi
-    assert design.cell.widths[1] == np.pi and design.coverage == 1
+    (turn,), cell = design.evaluation.turns, design.cell
+    assert cell.widths[1] == turn.reach / 2 and design.coverage == 1
+    if not np.isfinite(lower):
+        assert turn.joint_range == np.inf and turn.reach == 2 * np.pi
+        assert cell.placement.isApprox(sector.placement)
+        return
+    assert turn.reach == pytest.approx(0.9 - turn.spread) and 0.5 < turn.reach < 0.9
+    radius, angle = np.linspace(-1, 1, 101), np.repeat([-1 + 1e-8, 1 - 1e-8], 101)
+    U = np.stack([np.tile(radius, 2), angle], axis=1)
+    first = design.function.batch(U)[:, 0]
+    assert np.allclose([first.min(), first.max()], [-0.1, 0.8], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["pose", "position", "one orientation"])
