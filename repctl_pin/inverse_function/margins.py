@@ -206,21 +206,21 @@ def lowest_distances(
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
     overlap = overlap[np.argsort(hulls[overlap])]
-    distances, tested = (
-        np.maximum(hulls, 0.0),
-        np.unique(np.linspace(0, len(overlap) - 1, _TESTED)),
-    )
-    some = overlap[tested.astype(int)] if len(overlap) else overlap
+    distances = np.maximum(hulls, 0.0)
     if quick:
-        some, overlap = overlap[:_AT_ONCE], overlap[:_AT_ONCE]
+        some = overlap = overlap[:_AT_ONCE]
+    else:
+        count = min(_TESTED, len(overlap))
+        some = overlap[np.linspace(0, len(overlap) - 1, count, dtype=int)]
     distances[some] = bodies.distances(Q[some])
-    for start in range(0, len(overlap), _AT_ONCE):
-        rows = overlap[start : start + _AT_ONCE]
+    others = overlap[~np.isin(overlap, some)]
+    for start in range(0, len(others), _AT_ONCE):
+        rows = others[start : start + _AT_ONCE]
         if distances.min() <= hulls[rows[0]]:
             break
         distances[rows] = bodies.distances(Q[rows])
-    collide = float((distances[some] < 0).mean()) if len(some) else 0.0
-    return distances, collide * len(overlap) / max(1, len(Q))
+    collide = (distances[some] < 0).sum() / max(1, len(some))
+    return distances, float(collide * len(overlap) / len(Q))
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,8 +76,6 @@ def _found(
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))
     before = [task.placement(q) for q in Q]
     for joint in joints:
-        if not task.revolute[joint]:
-            continue
         after = [task.placement(q + _STEP * np.eye(task.n)[joint]) for q in Q]
         for sign in (1, -1):
             pairs = zip(before, after, strict=True)

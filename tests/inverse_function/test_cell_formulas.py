@@ -5,14 +5,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations, pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from arms import Q_PANDA
-from cell_functions import cell_of, chart_of, middle, panda
+from arms import Q_PANDA, chain_with_bodies, planar_task, planar_urdf
+from cell_functions import cell_of, chart_of, middle, panda, rays
 from sectors import found as sector_design
 
 import repctl_pin as rp
+from repctl_pin.inverse_function import kinematics, margins, turning
 from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
 from repctl_pin.inverse_function.cost import Cost, Penalty, descend
 from repctl_pin.inverse_function.margins import (
@@ -96,22 +99,27 @@ def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
 
 
 def straight(
-    G_d: rp.Pseudoinverse, cell: rp.Cell, q: np.ndarray, U: np.ndarray
+    G_d: rp.Pseudoinverse, cell: rp.Cell, q: np.ndarray, U: np.ndarray, steps: int = 10
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Steps of G_d along ten points of the ray to each pose, and three at its end: the joints, the
-    least limit margin on the way, and whether the pose is reached without a long step."""
-    Q, least, good = [], [], []
+    """Steps of G_d along points of the ray to each pose, and three at its end, until the arm is
+    almost singular or a step is long: the joints, the least limit margin on the way, and the share
+    of the ray."""
+    Q, least, reached = [], [], []
     for u in U:
-        here, low, there = q.copy(), np.inf, True
-        for ahead in [*np.linspace(0.1, 1, 10), 1.0, 1.0, 1.0]:
+        here, low, share = q.copy(), np.inf, 0.0
+        for ahead in [*np.arange(1, steps + 1) / steps, 1.0, 1.0, 1.0]:
             low = min(low, cell.task.limit_margin(here).min())
+            s = np.linalg.svd(cell.task.jacobian(here), compute_uv=False)
             step = G_d(here) @ cell.task.error(here, cell.at(ahead * u))
-            there = there and np.abs(step).max() < 0.5
-            here = here + step
+            if s[-1] < 0.01 * s[0] or np.abs(step).max() > 0.5:
+                break
+            here, share = here + step, ahead
+        if np.abs(cell.task.error(here, cell.at(u))).max() > 1e-6:
+            share = min(share, 1 - 1 / steps)
         Q.append(here)
         least.append(low)
-        good.append(there and np.abs(cell.task.error(here, cell.at(u))).max() < 1e-6)
-    return np.array(Q), np.array(least), np.array(good)
+        reached.append(share)
+    return np.array(Q), np.array(least), np.array(reached)
 
 
 @pytest.mark.parametrize(("half_width", "whole"), [(0.1, True), (0.35, False)])
@@ -124,7 +132,8 @@ def test_a_posture_is_judged_by_the_way_to_the_corners(
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     beside = rp.solve_ik(cell.task, q + 0.02, cell.placement)
     (_, candidate), U = judged(G_d, cell, np.array([beside, q])), cell.corners()
-    Q, least, good = straight(G_d, cell, q, U)
+    Q, least, reached = straight(G_d, cell, q, U)
+    good = reached == 1
     assert candidate.share == good.mean() and good.any() and good.all() == whole
     assert candidate.margin == pytest.approx(least[good].min(), abs=1e-9)
     assert candidate.margin > 0 or not whole
@@ -155,13 +164,14 @@ def test_the_best_posture_is_chosen_in_this_order(
     first: tuple, second: tuple, best: int
 ) -> None:
     """Share of the corners, collisions, limit margin, joint speed, distance from the reference."""
-    near, far = np.full(7, 0.1), np.full(7, 0.5)
+    reference = np.full(7, 2.0)
+    near, far = reference + 0.1, reference - 0.5
     two = [
         Candidate(q, share, margin, body_distance, speed)
         for q, (share, body_distance, margin, speed) in ((near, first), (far, second))
     ]
     for candidates in (two, two[::-1]):
-        assert chosen(candidates, np.zeros(7)) is two[best]
+        assert chosen(candidates, reference) is two[best]
 
 
 def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered() -> None:
@@ -205,25 +215,40 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
 
     due = constraint()
     assert [due.short(one) for one in reversed(functions)] == [True, True]
-    guess = None
+    easy = ActiveConstraint(replace(margin, measure=lambda Q: 9 - Q[:, 2:3]), due.U)
+    for constraints, rounds in (([due], 0), ([easy], 20)):
+        unchanged = PenaltyMethod(desired, chart, U, constraints, rounds)
+        assert unchanged.kept(free, terms, print) is free[-1]
+    guess, costs = None, []
     for _ in range(2):  # without a guess, and from a function that violates nothing
         kept = constraint()
-        fit = PenaltyMethod(desired, chart, U, [kept], 5)
+        fit = PenaltyMethod(desired, chart, U, [kept], 20)
         weights: list[float] = []
+        told: dict[str, list[float]] = {}
 
-        def tell(*_: object, fit=fit, weights=weights) -> None:
+        def tell(what: str, share: float, fit=fit, weights=weights, told=told) -> None:
             weights.append(fit.weight)
+            told.setdefault(what, []).append(share)
 
         found = fit.kept(free, terms, tell, guess=guess)
         assert found.steps > free[-1].steps
+        assert [*told] == ["joint 3, degree 2", "joint 3, degree 3"]
+        for shares in told.values():  # no round once nothing changes any more
+            assert shares[0] == 0.5 and len(shares) < 12 and max(shares) < 1
+            assert shares == sorted({*shares})
         assert weights[0] == (100 if guess is None else 1000)
         assert all(b in (a, min(10 * a, 1e5)) for a, b in pairwise(weights))
+        assert guess is not None or weights[-1] < 1e5  # no margin was short any more
         assert weights[1] == 10 * weights[0]  # ten times in each round, up to 1e5
         assert {*map(tuple, due.edge)} <= {*map(tuple, kept.edge)}
         assert (
             margin.least(CandidateFunction(chart, terms, found.a).at(U)) > 0.08
         ).all()
         guess = low.fit(U, terms.values(U) @ found.a)
+        costs.append(found.value.cost)
+    fit = PenaltyMethod(desired, chart, U, [constraint()], 20)
+    again = fit.kept(free[1:], terms, lambda *_: None)  # degree 2 is fitted anew
+    assert again.value.cost == pytest.approx(costs[0], rel=1e-3)
 
 
 def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
@@ -248,6 +273,124 @@ def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
     assert s[-1] > 0.01 * s[0] and np.abs(xarm.error(q, cell.placement)).max() < 1e-8
 
 
+@pytest.mark.parametrize(
+    ("lengths", "q", "half_width", "range_"),
+    [
+        ((1.0, 0.9, 0.8), (0.6, -1.2, 1.4), 0.1, 7.0),
+        ((1.0, 0.9, 0.8), (0.3, 1.5, 1.4), 0.6, 7.0),
+        ((0.5, 0.4, 0.3), (0.2, 0.8, 0.8), 0.02, 1.25),
+    ],
+)
+def test_the_posture_of_a_search_is_the_best_of_all(
+    lengths: tuple[float, ...],
+    q: tuple[float, ...],
+    half_width: float,
+    range_: float,
+    tmp_path: Path,
+) -> None:
+    """All configurations of the middle, by the law of cosines for the last two links at each θ₁.
+    The next one is the fastest of the others, or that with the largest limit margin below 0.1."""
+    (tmp_path / "arm.urdf").write_text(planar_urdf(lengths, range_=range_))
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    cell, G_d = rp.Cell(task, task.placement(q), half_width), rp.Pseudoinverse(task)
+    l1, l2, l3 = lengths
+    first = np.tile(np.linspace(-np.pi, np.pi, 721), 2)
+    knee = l1 * np.stack([np.cos(first), np.sin(first)])
+    x, y = cell.placement.translation[:2, None] - knee
+    cosine = (x**2 + y**2 - l2**2 - l3**2) / (2 * l2 * l3)
+    third = np.repeat([1, -1], 721) * np.arccos(np.clip(cosine, -1, 1))
+    way = np.arctan2(y, x) - np.arctan2(l3 * np.sin(third), l2 + l3 * np.cos(third))
+    second = (way - first + np.pi) % (2 * np.pi) - np.pi
+    Q = np.stack([first, second, third], axis=1)[np.abs(cosine) < 0.99]
+    every = judged(G_d, cell, Q[task.limit_margin(Q).min(axis=1) > 0])
+    best = chosen(every, task.reference)
+    found, second_best, *_ = searched(G_d, cell)
+    assert np.abs(found.q - best.q).max() < 0.035 and found.share == best.share == 1
+    others = [c for c in every if c.share == 1 and np.linalg.norm(c.q - found.q) > 0.3]
+    room = [min(0.1, c.margin) for c in others]
+    fast = [
+        c.speed
+        for c, margin in zip(others, room, strict=True)
+        if margin > max(room) - 0.01
+    ]
+    assert second_best.share == 1 and second_best.margin > max(room) - 0.01
+    assert second_best.speed < 1.02 * min(fast)
+
+
+def test_a_posture_that_collides_at_a_corner_comes_after_all_that_do_not(
+    tmp_path: Path,
+) -> None:
+    """A post that the first link of the fastest postures touches at a corner only."""
+    text = planar_urdf([1.0, 0.8, 0.3], range_=3.0)
+    for i, length in enumerate((1.0, 0.8, 0.3), 1):
+        box = f'<box size="{0.96 * length} 0.01 0.01"/></geometry></collision></link>'
+        link = f'<link name="link{i}"><collision><origin xyz="{length / 2} 0 0"/><geometry>'
+        text = text.replace(f'<link name="link{i}"/>', link + box)
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    place = f'<origin xyz="{0.93 * np.cos(1.2)} {0.93 * np.sin(1.2)} 0"/>'
+    (tmp_path / "post.urdf").write_text(
+        f'<robot name="post"><link name="post"><collision>{place}<geometry>'
+        '<box size="0.01 0.01 0.05"/></geometry></collision></link></robot>'
+    )
+    around = tmp_path / "post.urdf"
+    task = rp.Robot.load(tmp_path / "arm.urdf", surroundings=around).task("tool", "xy")
+    fast = np.array([1.12, -1.56, -0.63])
+    cell, G_d = rp.Cell(task, task.placement(fast), 0.12), rp.Pseudoinverse(task)
+    offered, (colliding,) = searched(G_d, cell), judged(G_d, cell, fast[None])
+    assert colliding.body_distance < 0 <= min(c.body_distance for c in offered)
+    assert colliding.share == 1 and colliding.speed < offered[-1].speed
+    assert rp.Bodies(task).distances(fast[None]) > 0
+
+
+def test_a_posture_is_unwound_only_inside_the_limits(tmp_path: Path) -> None:
+    """The first joint may turn from −7 to 0.5 rad: the pose at 2 rad is reached at 2 − 2π rad, and
+    that at −6.5 rad at 2π − 6.5 rad."""
+    text = planar_urdf([0.5, 0.4, 0.3]).split('lower="-7.0" upper="7.0"')
+    hand = 'lower="0.7" upper="0.9"'
+    text = (
+        text[0] + 'lower="-7" upper="0.5"' + text[1] + hand + text[2] + hand + text[3]
+    )
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    for first, due in ((2.0, 2 - 2 * np.pi), (-6.5, 2 * np.pi - 6.5)):
+        cell = rp.Cell(task, task.placement([first, 0.8, 0.8]), 0.01)
+        offered = searched(rp.Pseudoinverse(task), cell)
+        for one in offered:
+            assert abs(one.q[0] - due) < 0.3 and task.limit_margin(one.q).min() > 0
+            assert np.abs(task.error(one.q, cell.placement)).max() < 1e-9
+
+
+class Watched(rp.Pseudoinverse):
+    """J⁺, and the configurations at which each batch of it was evaluated."""
+
+    seen: list[np.ndarray]
+
+    def batch(self, Q: Any, *rest: Any, **options: Any) -> np.ndarray:
+        self.__dict__.setdefault("seen", []).append(np.array(Q))
+        return super().batch(Q, *rest, **options)
+
+
+@pytest.mark.parametrize(("range_", "count"), [(7.0, {24}), (1.1, {*range(3, 24)})])
+def test_the_postures_that_are_judged_are_far_from_each_other(
+    range_: float, count: set[int], tmp_path: Path
+) -> None:
+    """At most 24, each as far as possible from those before it, and by 0.05 rad at least. Four of
+    those that are 0.3 rad apart are offered."""
+    (tmp_path / "arm.urdf").write_text(planar_urdf([0.5, 0.4, 0.3], range_=range_))
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
+    cell = rp.Cell(task, task.placement([0.2, 0.8, 0.8]), 0.02)
+    G_d = Watched(task)
+    offered = [one.q for one in searched(G_d, cell)]
+    assert len(offered) == 4 or range_ < 7
+    assert all(np.linalg.norm(a - b) > 0.3 for a, b in combinations(offered, 2))
+    Q = G_d.seen[0][:: len(cell.corners())]
+    away = np.linalg.norm(Q[:, None] - Q, axis=2)
+    assert len(Q) in count and len(Q) == len(np.unique(Q, axis=0))
+    for i in range(1, len(Q)):
+        nearest = away[i:, :i].min(axis=1)
+        assert nearest[0] == nearest.max() >= 0.05
+
+
 def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
     design = sector_design("pose")
     chart = design.function.chart
@@ -258,6 +401,30 @@ def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
     d = np.random.default_rng(1).normal(size=a.shape)
     ends = [cost.value(a + w * 1e-5 * d).cost for w in (1, -1)]
     assert np.isclose((ends[0] - ends[1]) / 2e-5, gradient @ d.ravel(), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("range_", "whole"), [(3.0, 6.0), (3.5, 2 * np.pi)])
+def test_the_range_of_the_angle_where_a_pose_is_covered(
+    range_: float, whole: float, tmp_path: Path
+) -> None:
+    """That of the first joint, at most a full turn; none where the others are beyond their limits
+    or the arm is too short; and none of a cell whose angle no joint turns."""
+    text = planar_urdf([0.5, 0.4, 0.3], range_=range_).split("<limit ")
+    text[2] = text[2].replace(f'"{-range_}"', '"0.7"')
+    (tmp_path / "arm.urdf").write_text("<limit ".join(text), encoding="utf-8")
+    task, q = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy"), np.full(3, 0.8)
+    near, far = (rp.Sector(task, task.placement(q), radius=r) for r in (0.02, 0.6))
+    chart = chart_of(near.without(near.symmetries), q, 1, 32)
+    chart = replace(chart, cell=far.without(far.symmetries))
+    U = np.linspace(-1, 1, 41)[:, None]
+    at = chart.solve(U, np.zeros((41, 1)))
+    covered = at.found & (task.limit_margin(at.Q)[:, 1:].min(axis=1) >= 0)
+    assert 5 < covered.sum() < at.found.sum() < 40
+    found = turning.turn_at(chart, U)
+    assert np.allclose(found, np.where(covered, whole, np.nan), equal_nan=True)
+    assert turning.turn_at(replace(chart, cell=far), U) is None
+    cell = rp.Cell(task, task.placement(q), 0.02)
+    assert turning.turn_at(chart_of(cell, q, 1, 32), U) is None
 
 
 def test_the_lowest_body_distance_is_that_of_all() -> None:
@@ -271,13 +438,402 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
         assert found.min() == exact.min()
         assert abs(share - (exact < 0).mean()) < 0.2
         assert (found >= exact - 1e-12).all() or exact.min() < 0
-    # and of a configuration whose hulls overlap, in the middle of a cell, but no bodies
+    # and of configurations whose hulls overlap, in the middle of a cell, but no bodies
     q = np.array([-1.25, -0.15, 0.35, -0.1, -0.8, -0.87, 0.43])
-    assert bodies.hull_distances(q[None])[0] < -0.005
-    (one,) = judged(
-        rp.Pseudoinverse(task), rp.Cell(task, task.placement(q), 1e-3), q[None]
+    both = np.array([q + 0.02, q])
+    assert bodies.hull_distances(both).max() < -0.003
+    cell, G_d = rp.Cell(task, task.placement(q), 0.02), rp.Pseudoinverse(task)
+    for one, at in zip(judged(G_d, cell, both), both, strict=True):
+        ends, _, _ = straight(G_d, cell, at, cell.corners())
+        exact = bodies.distances(np.concatenate([at[None], ends]))
+        assert (bodies.hull_distances(ends) < 0).any() and np.ptp(exact) > 1e-3
+        assert one.share == 1 and one.body_distance == pytest.approx(
+            exact.min(), abs=1e-9
+        )
+
+
+def test_postures_in_collision_are_judged_only_where_all_collide() -> None:
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    Q = task.reference + np.random.default_rng(0).normal(size=(12, task.n))
+    apart = rp.Bodies(task).distances(Q)
+    assert {*(apart < 0)} == {False, True}
+    cell, G_d = rp.Cell(task, task.placement(Q[0]), 1e-3), rp.Pseudoinverse(task)
+    for some, kept in ((apart < 1, apart >= 0), (apart < 0, apart < 0)):
+        candidates = judged(G_d, cell, Q[some])
+        assert np.array_equal([c.q for c in candidates], Q[kept])
+        alone = [c.share == 0 for c in candidates]  # no corner is reached from there
+        distances = np.array([c.body_distance for c in candidates])
+        assert np.allclose(distances[alone], apart[kept][alone]) and sum(alone) > 1
+
+
+# ---- searches for small and for large margins ----------------------------------------------------
+
+
+def wrist(folder: Path) -> Any:
+    """The chart of an arm whose last joint turns the tool on the spot: the label is its angle,
+    from 0.4 rad on."""
+    task, q = planar_task([0.5, 0.4, 0.0], folder), np.array([0.3, 0.9, 0.4])
+    chart = chart_of(rp.Cell(task, task.placement(q), 0.05), q)
+    way = np.sign(chart.coefficients[0, 2, 1])
+    return replace(chart, coefficients=chart.coefficients * [1, way])
+
+
+def function_of_label(chart: Any, label: Any) -> CandidateFunction:
+    """The function of a chart with a label that is a polynomial in u."""
+    U = chart.cell.sample(64)
+    return CandidateFunction(
+        chart, chart.monomials, chart.monomials.fit(U, label(U)[:, None])
     )
-    assert one.share == 1 and one.body_distance >= 0
+
+
+def margin_of(
+    measure: Any, required: float = 0.0, slack: float = 0.0, violators: int = 9
+) -> Margin:
+    return Margin("", measure, required, slack, 99, 6, violators)
+
+
+def test_the_largest_margin_of_a_self_motion(tmp_path: Path) -> None:
+    """Within 0.7 rad either way, or 2.4 if asked for, by steps of 0.06 and then finer ones; only
+    for poses with less than enough."""
+    chart = wrist(tmp_path)
+    U, s = chart.cell.sample(64), np.linspace(-0.65, 0.65, 64)
+    at = chart.solve(U, s[:, None])
+    for options, reach in (({}, 0.72), ({"far": True}, 2.4)):
+        for way in (1, -1):
+            rising = margin_of(lambda Q, way=way: way * Q[:, 2:])
+            gain = rising.attainable(chart, at, **options) - way * (0.4 + s)
+            assert (reach < gain).all() and (gain < reach + 0.06).all()
+    hill = margin_of(lambda Q: -np.abs(Q[:, 2:] - 0.4))
+    assert np.allclose(hill.least(at), -np.abs(s))
+    assert (hill.attainable(chart, at) > -5e-4).all()
+    own = hill.least(at)
+    enough = own[10]
+    found = hill.attainable(chart, at, enough=enough)
+    assert np.array_equal(found[own >= enough], own[own >= enough])
+    assert (found >= enough).all() and (own < enough).sum() > 10
+
+
+def test_the_search_for_a_small_margin_ends_at_the_smallest(tmp_path: Path) -> None:
+    """The margin is the tool's distance from a point, so that the smallest one in the cell is at
+    the point of the cell nearest to it."""
+    chart = wrist(tmp_path)
+    cell, candidate = chart.cell, CandidateFunction.zero(chart)
+    starts = np.concatenate([cell.sample(4), [[1.0, 1.0], [-1.0, -1.0]]])
+    for nearest, point in (
+        ([0.3, -0.6], [0.3, -0.6]),
+        ([1.0, 0.2], [90.0, 0.2]),
+        ([-0.4, -1.0], [-0.4, -90.0]),
+        ([-1.0, 1.0], [-5.0, 2.0]),
+    ):
+        place = cell.placement.translation[:2] + cell.half_width * point
+
+        def distance(Q: np.ndarray, place: np.ndarray = place) -> np.ndarray:
+            turns = np.cumsum(Q, axis=1)[:, :2]
+            tool = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ [0.5, 0.4]
+            return np.linalg.norm(tool - place, axis=1)[:, None]
+
+        visited = margins.searched(candidate, margin_of(distance), starts)
+        assert np.array_equal(visited[:6], starts) and np.abs(visited).max() <= 1
+        assert np.allclose(visited[-6:], [nearest] * 6, atol=0.01)
+        values = margin_of(distance).least(candidate.at(visited))
+        assert values[-6:].max() <= values.min() + 1e-3
+
+
+def test_the_search_for_a_small_margin_does_not_jump(tmp_path: Path) -> None:
+    """The last joint turns by 4 rad for each unit of u, and by less than 1 rad in each step."""
+    chart = wrist(tmp_path)
+    steep = function_of_label(chart, lambda U: 4 * U[:, 0])
+    start = np.array([[-0.9, 0.2]])
+    visited = margins.searched(steep, margin_of(lambda Q: 9 - Q[:, 2:]), start)
+    steps = np.diff(steep.at(visited).Q[:, 2])
+    assert visited[-1, 0] == 1 and 0.5 < steps.max() < 1
+
+
+def test_the_slope_of_a_margin_is_that_of_its_smallest_part(tmp_path: Path) -> None:
+    """Against finite differences; a part without a limit has none."""
+    chart = wrist(tmp_path)
+    a = np.random.default_rng(0).normal(size=(10, 1))
+    candidate = CandidateFunction(chart, chart.monomials, a)
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        return np.stack(
+            [np.sin(Q[:, 2]), np.full(len(Q), np.inf), Q[:, 0] * Q[:, 2]], 1
+        )
+
+    U, margin = 0.9 * chart.cell.sample(16), margin_of(measure)
+    at = candidate.at(U)
+    slope, lowest = margin.slope(candidate, at), measure(at.Q).argmin(axis=1)
+    assert {*lowest} == {0, 2}
+    for k in range(2):
+        step = 1e-6 * np.eye(2)[k]
+        ends = [margin.least(candidate.at(U + w * step)) for w in (1, -1)]
+        assert np.allclose(slope[:, k], (ends[0] - ends[1]) / 2e-6, atol=1e-5)
+    free = margin.slopes(at.Q, candidate.derivative(at))[:, 1]
+    assert (free == 0).all()
+
+
+class Stand:
+    """Bodies whose distances and whose hulls' are given: the first column of Q, and the second."""
+
+    def __init__(self) -> None:
+        self.tested: list[float] = []
+
+    def hull_distances(self, Q: np.ndarray) -> np.ndarray:
+        return Q[:, 1].copy()
+
+    def distances(self, Q: np.ndarray) -> np.ndarray:
+        self.tested += Q[:, 1].tolist()
+        return Q[:, 0].copy()
+
+
+@pytest.mark.parametrize("overlaps", [0, 1, 20, 32, 200])
+@pytest.mark.parametrize("collide", [0.0, 0.02, 0.3, 1.0])
+def test_few_of_the_overlapping_hulls_are_tested(overlaps: int, collide: float) -> None:
+    """Until no other hulls overlap as deeply as the deepest collision, and a sample of 32."""
+    rng = np.random.default_rng(overlaps)
+    hulls = np.r_[rng.uniform(0.1, 0.2, 40), -rng.permutation(overlaps) - 1.0]
+    deep = (rng.uniform(size=hulls.shape) < collide) & (hulls < 0)
+    exact = np.where(deep, hulls / 2, np.where(hulls < 0, 0.05, hulls))
+    stand, Q = Stand(), np.stack([exact, hulls], axis=1)
+    found, share = lowest_distances(stand, Q)
+    assert found.min() == exact.min()
+    tested, overlap = np.isin(hulls, stand.tested), hulls < 0
+    assert not tested[~overlap].any() and (found[overlap & ~tested] == 0).all()
+    done = tested | ~overlap
+    assert np.array_equal(found[done], exact[done])
+    assert len(stand.tested) == tested.sum() <= 32 + (hulls < exact.min()).sum() + 8
+    if overlaps <= 32:
+        assert tested.sum() == overlaps
+        assert share == pytest.approx((exact < 0).mean(), rel=1e-12)
+    assert abs(share - (exact < 0).mean()) < 0.15
+    quick = Stand()
+    found, _ = lowest_distances(quick, Q, quick=True)
+    assert sorted(quick.tested) == sorted(hulls)[: min(8, overlaps)]
+
+
+def test_no_deeper_collision_is_left_out() -> None:
+    """One of 41 overlaps collides as deeply as its hulls do, the next deeper one a little less."""
+    hulls = -np.arange(41.0, 0.0, -1.0)
+    for i in range(41):
+        exact = np.full(41, 0.05)
+        exact[i - 1], exact[i] = hulls[i] + 0.5, hulls[i]
+        found, _ = lowest_distances(Stand(), np.stack([exact, hulls], axis=1))  # type: ignore[arg-type]
+        assert found.min() == hulls[i]
+
+
+def test_the_margins_of_a_task_are_those_of_its_limits_and_its_jacobian() -> None:
+    task, rng = panda(), np.random.default_rng(0)
+    Q = rng.uniform(task.lower, task.upper, (8, task.n))
+    room = np.minimum(Q - task.lower, task.upper - Q)
+    singular = np.linalg.svd(task.jacobians(Q), compute_uv=False)
+    hulls = rp.Bodies(task).hull_distances(Q)
+    for make, due in (
+        (limits_of, room),
+        (singular_values_of, singular[:, -1:]),
+        (distances_of, hulls[:, None]),
+    ):
+        margin = make(task)
+        assert np.allclose(margin.measure(Q), due, rtol=0, atol=1e-12)
+        assert margin.measure(Q).shape == due.shape and margin.required == 0
+
+
+def test_the_rounds_end_where_nothing_can_be_met(tmp_path: Path) -> None:
+    """The label is to be in a narrow corridor around a parabola, in which no plane is: the weight
+    is raised to 1e5, until neither poses nor coefficients change any more."""
+    chart = wrist(tmp_path)
+    cell = chart.cell
+    middle, wide = cell.placement.translation[:2], cell.half_width[:2]
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        turns = np.cumsum(Q, axis=1)[:, :2]
+        tool = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ [0.5, 0.4]
+        away = Q[:, 2] - 0.4 - 0.5 * (((tool - middle) / wide) ** 2).sum(axis=1)
+        return np.stack([away + 0.2, 0.2 - away], axis=1)
+
+    G_d, U = rp.Pseudoinverse(cell.task), cell.sample(32)
+    terms = chart_of(cell, np.array([0.3, 0.9, 0.4]), 1, 32).monomials
+    free = descend(Cost(G_d, chart, terms, U), np.zeros((terms.size, 1)))
+    constraint = ActiveConstraint(margin_of(measure, 0.1), cell.sample(32, 1))
+    method = PenaltyMethod(G_d, chart, U, [constraint], 30)
+    weights: list[float] = []
+    found = method.kept([free], terms, lambda *_: weights.append(method.weight))
+    assert weights[:4] == [100, 1e3, 1e4, 1e5] and {*weights[4:]} == {1e5}
+    assert len(weights) < 30 and found.steps > free.steps + len(weights)
+    edge, last = constraint.edge, CandidateFunction(chart, terms, found.a)
+    assert constraint.short(last) and np.array_equal(constraint.edge, edge)
+    kept = [constraint.penalty(last)]
+    again = descend(Cost(G_d, chart, terms, U, kept, weight=1e5), found.a)
+    assert again.value.cost > 0.999 * again.start
+
+
+# ---- null spaces and rays ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("m", "n"), [(2, 3), (3, 4), (6, 7), (3, 5)])
+def test_null_spaces_near_given_ones_are_exact(m: int, n: int) -> None:
+    """By J's own factors, near singularities and far from them, and beside bases that are almost
+    orthogonal to the null space."""
+    rng, count = np.random.default_rng(m), 200
+    U, V = (np.linalg.qr(rng.normal(size=(count, k, k)))[0] for k in (m, n))
+    s = -np.sort(-(10.0 ** rng.uniform(-1, 1, (count, m))), axis=1)
+    s[:, m // 2 :] *= 10.0 ** -np.linspace(0, 4, count)[:, None]
+    J = U * s[:, None] @ np.swapaxes(V[:, :, :m], 1, 2)
+    turn, angle = (
+        rng.normal(size=(count, m, n - m)),
+        rng.permutation(np.linspace(0, 1.57, count)),
+    )
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    mixed = V[:, :, m:] @ (
+        np.eye(n - m) + 0.4 * rng.uniform(-1, 1, (count, n - m, n - m))
+    )
+    near = np.cos(angle)[:, None, None] * mixed
+    near = near + np.sin(angle)[:, None, None] * V[:, :, :m] @ turn
+    N, found = kinematics.null_bases(J, near)
+    assert np.allclose(
+        N @ np.swapaxes(N, 1, 2),
+        V[:, :, m:] @ np.swapaxes(V[:, :, m:], 1, 2),
+        atol=1e-9,
+    )
+    assert np.allclose(np.swapaxes(N, 1, 2) @ N, np.eye(n - m), atol=1e-12)
+    assert np.allclose(found, s, rtol=0, atol=1e-11 * s[:, :1])
+    onto = np.swapaxes(near, 1, 2) @ N  # of all bases, N is the nearest
+    assert np.allclose(onto, np.swapaxes(onto, 1, 2), atol=1e-9)
+    assert np.linalg.eigvalsh(onto).min() > 0
+
+
+def test_rays_are_followed_until_they_stop(tmp_path: Path) -> None:
+    """Beyond the reach of the arm and across its base, by steps of their own: how far, the limit
+    margin on the way, the last joints, and the null vector there."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), np.array([0.6, -1.2, 1.4])
+    cell, G_d = rp.Cell(task, task.placement(q), 1.2), rp.Pseudoinverse(task)
+    U = np.concatenate([cell.sample(28), cell.corners()])
+    for options, steps in (({}, 16), ({"steps": 40}, 40)):
+        ends = rays(G_d, cell, q, U, **options)
+        Q, least, reached = straight(G_d, cell, q, U, steps)
+        assert 0.2 < (reached == 1).mean() < 0.9 and len({*reached}) > 4
+        assert np.allclose(ends.reached, reached, rtol=0, atol=1e-12)
+        assert np.allclose(ends.Q, Q, rtol=0, atol=1e-6)
+        assert np.allclose(ends.least, least, rtol=0, atol=1e-6)
+        whole = reached == 1
+        null = np.swapaxes(task.jacobians(Q)[whole] @ ends.N[whole], 1, 2)
+        assert np.abs(null).max() < 1e-3 and np.array_equal(ends.U, U)
+
+
+def test_a_step_of_newtons_method_is_limited(tmp_path: Path) -> None:
+    """No joint moves by more than 0.3 rad in one of them."""
+    chart = wrist(tmp_path)
+    U = chart.cell.sample(8)
+    here = chart.solve(U, np.zeros((8, 1)))
+    one = chart.solve(U, np.ones((8, 1)), here.Q, iterations=1)
+    assert np.allclose(one.Q[:, 2] - here.Q[:, 2], 0.3) and not one.found.any()
+
+
+# ---- penalties -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("slack", "least", "due"),
+    [(0.4, 0.7, False), (0.4, 0.5, True), (0.0, 0.95, False), (0.0, 0.85, True)],
+)
+def test_a_margin_falls_short_beyond_its_slack(
+    slack: float, least: float, due: bool, tmp_path: Path
+) -> None:
+    """The smallest margin of the cell is at a corner, which the search finds."""
+    chart, required = wrist(tmp_path), 0.1
+    label = function_of_label(
+        chart, lambda U: least * required + 0.08 * (2 - U.sum(axis=1))
+    )
+    margin = margin_of(lambda Q: Q[:, 2:] - 0.4, required, slack)
+    U = 0.5 * chart.cell.sample(64)
+    constraint = ActiveConstraint(margin, U)
+    assert margin.least(label.at(U)).min() > required
+    assert constraint.short(label) is due
+    assert len(constraint.U) > len(U) and np.array_equal(constraint.U[: len(U)], U)
+    new = constraint.U[len(U) :]
+    assert np.allclose(20 * new, np.rint(20 * new)) and [1, 1] in new.tolist()
+    assert len(np.unique(new, axis=0)) == len(new)
+    assert (len(constraint.edge) > 0) is due
+
+
+@pytest.mark.parametrize("kind", ["limits", "bodies", "singularities"])
+def test_limits_may_be_missed_by_more_than_other_margins(
+    kind: str, tmp_path: Path
+) -> None:
+    """Two fifths of the required margin, and a quarter, where self-motion has more than that."""
+    if kind == "limits":
+        task, q, slack = planar_task([0.5, 0.4, 0.0], tmp_path), [0.3, 0.9, 6.4], 0.4
+    elif kind == "bodies":
+        task = rp.Robot.load(chain_with_bodies(tmp_path)).task("tip", "xy")
+        q, slack = [1.48, -1.35, -2.24], 0.25
+    else:
+        task, q, slack = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.25, 2.6], 0.25
+    make = {"limits": limits_of, "bodies": distances_of}.get(kind, singular_values_of)
+    chart = chart_of(rp.Cell(task, task.placement(q), 1e-3), np.array(q), 1, 16)
+    function, U = CandidateFunction.zero(chart), chart.cell.corners()
+    least = make(task).least(function.at(U)).min()
+    for missed, due in ((slack - 0.05, False), (slack + 0.05, True)):
+        margin = make(task, least / (1 - missed))
+        assert ActiveConstraint(margin, U).short(function) is due
+
+
+def test_poses_far_above_the_required_margin_are_not_searched(tmp_path: Path) -> None:
+    chart = wrist(tmp_path)
+    label = function_of_label(chart, lambda U: 0.25 + 0 * U[:, 0])
+    for required, due in ((0.13, True), (0.12, False)):
+        margin = margin_of(lambda Q: Q[:, 2:] - 0.4, required)
+        constraint = ActiveConstraint(margin, chart.cell.sample(16) / 3)
+        assert not constraint.short(label)
+        assert (len(constraint.U) > 16) is due
+
+
+def test_the_worst_poses_are_penalised_by_what_they_can_attain(tmp_path: Path) -> None:
+    """The margin is the label, and on one side of the cell at most 0.8 of the required one, of
+    which a tenth less is asked for."""
+    chart, required = wrist(tmp_path), 0.1
+    cell = chart.cell
+    middle = cell.placement.translation[0]
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        x = 0.5 * np.cos(Q[:, 0]) + 0.4 * np.cos(Q[:, 0] + Q[:, 1])
+        most = np.where(x < middle, 0.08, 0.5)
+        return np.minimum(Q[:, 2] - 0.4, most)[:, None]
+
+    margin = margin_of(measure, required, violators=30)
+    constraint = ActiveConstraint(margin, np.round(0.9 * cell.sample(64), 3))
+    for way in (1.0, -1.0):
+        label = function_of_label(chart, lambda U, way=way: 0.02 * way * U[:, 0])
+        before = constraint.edge.tolist()
+        assert constraint.short(label)
+        asked, least = (
+            np.where(U[:, 0] < 0, 0.9 * 0.08, required)
+            for U in (constraint.edge, constraint.U)
+        )
+        assert np.allclose(constraint.asked, asked, rtol=1e-3)
+        short = least - 0.02 * way * constraint.U[:, 0]
+        edge, every = constraint.edge.tolist(), constraint.U.tolist()
+        bound = np.sort(short)[-30]
+        assert all(
+            u in edge for u, s in zip(every, short, strict=True) if s > bound + 1e-4
+        )
+        assert all(u in edge for u in before) and len(edge) <= len(before) + 30
+        fresh = [short[every.index(u)] for u in edge if u not in before]
+        assert min(fresh) > bound - 1e-4
+    wide = replace(chart, cell=rp.Cell(cell.task, cell.placement, 0.3))
+    partly = CandidateFunction(wide, label.terms, label.a)
+    there = partly.at(constraint.edge).found
+    for function, kept in ((label, slice(None)), (partly, there)):
+        penalty = constraint.penalty(function)
+        assert np.array_equal(penalty.U, constraint.edge[kept])
+        assert np.array_equal(penalty.asked, constraint.asked[kept])
+    assert 0 < there.sum() < len(there)
+
+
+def test_the_weight_of_the_penalties_ends_at_its_largest(tmp_path: Path) -> None:
+    """It is multiplied by 10 in each round but the first, up to 1e5 in the last, from 100 on."""
+    chart = wrist(tmp_path)
+    G_d, U = rp.Pseudoinverse(chart.cell.task), chart.cell.sample(16)
+    weights = [PenaltyMethod(G_d, chart, U, [], i).weight for i in range(1, 7)]
+    assert weights == pytest.approx([1e5, 1e4, 1e3, 100, 100, 100], rel=1e-12)
 
 
 @pytest.mark.slow

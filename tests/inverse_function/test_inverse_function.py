@@ -876,30 +876,51 @@ def refused(cell: rp.Cell, posture: object = None, **options: object) -> str:
     return str(caught.value)
 
 
-def test_a_middle_out_of_reach() -> None:
+def test_a_middle_out_of_reach(tmp_path: Path) -> None:
+    """By how much, for an arm that reaches 1.2 m."""
     assert "is out of reach" in refused(
         rp.Cell(panda(), pin.SE3(middle().rotation, np.array([1.5, 0, 0.4])), 0.1)
     )
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    far = pin.SE3(np.eye(3), np.array([0.9, 1.2, 0.0]))
+    found = re.search(
+        r"stays ([\d.]+) m or rad short", refused(rp.Cell(task, far, 0.1))
+    )
+    assert found is not None and float(found[1]) == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.parametrize("side", [1, -1])
 def test_a_middle_beyond_the_limits_names_the_joint_and_the_least_violation(
-    tmp_path: Path,
+    side: int, tmp_path: Path
 ) -> None:
-    """As near to its base as 0.9 rad in each joint bring it, a hand of ±0.5 rad does not come."""
-    lengths = np.array([1.0, 0.9, 0.8])
+    """As near to its base as 0.9 rad in each joint bring it, a hand of ±0.5 rad does not come.
+    Newton's method ends where the squares of what each joint exceeds ±0.4 rad by are least."""
+    l1, l2, l3 = lengths = np.array([1.0, 0.9, 0.8])
     (tmp_path / "narrow.urdf").write_text(planar_urdf(lengths, range_=0.5))
     task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
-    x = task.placement([0.9, 0.9, 0.9])
-    says = refused(rp.Cell(task, x, 0.05))
-    found = re.search(r"outside the limits of 'theta[23]', ([\d.]+) beyond them", says)
+    middle = task.placement(side * np.full(3, 0.9))
+    says = refused(rp.Cell(task, middle, 0.05))
+    found = re.search(r"outside the limits of '(theta\d)', ([\d.]+) beyond them", says)
     assert found is not None, says
-    # the second and the third joint alone decide how near; all pairs of them that come so near
-    grid = np.linspace(-2, 2, 401)
-    b, c = np.meshgrid(grid, grid)
-    away = np.abs(lengths @ np.exp(1j * np.stack([0 * b, b, b + c]).reshape(3, -1)))
-    near = np.abs(away - np.hypot(*x.translation[:2])) < 1e-2
-    best = np.abs([b.ravel(), c.ravel()]).max(axis=0)[near].min() - 0.5
-    assert best - 0.02 < float(found[1]) < best + 0.25
+    # all configurations of that pose, by the law of cosines for the last two links at each θ₁
+    first = np.linspace(-np.pi, np.pi, 20001)
+    x, y = middle.translation[:2, None] - l1 * np.stack([np.cos(first), np.sin(first)])
+    cosine = (x**2 + y**2 - l2**2 - l3**2) / (2 * l2 * l3)
+    ends = []
+    for way in (1, -1):
+        third = way * np.arccos(np.clip(cosine, -1, 1))
+        ahead = np.arctan2(y, x) - np.arctan2(
+            l3 * np.sin(third), l2 + l3 * np.cos(third)
+        )
+        second = (ahead - first + np.pi) % (2 * np.pi) - np.pi
+        beyond = np.abs([first, second, third]) - 0.5
+        squares = (np.maximum(0, beyond + 0.1) ** 2).sum(axis=0)
+        squares[np.abs(cosine) > 1] = np.inf
+        least = np.minimum(np.roll(squares, 1), np.roll(squares, -1))
+        ends += beyond.T[(squares < least)].tolist()
+    best = min(ends, key=max)
+    assert float(found[2]) == pytest.approx(max(best), abs=2e-3)
+    assert found[1] == f"theta{int(np.argmax(best)) + 1}"
 
 
 def corner_out_of_reach(folder: Path) -> rp.Cell:
@@ -1075,10 +1096,23 @@ def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
     assert re.search(said, str(error.value))
 
 
+def test_a_posture_that_does_not_lead_to_the_middle(tmp_path: Path) -> None:
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    far = rp.Cell(task, pin.SE3(np.eye(3), np.array([0.9, 1.2, 0.0])), 0.1)
+    says = refused(far, [0.2, 0.8, 0.8])
+    assert "posture" in says and "does not lead to the middle of the cell" in says
+
+
 def test_a_middle_at_a_singularity(tmp_path: Path) -> None:
+    """Of a given posture; and of all postures, where every joint slides along x."""
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     stretched = rp.Cell(task, task.placement([0.1, 0.0, 0.0]), 0.02)
     assert "the arm is at a singularity" in refused(stretched, [0.1, 0.0, 0.0])
+    text = planar_urdf([0.5, 0.4, 0.3]).replace("revolute", "prismatic")
+    (tmp_path / "slides.urdf").write_text(text.replace('xyz="0 0 1"', 'xyz="1 0 0"'))
+    task = rp.Robot.load(tmp_path / "slides.urdf").task("tool", "xy")
+    says = refused(rp.Cell(task, task.placement([0.1, 0.2, 0.3]), 0.02))
+    assert says.startswith("in the middle of the cell, (1.8, 0, 0) m, the arm is at")
 
 
 @pytest.mark.slow

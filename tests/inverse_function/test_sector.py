@@ -92,6 +92,31 @@ def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
         assert np.allclose(after.translation, p) and np.allclose(after.rotation, R)
 
 
+@pytest.mark.parametrize(("kind", "count"), [("position", 1), ("axis", 0), ("pose", 0)])
+def test_a_tool_that_keeps_its_direction_does_not_turn_with_the_arm(
+    kind: str, count: int, tmp_path: Path
+) -> None:
+    """A last link undoes the turn of the first joint: the tool's origin still goes round."""
+    text = planar_urdf([0.3, 0.25, 0.2, 0.15, 0.1, 0.1, 0.05])
+    *arm, tip = text.split('<joint name="tip" type="fixed">')
+    back = (
+        '<axis xyz="0 0 1"/><limit lower="-9" upper="9" effort="1" velocity="1"/>'
+        '<mimic joint="theta1" multiplier="-1"/></joint>'
+    )
+    tip = tip.replace(
+        '<origin xyz="0.05 0 0"/></joint>',
+        '<origin xyz="0.05 0 0" rpy="0 1 0"/>' + back,
+    )
+    tip = tip.replace('<axis xyz="0 0 1"/>', '<axis xyz="SIN 0 COS"/>')
+    tip = tip.replace("SIN", str(-np.sin(1.0))).replace("COS", str(np.cos(1.0)))
+    (tmp_path / "arm.urdf").write_text(
+        '<joint name="tip" type="revolute">'.join([*arm, tip])
+    )
+    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", kind)
+    sector = rp.Sector(task, task.placement(0.3 * np.ones(7)), radius=0.05, angle=0.2)
+    assert len(sector.symmetries) == count
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -438,6 +463,7 @@ def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), sector, **how)
     (turn,) = design.evaluation.turns
     assert turn.unasked == pytest.approx(2 * np.pi) and abs(turn.price) < 1e-6
+    assert turn.reach == turn.nearly == turn.most == 2 * np.pi
     assert sector.widths[1] == design.cell.widths[1] == 3.0
     text = str(replace(turn, reach=5.0, nearly=5.2, most=5.5, price=0.004, unasked=4.0))
     assert "5.2" not in text and "\n297.9° at 99.9 %, 315.1° at 99 % of them" in text
@@ -447,6 +473,94 @@ def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
     assert text.startswith(due)
     rp.save(design, tmp_path / "cell.json")
     assert rp.load(tmp_path / "cell.json", task).evaluation.turns == (turn,)
+
+
+def test_what_the_text_of_a_range_says() -> None:
+    (turn,) = found("one orientation").evaluation.turns
+    assert turn.price == 0 and np.isnan(turn.unasked)
+    known = replace(turn, reach=5.0, nearly=5.0, most=5.0, joint_range=5.8, spread=0.8)
+    plain = str(known)
+    assert plain == (
+        "286.5° at every covered pose\n"
+        "ended by panda_joint1, which turns 332.3° and differs by 46° over the cell"
+    )
+    assert str(replace(known, reach=2 * np.pi)) == "360° at every covered pose"
+    assert str(replace(known, reach=-0.5)).startswith("0° at every covered pose\n")
+    for covered, as_covered, said in (
+        (0.9, 5.015, True),
+        (0.9, 5.005, False),
+        (1.0, 5.3, False),
+        (0.0, 5.3, False),
+    ):
+        text = str(replace(known, covered=covered, as_covered=as_covered))
+        assert ("287.3° at 90.0 % of them, as many as F covers of all" in text) is said
+        assert said or text == plain
+    assert "\n287.3° at 99.9 % of them\n" in str(replace(known, nearly=5.015))
+    for price, text in ((0.05, "5.00 %"), (-0.01, "0.00 %")):
+        costs = f"\nthe range asked for costs {text} joint speed; 'all' gives 229.2°"
+        assert str(replace(known, price=price, unasked=4.0)) == plain + costs
+
+
+def test_the_ranges_at_most_poses_are_those_of_a_dense_sample() -> None:
+    """The share of poses at which the joint is inside its limits, on new poses of the cell; and the
+    joint's largest and smallest value, which are at its edges."""
+    design = found("one orientation")
+    chart, (turn,) = design.function.chart, design.evaluation.turns
+    U = np.concatenate([chart.cell.sample(8192, 77), chart.cell.corners()])
+    U = np.concatenate([U, np.clip(2 * U, -1, 1)])
+    points = chart.solve(U, np.zeros((len(U), 1)))
+    joint = points.Q[:, 0]
+    assert points.found.all()
+    assert turn.spread == pytest.approx(np.ptp(joint), abs=1e-6)
+    away = np.abs(joint - (joint.min() + joint.max()) / 2)[:8192]
+    for range_, most, least in (
+        (turn.nearly, 0.9998, 0.997),
+        (turn.most, 0.994, 0.985),
+        (turn.as_covered, 1.0, 0.9996),
+    ):
+        assert least <= (away <= (turn.joint_range - range_) / 2).mean() <= most
+
+
+def test_the_largest_value_of_a_joint_is_found_by_search() -> None:
+    """At edges of a sector with tilts, where its 4096 sampled poses do not come."""
+    design = found("pose")
+    cell = design.function.chart.cell
+    U = np.clip(4 * cell.sample(4096, 5), -1, 1)
+    points = design.function.chart.solve(U, np.zeros((len(U), 1)))
+    assert points.found.all()
+    for one, turn in zip(cell.removed, design.evaluation.turns, strict=True):
+        spread = np.ptp(points.Q[:, one.joint])
+        assert spread - 1e-6 < turn.spread < spread + 1e-3
+
+
+@pytest.mark.parametrize("lower", [-np.inf, -0.1])
+def test_a_sector_goes_round_as_far_as_its_joint(lower: float, tmp_path: Path) -> None:
+    """All round and around the given placement without limits, else up to both limits."""
+    text = planar_urdf([0.5, 0.4, 0.3])
+    limits = text.replace('"-7.0"', f'"{lower}"', 1).replace('"7.0"', '"0.8"', 1)
+    endless = text.replace("revolute", "continuous", 1)
+    file = tmp_path / "arm.urdf"
+    file.write_text(limits if np.isfinite(lower) else endless, encoding="utf-8")
+    task, q = rp.Robot.load(file).task("tool", "xy"), [0.2, 0.8, 0.8]
+    sector = rp.Sector(task, task.placement(q), radius=0.05)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        sector,
+        posture=q,
+        degree=1,
+        options=rp.FitOptions(samples=16, held_out=64),
+    )
+    (turn,), cell = design.evaluation.turns, design.cell
+    assert cell.widths[1] == turn.reach / 2 and design.coverage == 1
+    if not np.isfinite(lower):
+        assert turn.joint_range == np.inf and turn.reach == 2 * np.pi
+        assert cell.placement.isApprox(sector.placement)
+        return
+    assert turn.reach == pytest.approx(0.9 - turn.spread) and 0.5 < turn.reach < 0.9
+    radius, angle = np.linspace(-1, 1, 101), np.repeat([-1 + 1e-8, 1 - 1e-8], 101)
+    U = np.stack([np.tile(radius, 2), angle], axis=1)
+    first = design.function.batch(U)[:, 0]
+    assert np.allclose([first.min(), first.max()], [-0.1, 0.8], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["pose", "position", "one orientation"])
