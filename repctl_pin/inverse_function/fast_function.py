@@ -17,7 +17,7 @@ from ..robot import fast_kinematics
 from ..robot.chain_formulas import axis_turn, is_rotation
 from ..robot.task import Task
 from ..solvers import newton
-from .cell import TURNED, Cell
+from .cell import EDGE, TURNED, Cell
 from .chart import Chart
 from .fast_sector import FastCoordinates, sector_coordinates
 from .monomials import Monomials
@@ -25,7 +25,6 @@ from .sector import Sector
 
 _MOST = 12
 _STEP = 0.3
-_EDGE = 1 + 1e-9
 _ENOUGH = 1e-6
 """Largest entry of the last Newton step, rad or m; the error after it is at rounding level."""
 
@@ -189,7 +188,7 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
         nonlocal c
         p, R = target.translation, target.rotation
-        if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= _EDGE):
+        if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= 1 + EDGE):
             raise OutsideError
         monomials()
         dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)
