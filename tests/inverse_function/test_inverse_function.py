@@ -429,6 +429,33 @@ def test_leaves_end_at_a_limit_or_at_half_a_turn(
     assert np.allclose(np.sort(found), ends, atol=1e-6)
 
 
+def test_leaves_end_where_the_leaf_margin_falls_to_a_tenth(tmp_path: Path) -> None:
+    """The self-motion is followed by small steps of the null vector; n_ref of another length counts
+    c in another unit."""
+    task, q = planar_task([0.52, 0.36, 0.27], tmp_path), [0.4, -1.01, 0.86]
+    chart = designed(
+        rp.Cell(task, task.placement(q), 0.03), q, samples=16
+    ).function.chart
+    u = np.array([0.3, -0.4])
+    x, (q_ref, n) = chart.cell.at(u), (part[0] for part in chart.reference(u[None]))
+    n = n[:, 0] / np.linalg.norm(n)
+    ends = []
+    for way in (-1, 1):
+        q, margin = rp.InverseFunction(chart)(x), 1.0
+        while margin > 0.1:
+            N = np.linalg.svd(task.jacobian(q))[2][-1]
+            margin = abs(N @ n)
+            q = q + 2e-3 * way * np.sign(N @ n) * N
+            q = q + np.linalg.pinv(task.jacobian(q)) @ task.error(q, x)
+        ends.append(n @ (q - q_ref))
+    for length in (1.0, 0.2):
+        scaled = chart.coefficients.copy()
+        scaled[:, :, 1] *= length
+        unit = length * np.linalg.norm(chart.reference(u[None])[1])
+        F = rp.InverseFunction(replace(chart, coefficients=scaled))
+        assert F.leaves(x)[0] / unit == pytest.approx(ends, abs=2e-3)
+
+
 def test_what_a_design_says_of_itself() -> None:
     """The numbers of its evaluation in a person's words, what was asked for by default, and its
     rank among others."""

@@ -62,6 +62,33 @@ def test_the_placement_in_cylindrical_coordinates_by_hand() -> None:
     assert np.allclose(x.rotation, turn @ sector.placement.rotation @ tilt @ spin)
 
 
+@pytest.mark.parametrize("kind", ["pose", "axis"])
+def test_a_tool_that_points_the_opposite_way_is_tilted_by_half_a_turn(
+    kind: str,
+) -> None:
+    """About its own x axis, where every axis would do; other rows of a batch do not change."""
+    given = {"radius": 0.1, "angle": 1.0, "half_angle": (0.3, 0.4)}
+    middle = pin.SE3(pin.exp3(np.array([0, 0, 0.5])), np.array([0.3, 0.4, 0.2]))
+    sector = rp.Sector(panda(kind), middle, **given | {"spin": 0.5 * (kind == "pose")})
+    turns = [np.diag([1.0, -1, -1]), np.eye(3), pin.exp3(np.array([-0.3, 0.4, 0]))]
+    R = middle.rotation @ turns @ pin.exp3(np.array([0, 0, 0.2]))
+    U, off = sector.coordinates(np.tile(middle.translation, (3, 1)), R)
+    due = [[0, 0, np.pi, 0, 0.2], [0, 0, 0, 0, 0.2], [0, 0, -0.3, 0.4, 0.2]]
+    widths = sector.widths[sector.widths > 0]
+    assert np.allclose(U * widths, np.array(due)[:, : len(widths)], rtol=0, atol=1e-12)
+    assert np.allclose(off, 0)
+
+
+def test_the_middle_of_a_sector_in_its_coordinates() -> None:
+    """Radius and height from the base's vertical axis, or from the point that is given."""
+    for axis, due in ((None, (0.5, 0.35)), ([[0.3, 0, 0.1], [0, 0, 2]], (0.4, 0.25))):
+        x = pin.SE3(panda().placement(Q_PANDA).rotation, np.array([0.3, 0.4, 0.35]))
+        sector = rp.Sector(panda(), x, radius=0.1, angle=0.3, axis=axis)
+        point, direction = (0, 0, 0) if axis is None else axis[0], (0, 0, 1)
+        assert np.allclose(sector.axis, [point, direction])
+        assert np.allclose(sector.centre, [due[0], 0, due[1], 0, 0, 0])
+
+
 def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
     both = sector_of("pose").symmetries
     assert [(one.coordinate, one.joint, one.sign) for one in both] == [
@@ -110,8 +137,12 @@ def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
         ({"radius": -0.1}, "radius must be 0 m or more"),
         ({"half_angle": -0.1}, "half_angle must be 0 rad or more"),
         ({"half_angle": 3.0}, "half_angle reaches half a turn"),
+        ({"half_angle": (0.95 * np.pi, 0)}, "half_angle reaches half a turn"),
+        ({"half_angle": (0.1, 0.1, 3.2)}, "half_angle reaches half a turn"),
+        ({"radius": (0.1, 0.1)}, "radius must be one number in m or 1"),
         ({"half_angle": (0.1, 0.1, 0.1), "spin": 0.1}, "mutually exclusive"),
         ({"axis": [0, 0, 1]}, "axis must be a point"),
+        ({"axis": [[0, 0, np.nan], [0, 0, 1]]}, "axis must be a point"),
         (
             {"axis": [[0, 0.1, 0], [0, 0, 1]]},
             "'all' requires a joint that turns the whole arm",
@@ -142,7 +173,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
         ("axis", {"half_angle": (0.1, 0.1, 0.1)}, "half_angle must be .*: x, y"),
         (
             "position",
-            {"half_angle": 0.2},
+            {"half_angle": (0.2, 0.0)},
             "half_angle: the position task leaves the rotation free",
         ),
         ("xy", {"height": 0.2}, "height: the xy task does not command it"),
@@ -206,10 +237,10 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "i"), [("pose", 5), ("position", 1)])
 def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
-    """One pose at a time and in a batch: just inside its range, and just outside."""
+    """One pose at a time and in a batch: at the end of its range, and just outside."""
     F, cell = found(name).function, found(name).cell
     for side in (-1, 1):
-        for factor, inside in ((0.999, True), (1.001, False), (1.5, False)):
+        for factor, inside in ((1.0, True), (1.001, False), (1.5, False)):
             u = 0.3 * np.ones(cell.k)
             u[i] = side * factor
             p, R = cell.placements(u[None])
@@ -247,6 +278,23 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
         q = design.function(design.cell.at(size * rng.uniform(-1, 1, design.cell.k)))
         xdot = rng.normal(size=task.m)
         assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_potentials_of_a_sector_in_place_are_the_potentials(name: str) -> None:
+    """On random polynomials, at angles and tilts of all sizes."""
+    chart, rng = found(name).function.chart, np.random.default_rng(0)
+    chart = replace(chart, coefficients=rng.normal(size=chart.coefficients.shape))
+    task, potentials = chart.cell.task, rp.InverseFunction(chart).inverse.potentials
+    V_T, e = np.zeros((task.r, task.n)), np.zeros(task.r)
+    write_slope, write_gap = potentials.in_place(V_T, e)
+    for _ in range(8):
+        q, c = rng.uniform(-2, 2, task.n), rng.normal(size=task.r)
+        write_slope(q)
+        write_gap(c)
+        V, size = potentials.gradient(q), np.abs(V_T).max()
+        assert np.allclose(V_T, V.T, rtol=0, atol=1e-9 * size)
+        assert np.allclose(e, c - potentials.value(q), rtol=0, atol=1e-9 * size)
 
 
 def speeds_of(design: rp.CellDesign, U: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -646,6 +694,13 @@ def test_the_tour_of_a_sector_closes_and_stays_inside(
             "radius ±0.08 m, height ±0.08 m, angle ±1 rad, "
             "one orientation, which turns with the angle",
             "",
+        ),
+        (
+            "a turn without its symmetry",
+            {"angle": np.pi, "half_angle": (0.1, 0.1, np.pi)},
+            "radius ±0.08 m, height ±0.08 m, angle ±3.14 rad, tilted by ±0.1 rad, "
+            "spin ±3.14 rad",
+            ", tilted by (0.1, -0.1) rad, spun by 3.1 rad",
         ),
         ("position", {}, "radius ±0.08 m, height ±0.08 m, angle ±1 rad", ""),
         ("xy", {}, "radius ±0.08 m, angle as far as the joints go", ""),
