@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
+from arms import Q_PANDA, planar_task, planar_urdf, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, middle, panda, tour
 from design_file import checksum
 
@@ -1064,6 +1064,47 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
         r"between the middle of the cell and \(.*\) m the arm passes a singularity",
         says,
     ), says
+
+
+def test_a_slide_beyond_its_limit_is_named_at_its_worst_pose(tmp_path: Path) -> None:
+    """In metres, and as far as the function without limits goes at that pose."""
+    old, new = (f'"1 0 0"/><limit lower="-{x}" upper="{x}"' for x in ("3", "0.1"))
+    sliding_task(tmp_path)
+    text = (tmp_path / "sliding.urdf").read_text()
+    (tmp_path / "short.urdf").write_text(text.replace(old, new))
+    task, q = (
+        rp.Robot.load(tmp_path / "short.urdf").task("l5", "xy"),
+        [0.3, 0, 0.5, 0.2, 0.4],
+    )
+    cell = rp.Cell(task, task.placement(q), 0.15)
+    design = designed(cell, q, incomplete="keep")
+    (stop,) = design.failures
+    free = rp.InverseFunction(design.function.chart, keep_limits=False)
+    margin = task.limit_margin(free(cell.at(stop.u)))
+    assert stop.cause == "limit" and np.argmin(margin) == 1
+    assert (
+        stop.what
+        == f"at {cell.where(stop.u)}, j1 is {-margin[1]:.2g} m beyond its limit"
+    )
+    everywhere = task.limit_margin(free.batch(cell.sample(256, 5))).min()
+    assert margin[1] <= everywhere + 1e-6
+
+
+def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(
+    tmp_path: Path,
+) -> None:
+    """Out of reach are those farther away than the three links together."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
+    cell = rp.Cell(task, task.placement(q), 1.2)
+    with pytest.raises(rp.NoFunctionError) as error:
+        designed(cell, q)
+    causes = {one.cause: one for one in error.value.failures}
+    assert set(causes) == {"reach", "singularity"}
+    away = {k: np.hypot(*cell.at(one.u).translation[:2]) for k, one in causes.items()}
+    assert away["reach"] > 2.7 > away["singularity"]
+    assert np.array_equal(causes["reach"].u, [1, 1])  # the farthest corner
+    left = re.findall(r"task error ([\d.]+), in m and rad", causes["reach"].what)
+    assert float(left[0]) == pytest.approx(away["reach"] - 2.7, rel=0.1)
 
 
 def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
