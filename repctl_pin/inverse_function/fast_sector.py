@@ -55,15 +55,16 @@ def sector_coordinates(cell: Sector) -> FastCoordinates:
     ]
     removed, rows = cell._removed, cell.task.rows[: min(3, m)].tolist()
     spin_middle = cell.spin_middle
-    every: list[float] = []
-    frame, pose = [np.eye(3)], cell.task.kind == "pose"
+    every: list[float] = []  # of the last placement, as its rotation in ``frame``
+    frame: list[Array] = []
+    pose = cell.task.kind == "pose"
     turns = pose or cell.task.kind == "axis"
 
     def locate(p: Array, R: Array) -> float:
         x, y, height = B.dot(p - origin).tolist()
         angle = atan2(y, x)
         every[:] = hypot(x, y) - rho, angle, height - z
-        frame[0] = R
+        frame[:] = [R]
         if turns:
             every.extend(_turns(C, B.dot(R), angle))
             every[5] -= 2 * pi * round((every[5] - spin_middle) / (2 * pi))

@@ -145,7 +145,12 @@ def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
         ({"axis": [[0, 0, np.nan], [0, 0, 1]]}, "axis must be a point"),
         (
             {"axis": [[0, 0.1, 0], [0, 0, 1]]},
-            "'all' requires a joint that turns the whole arm",
+            "'all' requires a joint that turns the whole arm .*; "
+            "give it in rad, or choose the axis of a joint$",
+        ),
+        (
+            {"placement": [0.3, 0.4, 0.4], "radius": 0.5},
+            "reaches the axis, which is 0.5 m from the placement; keep it below 0.5$",
         ),
     ],
 )
@@ -252,6 +257,17 @@ def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
             for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
                 with pytest.raises(rp.InputError, match=says):
                     evaluate()
+
+
+def test_each_coordinate_of_width_0_is_held() -> None:
+    """One of them alone is enough to be outside, one pose at a time and in a batch."""
+    F = found("one orientation").function
+    for turn in 0.01 * np.eye(3):
+        x = F.cell.at(np.zeros(F.cell.k))
+        x.rotation = x.rotation @ pin.exp3(turn)
+        for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
+            with pytest.raises(rp.InputError, match="by 0.01 m or rad along a coord"):
+                evaluate()
 
 
 @pytest.mark.parametrize("name", WIDTHS)
@@ -715,6 +731,22 @@ def test_a_sector_says_its_size_and_where_a_pose_is(
     assert sector.size() == size and sector.where(u) == place + where
     assert repr(sector).startswith(f"<Sector {size} around (0.45, 0.1, 0.35) m")
     assert sector.symmetry() == "not used"
+
+
+def test_a_sector_says_its_symmetries_and_scales_the_rest() -> None:
+    sector = sector_of("pose", angle=1.0)
+    halved = sector.scaled(0.5)
+    assert np.allclose(halved.widths, [0.04, 1.0, 0.04, 0.1, 0.15, 0.3])
+    assert halved.symmetries == sector.symmetries and halved.axis is sector.axis
+    assert sector.without(sector.symmetries).symmetry() == (
+        "panda_joint1 turns the whole arm about the axis and panda_joint7 turns the tool "
+        "about its z axis: 4 of 6 coordinates remain"
+    )
+    assert sector_of("another axis").symmetry() == "none"
+    x = pin.SE3(sector.placement.rotation, np.array([0.3, -1e-12, 0.2]))
+    assert rp.Sector(panda(), x, radius=0.1).where(np.zeros(2)) == "(0.3, 0, 0.2) m"
+    with pytest.raises(rp.InputError, match="a sector is not made around poses"):
+        rp.Sector.around(panda(), [x])
 
 
 @pytest.fixture(scope="module")

@@ -79,6 +79,27 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
     assert X.shape == (2, 4, 4) and np.isnan(C[0]) and abs(C[1]) < 1e-9
 
 
+def test_a_leaf_without_a_configuration_is_refused_by_number(
+    function: rp.InverseFunction,
+) -> None:
+    """Or with one beyond a joint limit, which is the one that F gives without limits."""
+    free, task = rp.InverseFunction(function.chart, keep_limits=False), function.task
+    x, U = [function.cell.at(u) for u in forms(function, 4)[0]], forms(function, 4)[0]
+    beyond = free(x[2], leaf=[5.0])
+    joint = int(np.argmin(task.limit_margin(beyond)))
+    said = (
+        f"{task.joint_names[joint]} = {beyond[joint]:.4g} would be outside its limits"
+    )
+    none = f"no configuration exists on this leaf at {function.cell.where(U[2])}"
+    for c, words in ((5.0, f"at {function.cell.where(U[2])}, {said}"), (50.0, none)):
+        with pytest.raises(rp.InputError) as one:
+            function(x[2], leaf=[c])
+        with pytest.raises(rp.InputError) as batch:
+            function.batch(x, leaf=[[0.0], [0.0], [c], [0.0]])
+        assert str(one.value) == words and str(batch.value) == f"target 2: {words}"
+    assert np.isfinite(free.batch(x, leaf=[5.0])).all()
+
+
 LAST = np.array([[1.0], [1.0], [1.1]])
 """Factors that change the last of three targets only."""
 
