@@ -43,6 +43,10 @@ def test_a_leaf_for_each_target_and_the_way_back(function: rp.InverseFunction) -
     assert np.abs(back - X).max() < 1e-9 and np.abs(leaves - C).max() < 1e-9
     assert np.abs(leaves - [function.inverse.leaf(q) for q in Q]).max() < 1e-12
     assert np.abs(function.batch(back, leaf=leaves) - Q).max() < 1e-9
+    for leaf in (0.05, [0.05]):  # one number, or a list of one
+        q = function(X[0], leaf=leaf)
+        assert function.inverse.leaf(q) == pytest.approx(0.05, abs=1e-9)
+        assert np.abs(function.batch(X[:1], leaf=leaf) - q).max() < 1e-9
 
 
 def test_compiled_it_takes_the_same(function: rp.InverseFunction) -> None:
@@ -159,6 +163,8 @@ def test_bad_options_are_refused(function: rp.InverseFunction) -> None:
         function.batch(X, missing="skip")  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match=r"leaves must be finite numbers \(3, 1\)"):
         function.batch(X, leaf=np.zeros((2, 1)))
+    with pytest.raises(rp.InputError, match="the leaf c must be 1 finite numbers"):
+        function(X[0], leaf="low")  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match="this function"):
         function.pose_and_leaf(np.zeros((2, 3)))
 
