@@ -87,6 +87,26 @@ def test_the_middle_of_a_sector_in_its_coordinates() -> None:
         point, direction = (0, 0, 0) if axis is None else axis[0], (0, 0, 1)
         assert np.allclose(sector.axis, [point, direction])
         assert np.allclose(sector.centre, [due[0], 0, due[1], 0, 0, 0])
+    for name in WIDTHS:
+        sector = sector_of(name)
+        assert sector.at(np.zeros(sector.k)).isApprox(sector.placement, 1e-12)
+
+
+@pytest.mark.parametrize("name", ["pose", "one orientation", "axis", "another axis"])
+def test_a_sector_is_moved_along_its_angle_and_its_spin(name: str) -> None:
+    """Around its own axis; if the tool tilts, the spin gets another middle instead."""
+    sector = sector_of(name)
+    moves = {1: 0.3} | ({5: -0.2} if sector.task.m == 6 else {})
+    moved = sector.turned(moves, dict.fromkeys(moves, 0.4))
+    point, direction = sector.axis
+    turn, x = pin.exp3(0.3 * direction), sector.placement
+    spin = -0.2 if len(moves) == 2 and not sector.tilted else 0.0
+    due = turn @ x.rotation @ pin.exp3(np.array([0, 0, spin]))
+    place = point + turn @ (x.translation - point)
+    assert moved.placement.isApprox(pin.SE3(due, place), 1e-12)
+    assert moved.spin_middle == (-0.2 if name == "pose" else 0.0)
+    widths = [0.4 if i in moves else w for i, w in enumerate(sector.widths)]
+    assert np.array_equal(moved.widths, widths)
 
 
 def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
@@ -321,6 +341,21 @@ def speeds_of(design: rp.CellDesign, U: np.ndarray) -> tuple[np.ndarray, ...]:
     E = design.cell.twists(U, R) @ design.cell.speeds(U)
     own, wanted = (G.batch(Q) @ E for G in (design.inverse, design.desired))
     return tuple((X**2).sum(axis=(1, 2)) for X in (own, wanted, own - wanted))
+
+
+@pytest.mark.parametrize("name", ["pose", "xy"])
+def test_whole_turns_of_a_symmetric_joint_stay_on_the_leaf(name: str) -> None:
+    """By the potentials, and by the steps of the controller."""
+    design = found(name)
+    inverse, task = design.inverse, design.task
+    x = design.cell.at(0.5 * np.ones(design.cell.k))
+    q = design.function(x)
+    for turns in (-2, 1):
+        for one in design.function.chart.cell.removed:
+            wound = q + 2 * np.pi * turns * np.eye(task.n)[one.joint]
+            assert np.abs(inverse.leaf(wound)).max() < 1e-9
+            after = inverse.step(wound, x, 0.01, leaf=np.zeros(task.r), gain=50.0)
+            assert np.abs(after - wound).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", ["pose", "axis", "one orientation"])
@@ -705,6 +740,18 @@ def test_the_tour_of_a_sector_closes_and_stays_inside(
             ", tilted by (0.2, -0.2) rad",
         ),
         (
+            "axis",
+            {"half_angle": (0.2, 0.0)},
+            "radius ±0.08 m, height ±0.08 m, angle ±1 rad, tilted by ±(0.2, 0) rad",
+            ", tilted by (0.2, 0) rad",
+        ),
+        (
+            "one orientation",
+            {"angle": 1.0, "spin": 0.3},
+            "radius ±0.08 m, height ±0.08 m, angle ±1 rad, spin ±0.3 rad",
+            ", spun by 0.3 rad",
+        ),
+        (
             "one orientation",
             {"angle": 1.0},
             "radius ±0.08 m, height ±0.08 m, angle ±1 rad, "
@@ -735,6 +782,9 @@ def test_a_sector_says_its_size_and_where_a_pose_is(
 
 def test_a_sector_says_its_symmetries_and_scales_the_rest() -> None:
     sector = sector_of("pose", angle=1.0)
+    assert sector.tilted and not sector_of("one orientation", spin=0.3).tilted
+    assert sector_of("axis", half_angle=(0.2, 0.0)).tilted
+    assert sector_of("axis", half_angle=(0.0, 0.2)).tilted
     halved = sector.scaled(0.5)
     assert np.allclose(halved.widths, [0.04, 1.0, 0.04, 0.1, 0.15, 0.3])
     assert halved.symmetries == sector.symmetries and halved.axis is sector.axis
