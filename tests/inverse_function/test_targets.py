@@ -104,6 +104,20 @@ def test_a_leaf_without_a_configuration_is_refused_by_number(
     assert np.isfinite(free.batch(x, leaf=[5.0])).all()
 
 
+def test_rows_that_are_not_finite_are_not_checked(
+    function: rp.InverseFunction,
+) -> None:
+    """One number that is missing is enough, whatever the others are."""
+    _, X, rows = forms(function, 4)
+    Q = function.batch(X)
+    rows[1], X[1] = 2 * rows[1], 2 * X[1]
+    X[2] *= np.array([1, 1, -1, 1])
+    rows[1, 0] = X[1, 0, 3] = X[2, 0, 3] = np.nan
+    for targets, bad in ((rows, [1]), (X, [1, 2])):
+        found = function.batch(targets, missing="nan")
+        assert np.isnan(found[bad]).all() and np.abs(found[0] - Q[0]).max() < 1e-9
+
+
 LAST = np.array([[1.0], [1.0], [1.1]])
 """Factors that change the last of three targets only."""
 
