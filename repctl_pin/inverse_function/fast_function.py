@@ -112,12 +112,9 @@ def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], No
         part = slice(monomials.starts[done + 1], monomials.starts[following + 1])
         first, second = [], []
         for alpha in monomials.exponents[part].tolist():
-            left, taken = [0] * len(alpha), 0
-            for i, power in enumerate(
-                alpha
-            ):  # factors of the first ``done`` degrees, and the rest
-                left[i] = min(power, done - taken)
-                taken += left[i]
+            left: list[int] = []  # the factor of degree ``done``; the other is the rest
+            for power in alpha:
+                left.append(min(power, done - sum(left)))
             first.append(at[tuple(left)])
             second.append(at[tuple(a - b for a, b in zip(alpha, left, strict=True))])
         stages.append(
