@@ -75,8 +75,9 @@ def _of_quaternions(rows: Array) -> tuple[Array, Array]:
 def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
     if X.shape[1:] != (4, 4):
         raise InputError(f"targets must be {FORMS}; got an array of shape {X.shape}")
+    p, R = X[:, :3, 3], X[:, :3, :3].copy()
     finite = np.isfinite(X).all(axis=(1, 2))
-    p, R = X[:, :3, 3], np.where(finite[:, None, None], X[:, :3, :3], np.nan)
+    R[~finite] = np.nan
     last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > _ROTATION
     if (last & finite).any():
         at = int(np.argmax(last & finite))

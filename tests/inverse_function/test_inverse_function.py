@@ -71,6 +71,11 @@ def test_turns_of_a_cell_agree_with_pinocchio() -> None:
         ).T  # the transpose of Pinocchio's, which is the right one
         assert np.allclose(E[3:, 3:], left, rtol=0, atol=1e-12)
     assert cell.placements(np.empty((0, 6)))[1].shape == (0, 3, 3)
+    R = R.copy()
+    R[3, 0, 1] = np.nan  # the other rows do not change
+    without, _ = cell.coordinates(p, R)
+    assert np.isnan(without[3, 3:]).all()
+    assert np.allclose(np.delete(without - U, 3, axis=0), 0, rtol=0, atol=1e-14)
 
 
 def test_errors_of_a_tool_axis_are_those_of_the_task() -> None:
@@ -215,6 +220,12 @@ def test_monomials_differentiate() -> None:
         d = 1e-6 * np.eye(3)[j]
         slope = (monomials.values(U + d) - monomials.values(U - d)) / 2e-6
         assert np.allclose(monomials.slopes(T)[:, :, j], slope, atol=1e-8)
+    C = np.random.default_rng(1).normal(size=(35, 2))
+    lower, D = monomials.differentiated(C)
+    due = np.einsum("KNk,Nr->Krk", monomials.slopes(T), C)
+    assert lower.degree == 3 and np.allclose(
+        np.einsum("KN,Nrk->Krk", lower.values(U), D), due
+    )
     assert np.allclose(monomials.fit(np.random.default_rng(2).uniform(-1, 1, (99, 3)),
                                      np.ones((99, 2)))[0], 1)  # fmt: skip
 
