@@ -57,8 +57,7 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
         return None
     at, joint = np.unravel_index(int(np.argmin(margin)), margin.shape)
     unit = "rad" if task.revolute[joint] else "m"
-    far = unit == "rad" and -margin[at, joint] > 2 * np.pi
-    by = "more than a turn" if far else f"{-margin[at, joint]:.2g} {unit}"
+    by = f"{-margin[at, joint]:.2g} {unit}"
     what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
     return FailureReason("limit", share, cell._lifted(U[at]), what)
 

@@ -17,7 +17,7 @@ from ..robot import fast_kinematics
 from ..robot.chain_formulas import axis_turn, is_rotation
 from ..robot.task import Task
 from ..solvers import newton
-from .cell import TURNED, Cell
+from .cell import EDGE, TURNED, Cell
 from .chart import Chart
 from .fast_sector import FastCoordinates, sector_coordinates
 from .monomials import Monomials
@@ -25,7 +25,6 @@ from .sector import Sector
 
 _MOST = 12
 _STEP = 0.3
-_EDGE = 1 + 1e-9
 _ENOUGH = 1e-6
 """Largest entry of the last Newton step, rad or m; the error after it is at rounding level."""
 
@@ -113,12 +112,9 @@ def monomials_at(monomials: Monomials, u: Array) -> tuple[Array, Callable[[], No
         part = slice(monomials.starts[done + 1], monomials.starts[following + 1])
         first, second = [], []
         for alpha in monomials.exponents[part].tolist():
-            left, taken = [0] * len(alpha), 0
-            for i, power in enumerate(
-                alpha
-            ):  # factors of the first ``done`` degrees, and the rest
-                left[i] = min(power, done - taken)
-                taken += left[i]
+            left: list[int] = []  # the factor of degree ``done``; the other is the rest
+            for power in alpha:
+                left.append(min(power, done - sum(left)))
             first.append(at[tuple(left)])
             second.append(at[tuple(a - b for a, b in zip(alpha, left, strict=True))])
         stages.append(
@@ -189,7 +185,7 @@ def evaluation(chart: Chart) -> Callable[[pin.SE3, Array | None], Array]:
     def evaluate(target: pin.SE3, leaf: Array | None = None) -> Array:
         nonlocal c
         p, R = target.translation, target.rotation
-        if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= _EDGE):
+        if not (locate(p, R) <= TURNED and abs(u[idamax(u, k)]) <= 1 + EDGE):
             raise OutsideError
         monomials()
         dgemv(1.0, C_T, T, 0.0, both, 0, 1, 0, 1, 0, 1)

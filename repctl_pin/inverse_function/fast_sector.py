@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, sin, sqrt
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
+import pinocchio as pin
 
 from ..arguments import Array
+from .cell import EDGE
 from .sector import Sector
-
-_EDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +55,18 @@ def sector_coordinates(cell: Sector) -> FastCoordinates:
     ]
     removed, rows = cell._removed, cell.task.rows[: min(3, m)].tolist()
     spin_middle = cell.spin_middle
-    every, frame, pose = [0.0] * 6, [np.eye(3)], cell.task.kind == "pose"
+    every: list[float] = []  # of the last placement, as its rotation in ``frame``
+    frame: list[Array] = []
+    pose = cell.task.kind == "pose"
+    turns = pose or cell.task.kind == "axis"
 
     def locate(p: Array, R: Array) -> float:
         x, y, height = B.dot(p - origin).tolist()
         angle = atan2(y, x)
-        every[:3] = hypot(x, y) - rho, angle, height - z
-        frame[0] = R
-        if m > 3:
-            every[3:] = _turns(C, B.dot(R), angle)
+        every[:] = hypot(x, y) - rho, angle, height - z
+        frame[:] = [R]
+        if turns:
+            every.extend(_turns(C, B.dot(R), angle))
             every[5] -= 2 * pi * round((every[5] - spin_middle) / (2 * pi))
         for i, k in enumerate(on):
             u[i] = every[k] / widths[k]
@@ -82,9 +85,9 @@ def sector_coordinates(cell: Sector) -> FastCoordinates:
         radius, angle = rho + every[0], every[1]
         c, s = cos(angle), sin(angle)
         directions = _back(c, s).dot(B).tolist()  # outward, around, along
-        onto = _per_tilt(frame[0], B, C, c, s, every) if m > 3 else None
+        onto = _per_tilt(frame[0], B, C, c, s, every) if turns else None
         for slopes, out in zip(D.tolist(), X, strict=True):
-            d = [0.0] * 6
+            d = [0.0] * len(every)
             for i, k in enumerate(on):
                 d[k] = slopes[i] / widths[k]
             for i, k in enumerate(removed):
@@ -118,21 +121,9 @@ def _per_tilt(
 
     Return the two columns of the tilts as rows of a matrix, and the column (3,) of the angle φ.
     """
-    x, y = every[3], every[4]
-    square = x * x + y * y
-    theta = sqrt(square)
-    a = 0.5 - square / 24 if theta < 1e-4 else (1 - cos(theta)) / square
-    b = (
-        1 / 6 - square / 120
-        if theta < 1e-4
-        else (theta - sin(theta)) / (square * theta)
-    )
-    J = [
-        [1 - b * y * y, b * x * y, -a * y],
-        [b * x * y, 1 - b * x * x, a * x],
-    ]  # J_l, by columns
+    J_l = pin.Jexp3(np.array([*every[3:5], 0.0])).T  # Jexp3 is J_r, its transpose J_l
     own = R.T.dot(B.T)
-    A = own.dot(_back(c, s).T.dot(C)).dot(np.array(J).T)
+    A = own.dot(_back(c, s).T.dot(C)).dot(J_l[:, :2])
     return A.T.tolist(), own[:, 2].tolist()
 
 
@@ -149,7 +140,7 @@ def _solved(A: list[list[float]], d: list[float]) -> list[float]:
 
 
 def _most(cell: Sector, i: int) -> float:
-    return np.inf if i in cell.free else float(cell.widths[i]) * (1 + _EDGE)
+    return np.inf if i in cell.free else float(cell.widths[i]) * (1 + EDGE)
 
 
 def _turns(C: Array, turned: Array, angle: float) -> list[float]:
@@ -161,16 +152,12 @@ def _turns(C: Array, turned: Array, angle: float) -> list[float]:
     back = _back(cos(angle), sin(angle))
     (a, _, x), (d, _, y), (g, _, h) = C.T.dot(back.dot(turned)).tolist()
     sine = hypot(x, y)
-    if sine < 1e-12:
-        tilt = (0.0 if h > 0 else pi, 0.0)
-        return [*tilt, atan2(d, a) if h > 0 else atan2(-d, a)]
     theta = atan2(sine, h)
-    first, second = y / sine, -x / sine  # the axis of the rotation back, less its sign
-    along = (first * a + second * d) * (1 - h / hypot(sine, h))
-    cosine = h / hypot(sine, h)
-    sine = sin(theta)
+    # the axis of the rotation back; at 0 and at half a turn it is chosen
+    first, second = (y / sine, -x / sine) if sine else (-1.0, 0.0)
+    c, s = cos(theta), sin(theta)
+    along = (first * a + second * d) * (1 - c)
     spin = atan2(
-        d * cosine - first * g * sine + second * along,
-        a * cosine + second * g * sine + first * along,
+        d * c - first * g * s + second * along, a * c + second * g * s + first * along
     )
-    return [-y * theta / hypot(x, y), x * theta / hypot(x, y), spin]
+    return [-first * theta, -second * theta, spin]

@@ -66,12 +66,7 @@ def tilts(R: Array, goal: Array) -> Array:
     )  # the goal's axis as the tool sees it
     sine = np.hypot(aim[:, 0], aim[:, 1])
     angle = np.arctan2(sine, aim[:, 2])
-    ratio = np.where(
-        sine > 1e-12,
-        angle / np.maximum(sine, 1e-300),
-        np.where(aim[:, 2] > 0, 1.0, 0.0),
-    )
-    turn = np.stack([-aim[:, 1], aim[:, 0]], axis=-1) * ratio[:, None]
-    opposite = (sine <= 1e-12) & (aim[:, 2] < 0)
-    turn[opposite] = [np.pi, 0.0]
-    return turn
+    axis = np.stack([-aim[:, 1], aim[:, 0]], axis=-1)
+    parallel = sine < 1e-12  # angle 0, or half a turn about any axis
+    axis[parallel], sine[parallel] = [1.0, 0.0], 1.0
+    return axis * (angle / sine)[:, None]

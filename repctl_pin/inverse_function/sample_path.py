@@ -4,36 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arguments import Array, as_int, require_type
+from ..arguments import Array
 from ..paths import TaskPath
 from .cell import Cell
 
 _WAVES = 3
 _POINTS = 721
+_REACH = 0.9
 
 
-def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
+def tour(cell: Cell) -> TaskPath:
     r"""Make a random smooth closed path through a cell.
 
     Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
-    1, with random a and b, scaled so that the maximum of every |u_i| is ``reach``.
-
-    Parameters
-    ----------
-    cell
-        The cell.
-    seed
-        Random seed.
-    reach
-        Largest ``|u_i|``; with 1 the path touches all faces of the cell.
+    1, with random a and b, scaled so that the maximum of every |u_i| is 0.9.
     """
-    require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
-    rng = np.random.default_rng(as_int(seed, "seed"))
+    rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)
     a, b = rng.normal(size=(2, cell.k, _WAVES)) / np.arange(1, _WAVES + 1)
     s = np.linspace(0, 1, _POINTS)[:, None]
     most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)
-    a, b = reach * a / most[:, None], reach * b / most[:, None]
+    a, b = _REACH * a / most[:, None], _REACH * b / most[:, None]
     R_0, active = cell.placement.rotation, cell.moved
     turning = cell._frame_twists(np.zeros((1, cell.task.m)))[0, 3:][:, active]
     turns = cell.task.m > 3 and bool(turning.any())
@@ -56,7 +47,7 @@ def tour(cell: Cell, seed: int = 0, *, reach: float = 0.9) -> TaskPath:
         )
 
     return TaskPath(
-        f"tour {seed} of the cell",
+        "tour 0 of the cell",
         lambda s: placed(s)[0],
         lambda s: twist(s)[:3],
         (lambda s: placed(s)[1]) if turns else R_0,

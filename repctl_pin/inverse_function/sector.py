@@ -138,9 +138,8 @@ class Sector(Cell):
                 remedy = "give it in rad"
                 remedy += ", or choose the axis of a joint" * (i == ANGLE)
                 raise InputError(no_joint(task, name), argument=name, remedy=remedy)
-        every = [radius, round_about, height][: min(3, task.m)]
-        if task.m > 3:
-            every += [*turns[:2], max(about_tool, *turns[2:], 0.0)][: task.m - 3]
+        spin_width = max([about_tool, *turns[2:]])
+        every = [radius, round_about, height, *turns[:2], spin_width][: task.m]
         freeze(
             self,
             task=unit.task,
@@ -307,12 +306,11 @@ class Sector(Cell):
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
         phi = np.arctan2(y, x)
         Y = np.stack([np.hypot(x, y) - rho, phi, height - z], axis=1)[:, : self.task.m]
-        if self.task.m == 2:
+        if self.task.m <= 3:
             return Y
         turned = self.placement.rotation.T @ exp3(-phi[:, None] * self.axis[1]) @ R
-        if self.task.m > 3:
-            t = tilts(np.broadcast_to(np.eye(3), turned.shape), turned)
-            Y = np.concatenate([Y, t], axis=1)
+        t = tilts(np.broadcast_to(np.eye(3), turned.shape), turned)
+        Y = np.concatenate([Y, t], axis=1)
         if self.task.m > 5:
             rest = exp3(-np.pad(t, ((0, 0), (0, 1)))) @ turned
             spin = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])

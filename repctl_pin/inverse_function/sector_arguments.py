@@ -89,9 +89,7 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
             )
         return np.zeros(2)
     third = array is not None and array.shape == (3,) and task.m > 5
-    each = "one per axis of the tool: x, y" + (
-        ", and z as an ordinary turn" if third else ""
-    )
+    each = "one per axis of the tool: x, y"
     turns = sizes(half_angle, 3 if third else 2, "half_angle", "rad", each)
     if np.linalg.norm(turns[:2]) >= 0.95 * np.pi or (turns[2:] > np.pi).any():
         raise InputError(

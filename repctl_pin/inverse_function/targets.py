@@ -75,8 +75,9 @@ def _of_quaternions(rows: Array) -> tuple[Array, Array]:
 def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
     if X.shape[1:] != (4, 4):
         raise InputError(f"targets must be {FORMS}; got an array of shape {X.shape}")
-    p, R = X[:, :3, 3], X[:, :3, :3]
+    p, R = X[:, :3, 3], X[:, :3, :3].copy()
     finite = np.isfinite(X).all(axis=(1, 2))
+    R[~finite] = np.nan
     last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > _ROTATION
     if (last & finite).any():
         at = int(np.argmax(last & finite))
@@ -84,7 +85,9 @@ def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
             f"the last row of target {at} must be 0, 0, 0, 1; got {X[at, 3].tolist()}"
         )
     if task.kind in ("pose", "axis"):
-        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-        for k in np.flatnonzero(finite & ((off > _ROTATION) | (np.linalg.det(R) < 0))):
+        rows = np.flatnonzero(finite)
+        squares = R[rows] @ np.swapaxes(R[rows], 1, 2)
+        off = np.abs(squares - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        for k in rows[(off > _ROTATION) | (np.linalg.det(R[rows]) < 0)]:
             require_rotation(R[k], f"target {k}")
     return p, R

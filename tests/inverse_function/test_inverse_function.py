@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from arms import Q_PANDA, planar_task, planar_urdf, spatial_task
+from arms import Q_PANDA, planar_task, planar_urdf, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, middle, panda, tour
 from design_file import checksum
 
@@ -71,6 +71,11 @@ def test_turns_of_a_cell_agree_with_pinocchio() -> None:
         ).T  # the transpose of Pinocchio's, which is the right one
         assert np.allclose(E[3:, 3:], left, rtol=0, atol=1e-12)
     assert cell.placements(np.empty((0, 6)))[1].shape == (0, 3, 3)
+    R = R.copy()
+    R[3, 0, 1] = np.nan  # the other rows do not change
+    without, _ = cell.coordinates(p, R)
+    assert np.isnan(without[3, 3:]).all()
+    assert np.allclose(np.delete(without - U, 3, axis=0), 0, rtol=0, atol=1e-14)
 
 
 def test_errors_of_a_tool_axis_are_those_of_the_task() -> None:
@@ -215,6 +220,12 @@ def test_monomials_differentiate() -> None:
         d = 1e-6 * np.eye(3)[j]
         slope = (monomials.values(U + d) - monomials.values(U - d)) / 2e-6
         assert np.allclose(monomials.slopes(T)[:, :, j], slope, atol=1e-8)
+    C = np.random.default_rng(1).normal(size=(35, 2))
+    lower, D = monomials.differentiated(C)
+    due = np.einsum("KNk,Nr->Krk", monomials.slopes(T), C)
+    assert lower.degree == 3 and np.allclose(
+        np.einsum("KN,Nrk->Krk", lower.values(U), D), due
+    )
     assert np.allclose(monomials.fit(np.random.default_rng(2).uniform(-1, 1, (99, 3)),
                                      np.ones((99, 2)))[0], 1)  # fmt: skip
 
@@ -427,6 +438,33 @@ def test_leaves_end_at_a_limit_or_at_half_a_turn(
     way = F(x, leaf=[1e-3])[2] - F(x)[2]  # c may count the other way
     (found,) = np.sign(way) * F.leaves(x)
     assert np.allclose(np.sort(found), ends, atol=1e-6)
+
+
+def test_leaves_end_where_the_leaf_margin_falls_to_a_tenth(tmp_path: Path) -> None:
+    """The self-motion is followed by small steps of the null vector; n_ref of another length counts
+    c in another unit."""
+    task, q = planar_task([0.52, 0.36, 0.27], tmp_path), [0.4, -1.01, 0.86]
+    chart = designed(
+        rp.Cell(task, task.placement(q), 0.03), q, samples=16
+    ).function.chart
+    u = np.array([0.3, -0.4])
+    x, (q_ref, n) = chart.cell.at(u), (part[0] for part in chart.reference(u[None]))
+    n = n[:, 0] / np.linalg.norm(n)
+    ends = []
+    for way in (-1, 1):
+        q, margin = rp.InverseFunction(chart)(x), 1.0
+        while margin > 0.1:
+            N = np.linalg.svd(task.jacobian(q))[2][-1]
+            margin = abs(N @ n)
+            q = q + 2e-3 * way * np.sign(N @ n) * N
+            q = q + np.linalg.pinv(task.jacobian(q)) @ task.error(q, x)
+        ends.append(n @ (q - q_ref))
+    for length in (1.0, 0.2):
+        scaled = chart.coefficients.copy()
+        scaled[:, :, 1] *= length
+        unit = length * np.linalg.norm(chart.reference(u[None])[1])
+        F = rp.InverseFunction(replace(chart, coefficients=scaled))
+        assert F.leaves(x)[0] / unit == pytest.approx(ends, abs=2e-3)
 
 
 def test_what_a_design_says_of_itself() -> None:
@@ -1058,6 +1096,47 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(
         r"between the middle of the cell and \(.*\) m the arm passes a singularity",
         says,
     ), says
+
+
+def test_a_slide_beyond_its_limit_is_named_at_its_worst_pose(tmp_path: Path) -> None:
+    """In metres, and as far as the function without limits goes at that pose."""
+    old, new = (f'"1 0 0"/><limit lower="-{x}" upper="{x}"' for x in ("3", "0.1"))
+    sliding_task(tmp_path)
+    text = (tmp_path / "sliding.urdf").read_text()
+    (tmp_path / "short.urdf").write_text(text.replace(old, new))
+    task, q = (
+        rp.Robot.load(tmp_path / "short.urdf").task("l5", "xy"),
+        [0.3, 0, 0.5, 0.2, 0.4],
+    )
+    cell = rp.Cell(task, task.placement(q), 0.15)
+    design = designed(cell, q, incomplete="keep")
+    (stop,) = design.failures
+    free = rp.InverseFunction(design.function.chart, keep_limits=False)
+    margin = task.limit_margin(free(cell.at(stop.u)))
+    assert stop.cause == "limit" and np.argmin(margin) == 1
+    assert (
+        stop.what
+        == f"at {cell.where(stop.u)}, j1 is {-margin[1]:.2g} m beyond its limit"
+    )
+    everywhere = task.limit_margin(free.batch(cell.sample(256, 5))).min()
+    assert margin[1] <= everywhere + 1e-6
+
+
+def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(
+    tmp_path: Path,
+) -> None:
+    """Out of reach are those farther away than the three links together."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
+    cell = rp.Cell(task, task.placement(q), 1.2)
+    with pytest.raises(rp.NoFunctionError) as error:
+        designed(cell, q)
+    causes = {one.cause: one for one in error.value.failures}
+    assert set(causes) == {"reach", "singularity"}
+    away = {k: np.hypot(*cell.at(one.u).translation[:2]) for k, one in causes.items()}
+    assert away["reach"] > 2.7 > away["singularity"]
+    assert np.array_equal(causes["reach"].u, [1, 1])  # the farthest corner
+    left = re.findall(r"task error ([\d.]+), in m and rad", causes["reach"].what)
+    assert float(left[0]) == pytest.approx(away["reach"] - 2.7, rel=0.1)
 
 
 def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:

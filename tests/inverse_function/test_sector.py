@@ -62,6 +62,53 @@ def test_the_placement_in_cylindrical_coordinates_by_hand() -> None:
     assert np.allclose(x.rotation, turn @ sector.placement.rotation @ tilt @ spin)
 
 
+@pytest.mark.parametrize("kind", ["pose", "axis"])
+def test_a_tool_that_points_the_opposite_way_is_tilted_by_half_a_turn(
+    kind: str,
+) -> None:
+    """About its own x axis, where every axis would do; other rows of a batch do not change."""
+    given = {"radius": 0.1, "angle": 1.0, "half_angle": (0.3, 0.4)}
+    middle = pin.SE3(pin.exp3(np.array([0, 0, 0.5])), np.array([0.3, 0.4, 0.2]))
+    sector = rp.Sector(panda(kind), middle, **given | {"spin": 0.5 * (kind == "pose")})
+    turns = [np.diag([1.0, -1, -1]), np.eye(3), pin.exp3(np.array([-0.3, 0.4, 0]))]
+    R = middle.rotation @ turns @ pin.exp3(np.array([0, 0, 0.2]))
+    U, off = sector.coordinates(np.tile(middle.translation, (3, 1)), R)
+    due = [[0, 0, np.pi, 0, 0.2], [0, 0, 0, 0, 0.2], [0, 0, -0.3, 0.4, 0.2]]
+    widths = sector.widths[sector.widths > 0]
+    assert np.allclose(U * widths, np.array(due)[:, : len(widths)], rtol=0, atol=1e-12)
+    assert np.allclose(off, 0)
+
+
+def test_the_middle_of_a_sector_in_its_coordinates() -> None:
+    """Radius and height from the base's vertical axis, or from the point that is given."""
+    for axis, due in ((None, (0.5, 0.35)), ([[0.3, 0, 0.1], [0, 0, 2]], (0.4, 0.25))):
+        x = pin.SE3(panda().placement(Q_PANDA).rotation, np.array([0.3, 0.4, 0.35]))
+        sector = rp.Sector(panda(), x, radius=0.1, angle=0.3, axis=axis)
+        point, direction = (0, 0, 0) if axis is None else axis[0], (0, 0, 1)
+        assert np.allclose(sector.axis, [point, direction])
+        assert np.allclose(sector.centre, [due[0], 0, due[1], 0, 0, 0])
+    for name in WIDTHS:
+        sector = sector_of(name)
+        assert sector.at(np.zeros(sector.k)).isApprox(sector.placement, 1e-12)
+
+
+@pytest.mark.parametrize("name", ["pose", "one orientation", "axis", "another axis"])
+def test_a_sector_is_moved_along_its_angle_and_its_spin(name: str) -> None:
+    """Around its own axis; if the tool tilts, the spin gets another middle instead."""
+    sector = sector_of(name)
+    moves = {1: 0.3} | ({5: -0.2} if sector.task.m == 6 else {})
+    moved = sector.turned(moves, dict.fromkeys(moves, 0.4))
+    point, direction = sector.axis
+    turn, x = pin.exp3(0.3 * direction), sector.placement
+    spin = -0.2 if len(moves) == 2 and not sector.tilted else 0.0
+    due = turn @ x.rotation @ pin.exp3(np.array([0, 0, spin]))
+    place = point + turn @ (x.translation - point)
+    assert moved.placement.isApprox(pin.SE3(due, place), 1e-12)
+    assert moved.spin_middle == (-0.2 if name == "pose" else 0.0)
+    widths = [0.4 if i in moves else w for i, w in enumerate(sector.widths)]
+    assert np.array_equal(moved.widths, widths)
+
+
 def test_symmetries_are_found_from_the_task(tmp_path: Path) -> None:
     both = sector_of("pose").symmetries
     assert [(one.coordinate, one.joint, one.sign) for one in both] == [
@@ -135,11 +182,20 @@ def test_a_tool_that_keeps_its_direction_does_not_turn_with_the_arm(
         ({"radius": -0.1}, "radius must be 0 m or more"),
         ({"half_angle": -0.1}, "half_angle must be 0 rad or more"),
         ({"half_angle": 3.0}, "half_angle reaches half a turn"),
+        ({"half_angle": (0.95 * np.pi, 0)}, "half_angle reaches half a turn"),
+        ({"half_angle": (0.1, 0.1, 3.2)}, "half_angle reaches half a turn"),
+        ({"radius": (0.1, 0.1)}, "radius must be one number in m or 1"),
         ({"half_angle": (0.1, 0.1, 0.1), "spin": 0.1}, "mutually exclusive"),
         ({"axis": [0, 0, 1]}, "axis must be a point"),
+        ({"axis": [[0, 0, np.nan], [0, 0, 1]]}, "axis must be a point"),
         (
             {"axis": [[0, 0.1, 0], [0, 0, 1]]},
-            "'all' requires a joint that turns the whole arm",
+            "'all' requires a joint that turns the whole arm .*; "
+            "give it in rad, or choose the axis of a joint$",
+        ),
+        (
+            {"placement": [0.3, 0.4, 0.4], "radius": 0.5},
+            "reaches the axis, which is 0.5 m from the placement; keep it below 0.5$",
         ),
     ],
 )
@@ -167,7 +223,7 @@ def test_sectors_that_make_no_sense(change: dict, says: str) -> None:
         ("axis", {"half_angle": (0.1, 0.1, 0.1)}, "half_angle must be .*: x, y"),
         (
             "position",
-            {"half_angle": 0.2},
+            {"half_angle": (0.2, 0.0)},
             "half_angle: the position task leaves the rotation free",
         ),
         ("xy", {"height": 0.2}, "height: the xy task does not command it"),
@@ -231,10 +287,10 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "i"), [("pose", 5), ("position", 1)])
 def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
-    """One pose at a time and in a batch: just inside its range, and just outside."""
+    """One pose at a time and in a batch: at the end of its range, and just outside."""
     F, cell = found(name).function, found(name).cell
     for side in (-1, 1):
-        for factor, inside in ((0.999, True), (1.001, False), (1.5, False)):
+        for factor, inside in ((1.0, True), (1.001, False), (1.5, False)):
             u = 0.3 * np.ones(cell.k)
             u[i] = side * factor
             p, R = cell.placements(u[None])
@@ -246,6 +302,17 @@ def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
             for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
                 with pytest.raises(rp.InputError, match=says):
                     evaluate()
+
+
+def test_each_coordinate_of_width_0_is_held() -> None:
+    """One of them alone is enough to be outside, one pose at a time and in a batch."""
+    F = found("one orientation").function
+    for turn in 0.01 * np.eye(3):
+        x = F.cell.at(np.zeros(F.cell.k))
+        x.rotation = x.rotation @ pin.exp3(turn)
+        for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
+            with pytest.raises(rp.InputError, match="by 0.01 m or rad along a coord"):
+                evaluate()
 
 
 @pytest.mark.parametrize("name", WIDTHS)
@@ -274,6 +341,23 @@ def test_the_controller_is_the_derivative_of_f(name: str) -> None:
         assert np.allclose(inverse(q) @ xdot, inverse.velocity(q, xdot), atol=1e-9)
 
 
+@pytest.mark.parametrize("name", WIDTHS)
+def test_potentials_of_a_sector_in_place_are_the_potentials(name: str) -> None:
+    """On random polynomials, at angles and tilts of all sizes."""
+    chart, rng = found(name).function.chart, np.random.default_rng(0)
+    chart = replace(chart, coefficients=rng.normal(size=chart.coefficients.shape))
+    task, potentials = chart.cell.task, rp.InverseFunction(chart).inverse.potentials
+    V_T, e = np.zeros((task.r, task.n)), np.zeros(task.r)
+    write_slope, write_gap = potentials.in_place(V_T, e)
+    for _ in range(8):
+        q, c = rng.uniform(-2, 2, task.n), rng.normal(size=task.r)
+        write_slope(q)
+        write_gap(c)
+        V, size = potentials.gradient(q), np.abs(V_T).max()
+        assert np.allclose(V_T, V.T, rtol=0, atol=1e-9 * size)
+        assert np.allclose(e, c - potentials.value(q), rtol=0, atol=1e-9 * size)
+
+
 def speeds_of(design: rp.CellDesign, U: np.ndarray) -> tuple[np.ndarray, ...]:
     """‖G E C‖² of the function and of G_d, and that of their difference, at poses given in all
     coordinates of the sector; nothing here knows of a symmetry."""
@@ -282,6 +366,21 @@ def speeds_of(design: rp.CellDesign, U: np.ndarray) -> tuple[np.ndarray, ...]:
     E = design.cell.twists(U, R) @ design.cell.speeds(U)
     own, wanted = (G.batch(Q) @ E for G in (design.inverse, design.desired))
     return tuple((X**2).sum(axis=(1, 2)) for X in (own, wanted, own - wanted))
+
+
+@pytest.mark.parametrize("name", ["pose", "xy"])
+def test_whole_turns_of_a_symmetric_joint_stay_on_the_leaf(name: str) -> None:
+    """By the potentials, and by the steps of the controller."""
+    design = found(name)
+    inverse, task = design.inverse, design.task
+    x = design.cell.at(0.5 * np.ones(design.cell.k))
+    q = design.function(x)
+    for turns in (-2, 1):
+        for one in design.function.chart.cell.removed:
+            wound = q + 2 * np.pi * turns * np.eye(task.n)[one.joint]
+            assert np.abs(inverse.leaf(wound)).max() < 1e-9
+            after = inverse.step(wound, x, 0.01, leaf=np.zeros(task.r), gain=50.0)
+            assert np.abs(after - wound).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", ["pose", "axis", "one orientation"])
@@ -755,11 +854,30 @@ def test_the_tour_of_a_sector_closes_and_stays_inside(
             ", tilted by (0.2, -0.2) rad",
         ),
         (
+            "axis",
+            {"half_angle": (0.2, 0.0)},
+            "radius ±0.08 m, height ±0.08 m, angle ±1 rad, tilted by ±(0.2, 0) rad",
+            ", tilted by (0.2, 0) rad",
+        ),
+        (
+            "one orientation",
+            {"angle": 1.0, "spin": 0.3},
+            "radius ±0.08 m, height ±0.08 m, angle ±1 rad, spin ±0.3 rad",
+            ", spun by 0.3 rad",
+        ),
+        (
             "one orientation",
             {"angle": 1.0},
             "radius ±0.08 m, height ±0.08 m, angle ±1 rad, "
             "one orientation, which turns with the angle",
             "",
+        ),
+        (
+            "a turn without its symmetry",
+            {"angle": np.pi, "half_angle": (0.1, 0.1, np.pi)},
+            "radius ±0.08 m, height ±0.08 m, angle ±3.14 rad, tilted by ±0.1 rad, "
+            "spin ±3.14 rad",
+            ", tilted by (0.1, -0.1) rad, spun by 3.1 rad",
         ),
         ("position", {}, "radius ±0.08 m, height ±0.08 m, angle ±1 rad", ""),
         ("xy", {}, "radius ±0.08 m, angle as far as the joints go", ""),
@@ -774,6 +892,25 @@ def test_a_sector_says_its_size_and_where_a_pose_is(
     assert sector.size() == size and sector.where(u) == place + where
     assert repr(sector).startswith(f"<Sector {size} around (0.45, 0.1, 0.35) m")
     assert sector.symmetry() == "not used"
+
+
+def test_a_sector_says_its_symmetries_and_scales_the_rest() -> None:
+    sector = sector_of("pose", angle=1.0)
+    assert sector.tilted and not sector_of("one orientation", spin=0.3).tilted
+    assert sector_of("axis", half_angle=(0.2, 0.0)).tilted
+    assert sector_of("axis", half_angle=(0.0, 0.2)).tilted
+    halved = sector.scaled(0.5)
+    assert np.allclose(halved.widths, [0.04, 1.0, 0.04, 0.1, 0.15, 0.3])
+    assert halved.symmetries == sector.symmetries and halved.axis is sector.axis
+    assert sector.without(sector.symmetries).symmetry() == (
+        "panda_joint1 turns the whole arm about the axis and panda_joint7 turns the tool "
+        "about its z axis: 4 of 6 coordinates remain"
+    )
+    assert sector_of("another axis").symmetry() == "none"
+    x = pin.SE3(sector.placement.rotation, np.array([0.3, -1e-12, 0.2]))
+    assert rp.Sector(panda(), x, radius=0.1).where(np.zeros(2)) == "(0.3, 0, 0.2) m"
+    with pytest.raises(rp.InputError, match="a sector is not made around poses"):
+        rp.Sector.around(panda(), [x])
 
 
 @pytest.fixture(scope="module")

@@ -43,6 +43,10 @@ def test_a_leaf_for_each_target_and_the_way_back(function: rp.InverseFunction) -
     assert np.abs(back - X).max() < 1e-9 and np.abs(leaves - C).max() < 1e-9
     assert np.abs(leaves - [function.inverse.leaf(q) for q in Q]).max() < 1e-12
     assert np.abs(function.batch(back, leaf=leaves) - Q).max() < 1e-9
+    for leaf in (0.05, [0.05]):  # one number, or a list of one
+        q = function(X[0], leaf=leaf)
+        assert function.inverse.leaf(q) == pytest.approx(0.05, abs=1e-9)
+        assert np.abs(function.batch(X[:1], leaf=leaf) - q).max() < 1e-9
 
 
 def test_compiled_it_takes_the_same(function: rp.InverseFunction) -> None:
@@ -70,12 +74,56 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
     )  # no configuration, or beyond a limit
     assert np.isnan(far).any(axis=1).all()
     assert function.batch(rows[:0], missing="nan").shape == (0, 7)
-    X, C = function.pose_and_leaf(np.tile(function.task.reference, (2, 1)))
-    assert X.shape == (2, 4, 4) and C.shape == (2, 1)
+    U = forms(function, 6)[0]
+    U[1, 0], U[4] = 1.5, np.nan
+    found = function.batch(U, missing="nan")
+    assert np.array_equal(np.isnan(found).all(axis=1), [0, 1, 0, 0, 1, 0])
+    assert np.abs(found[[0, 2, 3, 5]] - Q[[0, 2, 3, 5]]).max() < 1e-9
+    X, C = function.pose_and_leaf(np.stack([function.task.reference, Q[0]]))
+    assert X.shape == (2, 4, 4) and np.isnan(C[0]) and abs(C[1]) < 1e-9
+
+
+def test_a_leaf_without_a_configuration_is_refused_by_number(
+    function: rp.InverseFunction,
+) -> None:
+    """Or with one beyond a joint limit, which is the one that F gives without limits."""
+    free, task = rp.InverseFunction(function.chart, keep_limits=False), function.task
+    x, U = [function.cell.at(u) for u in forms(function, 4)[0]], forms(function, 4)[0]
+    beyond = free(x[2], leaf=[5.0])
+    joint = int(np.argmin(task.limit_margin(beyond)))
+    said = (
+        f"{task.joint_names[joint]} = {beyond[joint]:.4g} would be outside its limits"
+    )
+    none = f"no configuration exists on this leaf at {function.cell.where(U[2])}"
+    for c, words in ((5.0, f"at {function.cell.where(U[2])}, {said}"), (50.0, none)):
+        with pytest.raises(rp.InputError) as one:
+            function(x[2], leaf=[c])
+        with pytest.raises(rp.InputError) as batch:
+            function.batch(x, leaf=[[0.0], [0.0], [c], [0.0]])
+        assert str(one.value) == words and str(batch.value) == f"target 2: {words}"
+    assert np.isfinite(free.batch(x, leaf=[5.0])).all()
+
+
+def test_rows_that_are_not_finite_are_not_checked(
+    function: rp.InverseFunction,
+) -> None:
+    """One number that is missing is enough, whatever the others are."""
+    _, X, rows = forms(function, 4)
+    Q = function.batch(X)
+    rows[1], X[1] = 2 * rows[1], 2 * X[1]
+    X[2] *= np.array([1, 1, -1, 1])
+    rows[1, 0] = X[1, 0, 3] = X[2, 0, 3] = np.nan
+    for targets, bad in ((rows, [1]), (X, [1, 2])):
+        found = function.batch(targets, missing="nan")
+        assert np.isnan(found[bad]).all() and np.abs(found[0] - Q[0]).max() < 1e-9
 
 
 LAST = np.array([[1.0], [1.0], [1.1]])
 """Factors that change the last of three targets only."""
+
+ROW, TURN = (np.zeros((4, 4)) for _ in range(2))
+ROW[3, 0] = TURN[0, 0] = 1e-6
+"""Changes of the last row of a matrix, and of its rotation."""
 
 
 @pytest.mark.parametrize(
@@ -85,7 +133,12 @@ LAST = np.array([[1.0], [1.0], [1.1]])
             lambda X, rows: rows * [1, 1, 1, 2, 2, 2, 2],
             "quaternion of target 0 has length 2",
         ),
+        (lambda X, rows: rows * 1.00015, "quaternion of target 0 has length 1"),
+        (lambda X, rows: X + 1.5 * ROW, "last row of target 0"),
+        (lambda X, rows: X + 2 * TURN @ np.ones((4, 4)), "rotation of target 0"),
+        (lambda X, rows: X * np.array([1, 1, -1, 1]), "rotation of target 0"),
         (lambda X, rows: rows[:, :5], "coordinates of this cell"),
+        (lambda X, rows: rows[0, :6], r"of this cell must be numbers \(K, 6\)"),
         (lambda X, rows: X[:, :3], "matrices"),
         (lambda X, rows: X * 1.1, "last row of target 0"),
         (lambda X, rows: X * LAST[:, :, None], "last row of target 2"),
@@ -106,12 +159,26 @@ def test_bad_arrays_are_refused_by_number(
         function.batch(change(X, rows))  # type: ignore[operator]
 
 
+def test_targets_that_are_rounded_are_taken(function: rp.InverseFunction) -> None:
+    """Quaternions to 1e-4 of length 1, matrices to 1e-6."""
+    _, X, rows = forms(function, 3)
+    Q = function.batch(X)
+    assert np.abs(function.batch(rows * [1, 1, 1, *[1.00009] * 4]) - Q).max() < 1e-9
+    for change in (0.9 * ROW, 0.4 * TURN):
+        assert np.abs(function.batch(X + change) - Q).max() < 1e-5
+
+
 def test_bad_options_are_refused(function: rp.InverseFunction) -> None:
     _, X, _ = forms(function, 3)
+    assert function.batch(X, threads=256).shape == (3, 7)
+    with pytest.raises(rp.InputError, match="threads can be at most 256"):
+        function.batch(X, threads=257)
     with pytest.raises(rp.InputError, match="missing"):
         function.batch(X, missing="skip")  # type: ignore[arg-type]
-    with pytest.raises(rp.InputError, match="leaves"):
+    with pytest.raises(rp.InputError, match=r"leaves must be finite numbers \(3, 1\)"):
         function.batch(X, leaf=np.zeros((2, 1)))
+    with pytest.raises(rp.InputError, match="the leaf c must be 1 finite numbers"):
+        function(X[0], leaf="low")  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match="this function"):
         function.pose_and_leaf(np.zeros((2, 3)))
 
