@@ -217,10 +217,10 @@ def _evaluate_held(
     ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns
     no sums.
     """
-    run, wanted = key
-    if getattr(_held, "run", None) != run or _held.answered == wanted:
+    run, sum_id = key
+    if getattr(_held, "run", None) != run or _held.answered == sum_id:
         return _me(), {}
-    _held.answered = wanted
+    _held.answered = sum_id
     mine = [i for i in owners.get(_me(), ()) if i in _held.batches]
     return _me(), {i: work(_held.batches[i]) for i in mine}
 

@@ -439,6 +439,25 @@ def test_dexterity_does_not_depend_on_the_unit_of_length(
     np.testing.assert_allclose(Dexterity(task)(Q), due, rtol=1e-6)
 
 
+def test_newtons_method_ends_at_the_first_singularity() -> None:
+    task, box = (
+        rp.Robot.load("planar7r").task("tool", "xy"),
+        rp.Box(np.full(7, 0.3), 0.4),
+    )
+    begun: list[np.ndarray] = []
+
+    class Watched(Dexterity):
+        def newton(self, Q: np.ndarray, scale: np.ndarray) -> np.ndarray:
+            begun.append(Q.copy())
+            return super().newton(Q, scale)
+
+    Q = box.random(2048, 0)
+    found = search(Watched(task), box, Q)
+    assert found.value == 0 and 0 < len(begun) < 12
+    Q[7, 1:], begun[:] = 0.0, []  # one is stretched from the start
+    assert search(Watched(task), box, Q).value == 0 and not begun
+
+
 def rough(x: np.ndarray) -> np.ndarray:
     """In a box of ±1, with the minimum 0.01 at x = (0.3, −1, 0, 0.1)."""
     x0, x1, x2, x3 = x.T

@@ -811,6 +811,28 @@ def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_take
     assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
 
 
+def test_a_desired_inverse_that_is_singular_in_the_region_is_said_to_be() -> None:
+    """The arm is not, and so nothing is shrunk."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+
+    def singular(q: np.ndarray) -> np.ndarray:
+        raise rp.SingularityError("the weight is 0 near theta1 = 0.400")
+
+    with pytest.raises(rp.SingularityError) as error:
+        rp.nearest_repeatable(
+            rp.CustomInverse(task, singular),
+            None,
+            rp.Box([0.3, 1.0, 0.8], 0.2),
+            degree=1,
+            options=rp.FitOptions(samples=64, held_out=64),
+            shrink=True,
+        )
+    assert str(error.value) == (
+        "the weight is 0 near theta1 = 0.400: the design fails there, not the arm; "
+        "use a smaller region, a lower degree, or another center"
+    )
+
+
 @pytest.mark.parametrize("half_width", [0.65, 0.9])
 def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(
     half_width: float, tmp_path
