@@ -262,8 +262,4 @@ def _polish(
     found = minimize_scalar(
         cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}
     )
-    return (
-        float(angles[i])
-        if costs[i] <= found.fun + _SAME * abs(found.fun)
-        else float(found.x)
-    )
+    return float(angles[i]) if costs[i] <= (1 + _SAME) * found.fun else float(found.x)

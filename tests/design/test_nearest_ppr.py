@@ -378,6 +378,11 @@ def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
                 rp.Pseudoinverse(task), lambda k: Family(task, k), region, bounds=bounds
             )
 
+    with pytest.raises(rp.InputError, match="the family at k = 2 must be an inverse"):
+        nearest_in_family(
+            rp.Pseudoinverse(task), lambda k: [k], region, bounds=(2.0, 3.0)
+        )
+
     class Broken(Family):
         def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
             raise rp.SingularityError("nowhere")
