@@ -824,6 +824,19 @@ def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
     assert told == [("degree 1, for comparison", 0.0)]
 
 
+def test_the_curve_leaves_out_degrees_without_a_regular_design() -> None:
+    """n̂ turns so far in Ω that no constant V is regular."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    box, few = rp.Box([0.3, 1, 0.8], [0.2, 1.2, 0.7]), rp.FitOptions(1000, 64)
+    desired = rp.Pseudoinverse(task)
+    design = rp.nearest_repeatable(desired, None, box, degree=3, options=few)
+    with pytest.raises(rp.SingularRegionError, match="algorithmic singularity"):
+        rp.nearest_repeatable(desired, None, box, degree=1, options=few)
+    *lower, last = degree_curve(design)
+    assert last == (3, design.cost, design.cost_error)
+    assert 1 not in [degree for degree, *_ in lower]
+
+
 @pytest.mark.parametrize(("joints", "degree"), [([1, 3], 2), ([1, 2, 3], 3)])
 def test_the_curve_designs_with_the_same_potentials_but_for_the_degree(
     joints: list[int], degree: int
