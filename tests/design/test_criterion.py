@@ -793,7 +793,8 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
 @pytest.mark.parametrize("joint", range(3))
 @pytest.mark.parametrize("side", [-1, 1])
 def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) -> None:
-    """G_d = G_r + N w with |w| made to change by 0, 0.2 or 0.3 rad along each of three joints."""
+    """G_d = G_r + N w with |w| made to change by 0, 0.2 or 0.3 rad along each of three joints, and
+    by more outside of Ω."""
     task = rp.Robot.load("planar3r").task(None, "xy")
     few = rp.FitOptions(samples=64, held_out=64)
     box = rp.Box([0.3, 1.0, 0.8], 0.2)
@@ -806,6 +807,7 @@ def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) ->
         J, away = task.jacobian(q), q - box.center
         n = np.cross(*J) / np.linalg.norm(np.cross(*J))
         w = max(0.0, side * away[joint]) + 1.5 * max(0.0, -side * away[others[1]])
+        w += 9 * max(0.0, abs(away[others[0]]) - 0.2)
         return design.inverse(q) + np.outer(n, [w, 0.0])
 
     changed = replace(design, desired=rp.CustomInverse(task, desired))

@@ -833,6 +833,41 @@ def test_a_desired_inverse_that_is_singular_in_the_region_is_said_to_be() -> Non
     )
 
 
+@pytest.mark.parametrize("most", [0.5, 0.0])
+def test_a_region_is_shrunk_in_steps_if_errors_name_one_that_is_hardly_smaller(
+    most: float,
+) -> None:
+    """G_d is refused beyond the given share of the first region, or everywhere."""
+    task, fits = rp.Robot.load("planar3r").task(None, "xy"), []
+    box = rp.Box([0.3, 1.0, 0.8], 0.2)
+
+    class Refused(rp.Pseudoinverse):
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            share = box.ratio(Q).max()
+            if share > most:
+                free = box.shrunk(0.99 * share)
+                raise rp.SingularRegionError("J loses rank in Ω", Q[0], free)
+            return super().batch(Q, J)
+
+    def made() -> rp.Design:
+        return rp.nearest_repeatable(
+            Refused(task),
+            None,
+            box,
+            degree=1,
+            shrink=True,
+            options=rp.FitOptions(samples=64, held_out=64),
+            progress=lambda step, _: fits.append(step.startswith("searching")),
+        )
+
+    if most:
+        assert 0.85 * most < made().shrunk < 1.1 * most and 5 < sum(fits) < 10
+    else:
+        with pytest.raises(rp.SingularRegionError, match="J loses rank in Ω"):
+            made()
+        assert 5 < sum(fits) < 20
+
+
 @pytest.mark.parametrize("half_width", [0.65, 0.9])
 def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(
     half_width: float, tmp_path
@@ -920,6 +955,12 @@ def nan_beyond(q: np.ndarray) -> float:
                 rp.Pseudoinverse(t), None, rp.Box(Q0[:6], 0.4), degree=1
             ),
             "6 joints",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), rp.Polynomial(np.zeros(3), 1), rp.Box(Q0, 0.4)
+            ),
+            "the potentials are of 3 joints, but the task has 7",
         ),
         (
             lambda t: rp.nearest_repeatable(
