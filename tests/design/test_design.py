@@ -354,17 +354,23 @@ def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-3)
 
 
-def test_degree_auto_goes_to_eight_for_three_joints() -> None:
+@pytest.mark.parametrize(
+    ("robot", "center", "half_width", "most"),
+    [("planar3r", [0.3, 1.0, 0.8], 0.7, 8), ("planar4r", [0.3, 0.7, 0.5, 0.4], 0.5, 6)],
+)
+def test_degree_auto_goes_to_six_and_to_eight_for_three_joints(
+    robot: str, center: list[float], half_width: float, most: int
+) -> None:
     """Where each degree pays: the cost falls by over 1 % to the last."""
-    task = rp.Robot.load("planar3r").task(None, "xy")
+    task = rp.Robot.load(robot).task(None, "xy")
     design = rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         None,
-        rp.Box([0.3, 1.0, 0.8], 0.7),
+        rp.Box(center, half_width),
         degree="auto",
         options=rp.FitOptions(samples=343, held_out=64),
     )
-    assert [degree for degree, *_ in design.degrees] == list(range(1, 9))
+    assert [degree for degree, *_ in design.degrees] == list(range(1, most + 1))
     costs = [cost for _, cost, _ in design.degrees]
     assert all(later < 0.99 * earlier for earlier, later in pairwise(costs))
 
