@@ -336,6 +336,18 @@ def test_the_largest_free_box_is_never_larger_than_the_box() -> None:
     assert share[0] == pytest.approx(share[1]) and 0.98 < share[0] <= 1
 
 
+def test_the_largest_free_box_keeps_a_leaf_margin_of_a_tenth() -> None:
+    """ppr, h = d₁: the leaf margin is sin θ₃/√2, and 0.1 at θ₃ = arcsin 0.1414."""
+    task = rp.Robot.load("ppr").task(None, "xy")
+    slide = rp.Polynomial(np.zeros(3), 1).weighted(np.eye(3)[:, :1])
+    box = rp.Box([0.0, 0.0, 1.0], [0.5, 0.5, 1.5])
+    margin = LeafMargin(task, slide, box.center)
+    found = largest_free(margin, box, np.array([[0.1, 0.2, -0.3]]))
+    assert isinstance(found, rp.Box)
+    share = found.half_width[2] / (1 - np.arcsin(0.1 * np.sqrt(2)))
+    assert 0.98 < share < 1
+
+
 def test_the_largest_free_box_leaves_out_a_known_point_that_no_search_finds() -> None:
     """The measure is not positive at one point alone, or also halfway to it, and constant around
     them. Known points are as many as they are."""
