@@ -177,7 +177,8 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
     They end when one reaches a value of 0 or below, or when none can go lower. A step goes down the
     slope, at most to where the measure would be 0 to first order. The bound on the step length is
     doubled after a step that lowered the measure, and quartered after one that did not. If no value
-    of a :class:`Dexterity` is 0 then, Newton's method continues until one is.
+    of a :class:`Dexterity` is 0 then, up to 12 Newton steps follow until one is; each is at most
+    half the half-widths of Ω long.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -468,6 +469,29 @@ def test_newtons_method_ends_at_the_first_singularity() -> None:
     assert found.value == 0 and 0 < len(begun) < 12
     Q[7, 1:], begun[:] = 0.0, []  # one is stretched from the start
     assert search(Watched(task), box, Q).value == 0 and not begun
+
+
+@pytest.mark.parametrize(("length", "taken"), [(4.0, 0.5), (0.6, 0.5), (0.4, 0.4)])
+def test_newtons_steps_are_at_most_half_the_half_widths(
+    length: float, taken: float
+) -> None:
+    """Of each search; they end on the faces of Ω."""
+    task, way = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.6, 0.0, -0.8])
+    box, begun = rp.Box([0.3, 0.4, 0.5], [0.1, 0.2, 0.3]), []
+
+    class Straight(Dexterity):
+        def __call__(self, Q: np.ndarray) -> np.ndarray:
+            return np.ones(len(Q))
+
+        def newton(self, Q: np.ndarray, scale: np.ndarray) -> np.ndarray:
+            begun.append(Q.copy())
+            return np.tile(length * way, (len(Q), 1))
+
+    search(Straight(task), box, box.random(64, 0))
+    assert len(begun) > 2
+    for before, after in pairwise(begun):
+        due = box.clip(before + box.half_width * taken * way)
+        np.testing.assert_allclose(after, due, rtol=1e-12)
 
 
 def rough(x: np.ndarray) -> np.ndarray:
