@@ -368,7 +368,7 @@ def test_degree_auto_goes_to_six_and_to_eight_for_three_joints(
         None,
         rp.Box(center, half_width),
         degree="auto",
-        options=rp.FitOptions(samples=343, held_out=64),
+        options=rp.FitOptions(samples=256, held_out=64),
     )
     assert [degree for degree, *_ in design.degrees] == list(range(1, most + 1))
     costs = [cost for _, cost, _ in design.degrees]
