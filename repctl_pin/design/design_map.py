@@ -108,8 +108,6 @@ def degree_curve(
             potentials.variables,
             cross=potentials.cross,
         )
-        if lower.size < design.task.r:
-            continue
         try:
             one = nearest_repeatable(
                 design.desired,

@@ -241,8 +241,7 @@ def nearest_in_family(
 
 def _on_the_line(angle: float) -> float:
     """Convert an angle φ, rad, to k = tan φ (57); at the pole φ = ±π/2, k = ∞."""
-    folded = (angle + np.pi / 2) % np.pi - np.pi / 2
-    return np.inf if abs(abs(folded) - np.pi / 2) < 1e-12 else float(np.tan(folded))
+    return np.inf if abs(np.cos(angle)) < 1e-12 else float(np.tan(angle))
 
 
 def _polish(
@@ -263,8 +262,4 @@ def _polish(
     found = minimize_scalar(
         cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10}
     )
-    return (
-        float(angles[i])
-        if costs[i] <= found.fun + _SAME * abs(found.fun)
-        else float(found.x)
-    )
+    return float(angles[i]) if costs[i] <= (1 + _SAME) * found.fun else float(found.x)

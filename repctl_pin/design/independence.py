@@ -15,6 +15,10 @@ from ..potentials.basis import PotentialBasis
 from ..strategies.strategy import Inverse
 from .criterion import evaluate
 
+_CONSTANT = 1e-12
+"""RMS gradient relative to the largest one of the basis, at or below which a potential counts as
+constant."""
+
 _ROW_SPACE = 1e-9
 _DEPENDENT = 1e-8
 
@@ -65,7 +69,7 @@ def independent(
     desired, potentials
         G_d and the basis.
     Q, weights : (K, n), (K,) arrays
-        Nodes in Ω, and their quadrature weights.
+        Nodes in Ω with ``K n ≥ N``, and their quadrature weights.
 
     Raises
     ------
@@ -85,7 +89,7 @@ def independent(
             )
         )
     size, part = np.sqrt(square), np.sqrt(in_null)
-    constant = size <= 1e-12 * max(float(np.max(size)), 1e-300)
+    constant = size <= _CONSTANT * np.max(size)
     in_rows = ~constant & (part <= _ROW_SPACE * size)
     left = np.flatnonzero(~(constant | in_rows))
     R, kept = _sequential(triangle[:, left])
@@ -118,7 +122,7 @@ def independent(
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
-    """Factor the columns of a matrix by QR, and skip those that depend on earlier columns.
+    """Factor the columns of a square matrix by QR, and skip those that depend on earlier columns.
 
     Return R of the remaining columns, and their indices.
     """
@@ -129,7 +133,6 @@ def _sequential(triangle: Array) -> tuple[Array, list[int]]:
     ):  # a small diagonal entry of R shows the first dependent column; again without it
         R = np.linalg.qr(triangle[:, kept] / size[kept], mode="r")
         small = np.abs(np.diagonal(R)) <= _DEPENDENT
-        small = np.concatenate([small, np.ones(len(kept) - len(small), bool)])
         if not small.any():
             return R * size[kept], kept
         del kept[int(np.argmax(small))]

@@ -179,12 +179,11 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
                 raise
             # first the region that the error names; a V fitted there may be singular again, so
             # then smaller ones, step by step
-            free, stride = error.free, problem.region.shrunk(0.9)
-            smaller = (
-                attempt > 0
-                and (stride.bounds.half_width < free.bounds.half_width).any()
-            )
-            problem = replace(problem, region=stride if smaller else free)
+            region = error.free
+            if attempt > 0:
+                stride = problem.region.shrunk(0.9)
+                region = min(region, stride, key=lambda one: one.bounds.half_width[0])
+            problem = replace(problem, region=region)
             attempt += 1
         except SingularityError as error:
             raise SingularityError(
@@ -234,7 +233,7 @@ def _check(
             remedy="use a region in the joints of the task",
         )
     box, (lower, upper, _) = region.bounds, task.joint_limits
-    middle = task.joints((box.lower + box.upper) / 2)
+    middle = task.joints(box.center)
     reach = np.abs(task.coordinate_matrix) @ box.half_width  # of q = T ψ
     rows = zip(
         task.robot_joints, middle - reach, middle + reach, lower, upper, strict=True
@@ -245,10 +244,5 @@ def _check(
                 f"the region lies outside the joint limits: {name} from {low:.4g} to {high:.4g}, "
                 f"but its limits are [{least:.4g}, {most:.4g}]; move the region"
             )
-    if potentials is None:
-        return
-    check_joints(potentials, task.n)
-    if potentials.size < task.r:
-        raise InputError(
-            f"{potentials.size} potentials cannot give r = {task.r} independent ones; give more"
-        )
+    if potentials is not None:
+        check_joints(potentials, task.n)

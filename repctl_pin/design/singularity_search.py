@@ -120,13 +120,8 @@ class Dexterity:
         converge."""
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
-        slope = np.einsum(
-            "Kvi,Kaik,Ka->Kvk",
-            Vt[:, m - 1 :],
-            self.task.hessians(Q),
-            U[:, :, -1],
-            optimize=True,
-        )
+        turned = np.einsum("Kaik,Ka->Kik", self.task.hessians(Q), U[:, :, -1])
+        slope = Vt[:, m - 1 :] @ turned
         step: Array = (
             -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
         )
@@ -141,36 +136,39 @@ class LeafMargin:
     has full rank, it is smooth, its zeros included, except at crossings of singular values.
 
     It is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)`` with ``V = V̂ R`` and ``J_V X = [0; I]``,
-    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. N itself is needed only where J_V is exactly singular."""
+    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``, and set to 0 where J_V is exactly singular."""
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
-        self.task, self.potentials, self.side = task, potentials, 1.0
-        self.side = float(np.sign(self(center[None]))[0])
+        self.task, self.potentials = task, potentials
+        J_V, _ = self._augmented(center[None])
+        self.side = float(np.sign(np.linalg.det(J_V)).item())
 
     def __call__(self, Q: Array) -> Array:
         """Evaluate the measure (K,) at every row of Q (K, n)."""
+        J_V, V = self._augmented(Q)
+        det = np.linalg.det(J_V)
+        margin = np.zeros(len(Q))
+        regular = det != 0
+        size = self._size(J_V[regular], V[regular])
+        margin[regular] = np.where(np.sign(det[regular]) == self.side, size, -size)
+        return margin
+
+    def _augmented(self, Q: Array) -> tuple[Array, Array]:
+        """Evaluate J_V (K, n, n) and V (K, n, r)."""
         J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
-        J_V = np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1)
-        side = self.side * np.sign(np.linalg.det(J_V))
+        return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V
+
+    def _size(self, J_V: Array, V: Array) -> Array:
+        """Evaluate ``σ_min(Nᵀ V̂)`` (K,) from regular J_V and V."""
         n, m = self.task.n, self.task.m
-        try:
-            X = np.linalg.solve(J_V, np.eye(n)[:, m:])
-        except np.linalg.LinAlgError:
-            return side * self._margin(J, V)
+        X = np.linalg.solve(J_V, np.eye(n)[:, m:])
         if n - m == 1:
-            return side / (
-                np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2))
+            return np.asarray(
+                1 / (np.linalg.norm(X, axis=(1, 2)) * np.linalg.norm(V, axis=(1, 2)))
             )
         R = np.linalg.qr(V, mode="r")
         sigma = np.linalg.svd(X @ np.swapaxes(R, -1, -2), compute_uv=False)
-        return np.asarray(side / sigma[:, 0])
-
-    def _margin(self, J: Array, V: Array) -> Array:
-        """Evaluate ``σ_min(Nᵀ V̂)`` (K,) from J and V with an explicit null-space basis."""
-        N = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")[0][..., self.task.m :]
-        V_hat = np.linalg.qr(V)[0]
-        sigma = np.linalg.svd(np.swapaxes(N, -1, -2) @ V_hat, compute_uv=False)
-        return np.asarray(sigma[:, -1])
+        return np.asarray(1 / sigma[:, 0])
 
 
 def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
@@ -178,7 +176,9 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
 
     They end when one reaches a value of 0 or below, or when none can go lower. A step goes down the
     slope, at most to where the measure would be 0 to first order. The bound on the step length is
-    doubled after a step that lowered the measure, and quartered after one that did not.
+    doubled after a step that lowered the measure, and quartered after one that did not. If no value
+    of a :class:`Dexterity` is 0 then, up to 12 Newton steps follow until one is; each is at most
+    half the half-widths of Ω long.
 
     Parameters
     ----------
@@ -212,9 +212,11 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
         return measure(points), region.ratio(points) <= 1 + _EDGE
 
     descend_in_box(Q, value, trial, evaluate, _LENGTHS, enough=0.0)
-    if isinstance(measure, Dexterity) and value.min() > 0:
+    if isinstance(measure, Dexterity):
         ends = Q.copy()
         for _ in range(_NEWTON):
+            if value.min() <= 0:
+                break
             step = measure.newton(ends, scale)
             ends = region.clip(
                 ends + scale * step * np.minimum(1.0, 0.5 / _length(step))[:, None]
@@ -222,8 +224,6 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
             found = measure(ends)
             better = (found < value) & (region.ratio(ends) <= 1 + _EDGE)
             Q[better], value[better] = ends[better], found[better]
-            if value.min() <= 0:
-                break
     worst = int(np.argmin(value))
     return Lowest(float(value[worst]), Q[worst], Q, value)
 
@@ -253,11 +253,8 @@ def _corners(region: Region, Q: Array) -> Array:
     half are a tenth of the half-widths, because a tube is narrow. Return at most 256 rows.
     """
     rng, start = np.random.default_rng(0), np.resize(Q, (_CORNERS, Q.shape[1]))
-    way = 2 * rng.integers(2, size=start.shape) - 1
-    far = np.where(np.arange(_CORNERS) % 2, 0.1, 2.0)[
-        :, None
-    ]  # a tube's edge may be near
-    pushed = region.clip(start + far * way * region.bounds.half_width)
+    far = np.resize([2.0, 0.1], (_CORNERS, 1)) * region.bounds.half_width
+    pushed = region.clip(start + np.where(rng.integers(2, size=start.shape), far, -far))
     return pushed[region.ratio(pushed) <= 1 + _EDGE]
 
 
@@ -291,8 +288,7 @@ def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
     ray = (region.center + share * (bad[:256] - region.center)).reshape(
         -1, bad.shape[1]
     )
-    ratios = region.ratio(ray)[measure(ray) <= 0]
-    high = min(1.0, float(ratios.min()) if len(ratios) else 1.0)
+    high = float(region.ratio(ray)[measure(ray) <= 0].min(initial=1.0))
     low: float = 0.0
     best: Region | None = None
     for step in range(_BISECTIONS):

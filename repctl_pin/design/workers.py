@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .batches import Batches, Sum, Sums, Tick, add, over, silent
+from .batches import Batches, Sum, Sums, Tick, add, over
 from .criterion import Batch, Builder
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 _PIECES = 32
 _held = threading.local()
-"""State of this worker: identifier of the fit, batches by chunk number, and number of the last sum
-that it answered."""
+"""State of this worker: identifier of the fit, batches by chunk number, and identifier of the last
+sum that it answered."""
 
 Work = Callable[[Iterable[Batch]], Sums]
 Answer = tuple[str, dict[int, Sums]]
@@ -61,8 +61,8 @@ def hand_out(
     batch: int,
     executor: Executor | Client,
     *,
-    stream: bool = False,
-    tick: Tick = silent,
+    stream: bool,
+    tick: Tick,
 ) -> Batches:
     """Distribute nodes to the workers of an executor or a Dask cluster, in chunks of whole batches.
 
@@ -114,17 +114,15 @@ class InExecutor:
         )
         self._run = uuid.uuid4().hex
         self._owners: dict[str, list[int]] = {}
-        self._passes = 0
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
-        self._passes += 1
         work, submit = (
             partial(over, function=function, arguments=arguments),
             self._executor.submit,
         )
         found: dict[int, Sums] = {}
-        key = self._run, self._passes
+        key = self._run, uuid.uuid4().hex
         self._collect(
             [submit(_evaluate_held, key, self._owners, work) for _ in self._owners],
             found,
@@ -205,24 +203,24 @@ def _evaluate_piece(
     if stream:
         return _me(), {number: work(piece)}
     if getattr(_held, "run", None) != run:
-        _held.run, _held.batches, _held.answered = run, {}, 0
+        _held.run, _held.batches, _held.answered = run, {}, None
     if number not in _held.batches:
         _held.batches[number] = list(piece)
     return _me(), {number: work(_held.batches[number])}
 
 
 def _evaluate_held(
-    key: tuple[str, int], owners: dict[str, list[int]], work: Work
+    key: tuple[str, str], owners: dict[str, list[int]], work: Work
 ) -> Answer:
     """Evaluate the chunks that this worker stores and owns, once per sum.
 
-    ``key`` is the identifier of the fit and the number of the sum. A second call for the same sum
-    returns no sums.
+    ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns
+    no sums.
     """
-    run, number = key
-    if getattr(_held, "run", None) != run or _held.answered == number:
+    run, sum_id = key
+    if getattr(_held, "run", None) != run or _held.answered == sum_id:
         return _me(), {}
-    _held.answered = number
+    _held.answered = sum_id
     mine = [i for i in owners.get(_me(), ()) if i in _held.batches]
     return _me(), {i: work(_held.batches[i]) for i in mine}
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,32 @@ def test_signed_leaf_margin_is_the_leaf_margin(
     assert abs(LeafMargin(task, flat, q_panda_module)(q_panda_module[None])[0]) < 1e-12
 
 
+def test_the_leaf_margin_is_0_where_gradients_vanish_and_right_beside_it() -> None:
+    """ppr, h = θ₃²: V = 2 θ₃ e₃, and n̂ = (sin θ₃, −cos θ₃, 1)/√2. planar4r, h = (θ₁², θ₂)."""
+    task = rp.Robot.load("ppr").task(None, "xy")
+    square = rp.Polynomial(np.zeros(3), 2)
+    only = [row == [0, 0, 2] for row in square.exponents.tolist()]
+    potentials = square.weighted(np.array(only, float)[:, None])
+    Q = np.array([[0.3, 0.1, -0.5], [0.2, 0.4, 0.0], [0.1, 0.7, 0.5]])
+    due = np.array([-1, 0, 1]) / np.sqrt(2)
+    for center, side in ((Q[2], 1), (Q[0], -1)):
+        margin = LeafMargin(task, potentials, center)
+        np.testing.assert_allclose(margin(Q), side * due, atol=1e-15)
+    assert (
+        LeafMargin(task, potentials, Q[1])(Q) <= 0
+    ).all()  # no side is the right one
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    square = rp.Polynomial(np.zeros(4), 2)
+    rows = square.exponents.tolist()
+    A = np.zeros((square.size, 2))
+    A[rows.index([2, 0, 0, 0]), 0] = A[rows.index([0, 1, 0, 0]), 1] = 1
+    Q = np.array([[-0.4, 0.5, 0.7, 0.2], [0.0, 0.4, 0.6, 0.3], [0.4, 0.5, 0.7, 0.2]])
+    N, V = redundancy.nullspace(task.jacobians(Q)), np.eye(4)[None, :, :2]
+    due = redundancy.leaf_margin(N, np.repeat(V, 3, axis=0)) * [-1, 0, 1]
+    margin = LeafMargin(task, square.weighted(A), Q[2])
+    np.testing.assert_allclose(margin(Q), due, atol=1e-14)
+
+
 def test_a_singular_node_is_named_whichever_it_is() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     for k in range(3):
@@ -335,28 +362,59 @@ def test_a_guarded_point_is_one_more_node(panda_pose: rp.Task) -> None:
 def test_the_largest_free_box_ends_just_before_a_wall(
     wall: float, bad: list[float]
 ) -> None:
-    """Whether the wall stands on the line to the configuration that is known, or beside it."""
-    found = largest_free(
-        lambda Q: wall - Q[:, 0], rp.Box(np.zeros(2), 1.0), np.array([bad])
-    )
-    assert isinstance(found, rp.Box) and (found.half_width < wall).all()
-    assert (found.half_width > 0.985 * wall).all()
-    nowhere = largest_free(
-        lambda Q: -1 - Q[:, 0], rp.Box(np.zeros(2), 1.0), np.array([bad])
-    )
-    assert nowhere is None
+    """Whether the wall stands on the line to the configuration that is known, or beside it, and
+    whether the measure is negative behind it or 0, as that of a singularity of the arm."""
+    box = rp.Box([2.0, -1.0], 1.0)
+
+    def behind(Q: np.ndarray) -> np.ndarray:
+        return wall - (Q[:, 0] - 2)
+
+    for measure in (behind, lambda Q: np.maximum(behind(Q), 0)):
+        found = largest_free(measure, box, box.center + [bad])
+        assert isinstance(found, rp.Box) and (found.half_width < wall).all()
+        assert (found.half_width > 0.985 * wall).all()
+    for measure in (lambda Q: -1 - Q[:, 0], lambda Q: 0 * Q[:, 0]):
+        assert largest_free(measure, box, box.center + [bad]) is None
+
+
+def test_the_largest_free_box_is_never_larger_than_the_box() -> None:
+    """Where nothing is found to be singular, not even what was said to be."""
+    box = rp.Box([2.0, -1.0], [0.5, 3.0])
+    found = largest_free(lambda Q: 1 + 0 * Q[:, 0], box, box.center + [[0.2, 0.2]])
+    assert isinstance(found, rp.Box)
+    share = found.half_width / box.half_width
+    assert share[0] == pytest.approx(share[1]) and 0.98 < share[0] <= 1
+
+
+def test_the_largest_free_box_keeps_a_leaf_margin_of_a_tenth() -> None:
+    """ppr, h = d₁: the leaf margin is sin θ₃/√2, and 0.1 at θ₃ = arcsin 0.1414."""
+    task = rp.Robot.load("ppr").task(None, "xy")
+    slide = rp.Polynomial(np.zeros(3), 1).weighted(np.eye(3)[:, :1])
+    box = rp.Box([0.0, 0.0, 1.0], [0.5, 0.5, 1.5])
+    margin = LeafMargin(task, slide, box.center)
+    found = largest_free(margin, box, np.array([[0.1, 0.2, -0.3]]))
+    assert isinstance(found, rp.Box)
+    share = found.half_width[2] / (1 - np.arcsin(0.1 * np.sqrt(2)))
+    assert 0.98 < share < 1
 
 
 def test_the_largest_free_box_leaves_out_a_known_point_that_no_search_finds() -> None:
-    """The measure is negative at one point alone, and constant around it."""
-    at = np.array([0.5, -0.3])
+    """The measure is not positive at one point alone, or also halfway to it, and constant around
+    them. Known points are as many as they are."""
+    box, away = rp.Box([1.0, -2.0], 1.0), np.array([0.5, -0.3])
+    known = box.center + np.array([[0.9, 0.9], away, [-0.7, 0.8]])
+    for value, shares in ((-1.0, (1.0,)), (0.0, (1.0,)), (0.0, (0.5, 1.0))):
+        holes = [box.center + share * away for share in shares]
 
-    def measure(Q: np.ndarray) -> np.ndarray:
-        return np.where(np.abs(Q - at).max(axis=1) < 1e-9, -1.0, 1.0)
+        def measure(
+            Q: np.ndarray, holes: list[np.ndarray] = holes, value: float = value
+        ) -> np.ndarray:
+            near = [np.abs(Q - hole).max(axis=1) < 1e-9 for hole in holes]
+            return np.where(np.any(near, axis=0), value, 1.0)
 
-    found = largest_free(measure, rp.Box(np.zeros(2), 1.0), at[None])
-    assert found is not None and not found.contains(at[None])[0]
-    assert (found.half_width > 0.98 * 0.5).all()
+        found = largest_free(measure, box, known)
+        assert found is not None and not found.contains(holes[0][None])[0]
+        assert (found.half_width > 0.98 * 0.5 * shares[0]).all()
 
 
 def test_an_arm_stretched_inside_the_region_is_found() -> None:
@@ -378,8 +436,40 @@ def test_an_arm_stretched_inside_the_region_is_found() -> None:
                 degree=1,
                 options=rp.FitOptions(samples=64, held_out=64),
             )
+    # θ₇ = 0 on the face of the box alone
+    box = rp.Box([*np.full(6, 0.3), 0.4], 0.4)
+    found = search(measure, box, box.random(2048, 0))
+    assert found.value == 0 and box.contains(found.at[None]).all()
     bent = rp.Box(np.full(7, 0.3), 0.25)  # without a stretched arm
-    assert search(measure, bent, bent.random(2048, 0)).value > 0.01
+    Q = bent.random(2048, 0)
+    found = search(measure, bent, Q)
+    assert 0.01 < found.value == found.values.min() <= measure(Q).min()
+    np.testing.assert_allclose(measure(found.ends), found.values, rtol=1e-12)
+    assert len(found.values) <= 16 and found.value == measure(found.at[None])[0]
+
+
+def test_newtons_step_to_a_singularity_is_the_shortest_in_the_given_units() -> None:
+    """planar3r in absolute angles, stretched where all are equal: at the t with the least
+    Σ (ψ_i − t)²/s_i², the mean with the weights 1/s_i²."""
+    relative = rp.Robot.load("planar3r").task("tool", "xy")
+    task = relative.in_coordinates(np.tril(np.eye(3) - np.eye(3, k=-1)))
+    scale = np.array([0.5, 1.0, 3.0])
+    for small in (1e-3, -1e-4):
+        psi = 0.7 + small * np.array([[1.0, -0.6, 0.4], [0.3, 0.9, -1.0]])
+        nearest = (psi @ scale**-2 / np.sum(scale**-2))[:, None]
+        step = Dexterity(task).newton(psi, scale) * scale
+        np.testing.assert_allclose(step, nearest - psi, rtol=0, atol=3 * small**2)
+
+
+def test_newtons_step_leads_to_the_wrist_singularity() -> None:
+    """ur5, pose: J loses rank where θ₅ = 0, whatever the other joints are."""
+    task, scale = rp.Robot.load("ur5").task(None, "pose"), np.linspace(0.5, 1.5, 6)
+    Q = np.array([[0.2, -1.0, 1.2, 0.3, 0.01, 0.4], [0.5, -0.7, 1.0, -0.6, -0.02, 0]])
+    J = task.jacobians(Q)
+    np.testing.assert_allclose(Dexterity(task)(Q), 1 / np.linalg.cond(J), rtol=1e-9)
+    due = np.zeros((2, 6))
+    due[:, 4] = -Q[:, 4]
+    np.testing.assert_allclose(Dexterity(task).newton(Q, scale) * scale, due, atol=4e-4)
 
 
 def test_the_search_looks_into_the_corners_of_wide_boxes_and_narrow_ones() -> None:
@@ -409,6 +499,90 @@ def test_dexterity_does_not_depend_on_the_unit_of_length(
     assert ratio[0] > 2e-5 and ratio[-1] < 1e-5
     due = np.where(ratio > 1e-5, ratio, 0.0)
     np.testing.assert_allclose(Dexterity(task)(Q), due, rtol=1e-6)
+
+
+def test_newtons_method_ends_at_the_first_singularity() -> None:
+    task, box = (
+        rp.Robot.load("planar7r").task("tool", "xy"),
+        rp.Box(np.full(7, 0.3), 0.4),
+    )
+    begun: list[np.ndarray] = []
+
+    class Watched(Dexterity):
+        def newton(self, Q: np.ndarray, scale: np.ndarray) -> np.ndarray:
+            begun.append(Q.copy())
+            return super().newton(Q, scale)
+
+    Q = box.random(2048, 0)
+    found = search(Watched(task), box, Q)
+    assert found.value == 0 and 0 < len(begun) < 12
+    Q[7, 1:], begun[:] = 0.0, []  # one is stretched from the start
+    assert search(Watched(task), box, Q).value == 0 and not begun
+
+
+@pytest.mark.parametrize(("length", "taken"), [(4.0, 0.5), (0.6, 0.5), (0.4, 0.4)])
+def test_newtons_steps_are_at_most_half_the_half_widths(
+    length: float, taken: float
+) -> None:
+    """Of each search; they end on the faces of Ω."""
+    task, way = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.6, 0.0, -0.8])
+    box, begun = rp.Box([0.3, 0.4, 0.5], [0.1, 0.2, 0.3]), []
+
+    class Straight(Dexterity):
+        def __call__(self, Q: np.ndarray) -> np.ndarray:
+            return np.ones(len(Q))
+
+        def newton(self, Q: np.ndarray, scale: np.ndarray) -> np.ndarray:
+            begun.append(Q.copy())
+            return np.tile(length * way, (len(Q), 1))
+
+    search(Straight(task), box, box.random(64, 0))
+    assert len(begun) > 2
+    for before, after in pairwise(begun):
+        due = box.clip(before + box.half_width * taken * way)
+        np.testing.assert_allclose(after, due, rtol=1e-12)
+
+
+def rough(x: np.ndarray) -> np.ndarray:
+    """In a box of ±1, with the minimum 0.01 at x = (0.3, −1, 0, 0.1)."""
+    x0, x1, x2, x3 = x.T
+    return np.abs(x0 - 0.3) + (x1 + 2) ** 2 / 4 - 0.24 + x2**2 + (x3 - 0.1) ** 2
+
+
+def test_the_search_does_not_depend_on_the_units() -> None:
+    """Of each joint, and of the measure: powers of two, so that not even rounding differs."""
+    center, half = np.array([0.5, 1.0, -2.0, 0.25]), np.array([0.5, 2.0, 1.0, 0.25])
+
+    def found(units: np.ndarray, size: float):
+        box = rp.Box(center * units, half * units)
+        return search(
+            lambda Q: size * rough((Q / units - center) / half), box, box.random(64, 0)
+        )
+
+    one = found(np.ones(4), 1.0)
+    assert 0.01 <= one.value < 0.0105
+    at = center + half * [0.3, -1, 0, 0.1]
+    np.testing.assert_allclose((one.at - at) / half, 0, atol=0.03)
+    for units, size in (
+        (np.array([2.0**10, 0.25, 2.0**-12, 8.0]), 1.0),
+        (np.ones(4), 2.0**10),
+        (np.ones(4), 2.0**-8),
+    ):
+        other = found(units, size)
+        assert np.array_equal(other.ends, one.ends * units)
+        assert np.array_equal(other.values, size * one.values)
+
+
+def test_the_search_descends_to_the_tip_of_a_cone() -> None:
+    """On two faces of the box, to which the slope points: no step is longer than the way to 0."""
+    box = rp.Box([0.5, 1.0, -2.0], [0.5, 2.0, 0.1])
+
+    def cone(Q: np.ndarray) -> np.ndarray:
+        x0, x1, x2 = ((Q - box.center) / box.half_width).T
+        return np.abs(x0 - 0.3456) + 10 * (x1 + 1) + 10 * (x2 + 1)
+
+    found = search(cone, box, box.random(64, 0))
+    assert 0 <= found.value and found.values.max() < 1e-6
 
 
 class Open(rp.Box):
@@ -786,6 +960,41 @@ def test_the_coordinates_of_a_fit_are_orthonormal(panda_pose: rp.Task) -> None:
     assert np.array_equal(chosen.basis, np.triu(chosen.basis))
 
 
+@pytest.mark.parametrize("unit", [1e-8, 1e8])
+def test_the_choice_of_potentials_does_not_depend_on_their_units(unit: float) -> None:
+    """Not even if one is a millionth of the others: only multiples of an earlier one, functions of
+    the task and constants are left out."""
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    box = rp.Box([0.3, 0.7, 0.5, 0.4], 0.2)
+    e, sizes = np.eye(4), unit * np.array([1e-6, 1.0, 1.0, 1e-6, 1.0, 1e-14])
+
+    def x(q: np.ndarray) -> float:
+        return float(task.placement(q).translation[0])
+
+    functions = [
+        (lambda q: q[0], lambda q: e[0]),
+        (lambda q: q[1], lambda q: e[1]),
+        (x, lambda q: task.jacobian(q)[0]),
+        (lambda q: q[0] + q[1], lambda q: e[0] + e[1]),
+        (lambda q: q[2] ** 2, lambda q: 2 * q[2] * e[2]),
+        (lambda q: q[3], lambda q: e[3]),
+    ]
+    potentials = rp.CustomPotentials(
+        [
+            (lambda q, f=f, u=u: u * f(q), lambda q, df=df, u=u: u * df(q))
+            for (f, df), u in zip(functions, sizes, strict=True)
+        ],
+        names=("first", "second", "hand", "sum", "square", "faint"),
+    )
+    Q, weights = box.nodes(64, 0)
+    chosen = independent(rp.Pseudoinverse(task), potentials, Q, weights)
+    assert chosen.kept.tolist() == [0, 1, 4]
+    assert [why.split(":")[0] for why in chosen.dropped] == ["faint", "hand", "sum"]
+    D = potentials.gradients(Q)[:, :, chosen.kept] @ chosen.basis
+    gram = np.einsum("K,Kai,Kaj->ij", weights, D, D)
+    np.testing.assert_allclose(gram, np.eye(3), atol=1e-9)
+
+
 def test_the_worst_margin_of_a_design_fitted_to_few_nodes_is_found(
     panda_pose: rp.Task,
 ) -> None:
@@ -845,7 +1054,12 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
     G_d = np.linalg.pinv(task.jacobian(q))
     assert np.isclose(found.reference[1, 4], np.linalg.norm(G_d))
     assert np.isclose(found.distance[1, 4], np.linalg.norm(design.inverse(q) - G_d))
-    for pair in ((0, 3), (-1, 1), (2, 2)):
+    turned = design_map(wide, (2, 0), points=5)
+    np.testing.assert_allclose(turned.x, np.linspace(-0.5, 0.5, 5), atol=1e-15)
+    np.testing.assert_allclose(turned.y, np.linspace(-0.2, 0.8, 5), atol=1e-15)
+    G_d = np.linalg.pinv(task.jacobian(np.array([turned.y[3], 0.0, turned.x[1]])))
+    assert np.isclose(turned.reference[3, 1], np.linalg.norm(G_d))
+    for pair in ((0, 3), (3, 0), (-1, 1), (1, -1), (2, 2)):
         with pytest.raises(rp.InputError, match="from 0 to 2"):
             design_map(wide, pair)
     task = rp.Robot.load("ppr").task(None, "xy")
@@ -868,7 +1082,8 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
 @pytest.mark.parametrize("joint", range(3))
 @pytest.mark.parametrize("side", [-1, 1])
 def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) -> None:
-    """G_d = G_r + N w with |w| made to change by 0, 0.2 or 0.3 rad along each of three joints."""
+    """G_d = G_r + N w with |w| made to change by 0, 0.2 or 0.3 rad along each of three joints, and
+    by more outside of Ω."""
     task = rp.Robot.load("planar3r").task(None, "xy")
     few = rp.FitOptions(samples=64, held_out=64)
     box = rp.Box([0.3, 1.0, 0.8], 0.2)
@@ -881,6 +1096,7 @@ def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) ->
         J, away = task.jacobian(q), q - box.center
         n = np.cross(*J) / np.linalg.norm(np.cross(*J))
         w = max(0.0, side * away[joint]) + 1.5 * max(0.0, -side * away[others[1]])
+        w += 9 * max(0.0, abs(away[others[0]]) - 0.2)
         return design.inverse(q) + np.outer(n, [w, 0.0])
 
     changed = replace(design, desired=rp.CustomInverse(task, desired))
@@ -891,10 +1107,25 @@ def test_maps_see_changes_on_either_side_of_the_centre(joint: int, side: int) ->
 
 def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
     design = fitted("pose", 0.4, 2, samples=512, held_out=256)
-    degrees = degree_curve(design)
+    told: list[tuple[str, float]] = []
+    degrees = degree_curve(design, lambda *step: told.append(step))
     assert [d for d, _, _ in degrees] == [1, 2] and degrees[1][
         1
     ] == design.cost < degrees[0][1]
+    assert told == [("degree 1, for comparison", 0.0)]
+
+
+def test_the_curve_leaves_out_degrees_without_a_regular_design() -> None:
+    """n̂ turns so far in Ω that no constant V is regular."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    box, few = rp.Box([0.3, 1, 0.8], [0.2, 1.2, 0.7]), rp.FitOptions(1000, 64)
+    desired = rp.Pseudoinverse(task)
+    design = rp.nearest_repeatable(desired, None, box, degree=3, options=few)
+    with pytest.raises(rp.SingularRegionError, match="algorithmic singularity"):
+        rp.nearest_repeatable(desired, None, box, degree=1, options=few)
+    *lower, last = degree_curve(design)
+    assert last == (3, design.cost, design.cost_error)
+    assert 1 not in [degree for degree, *_ in lower]
 
 
 @pytest.mark.parametrize(("joints", "degree"), [([1, 3], 2), ([1, 2, 3], 3)])

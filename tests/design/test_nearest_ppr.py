@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import planar_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
@@ -297,6 +299,47 @@ def test_search_takes_the_middle_of_bounds_within_which_every_k_is_as_good(
     assert found.cost == pytest.approx(mean_cost(0.2, 1.0, 0.7), rel=1e-6)
 
 
+def test_search_finds_the_desired_inverse_itself(task: rp.Task) -> None:
+    """However narrow the bounds are, and with however few nodes: the cost there is 0."""
+    best, region = 0.3, rp.Box.between([-1, -1, 0.2], [1, 1, 1.0])
+    for samples, width in ((1, 1.0), (343, 1e-4)):
+        found = nearest_in_family(
+            Family(task, best),
+            lambda k: Family(task, k),
+            region,
+            bounds=(best - 0.38 * width, best + width),
+            samples=samples,
+        )
+        assert found.unique and found.cost < 1e-15
+        assert found.parameter == pytest.approx(best, abs=2e-8)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
+def test_search_does_not_take_rounding_errors_for_a_preference(
+    size: float, tmp_path: Path
+) -> None:
+    """In any unit of length: every member is G_d, multiplied by k and divided by it."""
+    arm = planar_task([size, 0.9 * size, 0.8 * size], tmp_path)
+    desired = rp.Pseudoinverse(arm)
+
+    class Rounded(rp.Pseudoinverse):
+        k = 1.0
+
+        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
+            return super().batch(Q, J) * self.k / self.k
+
+    def family(k: float) -> Rounded:
+        made = Rounded(arm)
+        made.k = k
+        return made
+
+    found = nearest_in_family(
+        desired, family, rp.Box([0.3, 1.0, 0.8], 0.3), bounds=(1, 3), samples=64
+    )
+    assert np.ptp(found.scanned_costs) > 0 and found.relative_distance < 1e-14
+    assert not found.unique and found.parameter == 2
+
+
 def test_search_is_judged_on_nodes_of_its_own(task: rp.Task) -> None:
     """In a tube, whose nodes are random: eight times as many, none of them a node of the search."""
     nodes: list[np.ndarray] = []
@@ -311,7 +354,7 @@ def test_search_is_judged_on_nodes_of_its_own(task: rp.Task) -> None:
         Recorded(task), lambda k: Family(task, k), rp.Tube(samples, 0.2), samples=128
     )
     few, many = nodes
-    assert len(few) >= 128 and len(many) >= 8 * len(few)
+    assert len(few) == 128 and len(many) == 8 * 128
     assert not set(map(bytes, few)) & set(map(bytes, many))
     G_d = rp.Pseudoinverse(task)
     means = [  # of the closed form at the nodes, which have equal weights
@@ -334,6 +377,11 @@ def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
             nearest_in_family(
                 rp.Pseudoinverse(task), lambda k: Family(task, k), region, bounds=bounds
             )
+
+    with pytest.raises(rp.InputError, match="the family at k = 2 must be an inverse"):
+        nearest_in_family(
+            rp.Pseudoinverse(task), lambda k: [k], region, bounds=(2.0, 3.0)
+        )
 
     class Broken(Family):
         def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:

@@ -7,7 +7,12 @@ import gc
 import multiprocessing
 import weakref
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import (
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
@@ -70,8 +75,16 @@ def test_processes_give_the_same_design(
 
 
 def test_threads_give_the_same_design(panda: rp.Robot, alone: rp.Design) -> None:
+    shares: list[float] = []
+
+    def tell(step: str, share: float) -> None:
+        if step == "1024 nodes":
+            shares.append(share)
+
     with ThreadPoolExecutor(2) as pool:
-        assert same(design(panda, executor=pool), alone)
+        assert same(design(panda, executor=pool, progress=tell), alone)
+    assert set(shares) <= set(np.arange(9) / 8)  # of eight chunks
+    assert shares[:8] == list(np.arange(1, 9) / 8) and shares.count(1.0) > alone.steps
 
 
 class Watched(rp.Box):
@@ -181,6 +194,48 @@ def test_batches_stay_with_the_workers_and_are_rebuilt_when_lost(
     assert built[1] == 8 * sums and sums > 4 and tasks[1] == 8 * sums
     assert built[0] == 8 and 0 < tasks[0] - (8 + sums - 1) < 3  # and to forget them
     assert 8 < built[2] < built[1] and tasks[2] > tasks[0]
+
+
+def test_many_batches_are_sent_in_at_most_32_chunks() -> None:
+    """64 batches in pairs, for each sum; the workers build them again for each."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    center = np.array([0.3, 1.0, 0.8])
+    pool, found = Counting(), []
+    Gradients.calls.clear()
+    for executor in (None, pool):
+        found.append(
+            rp.nearest_repeatable(
+                rp.Pseudoinverse(task),
+                Gradients(rp.Polynomial(center, 1)),
+                rp.Box(center, 0.3),
+                options=rp.FitOptions(
+                    samples=512, held_out=64, batch=8, executor=executor, stream=True
+                ),
+            )
+        )
+    assert same(found[1], found[0])
+    sums, left = divmod(Gradients.calls.count(8), 2 * 64)  # of both fits
+    assert left == 0 and pool.tasks == 32 * sums and sums > 4
+
+
+def test_what_a_failed_sum_still_waits_for_is_cancelled(panda: rp.Robot) -> None:
+    """Of eight chunks the first is evaluated, and then the user stops the fit."""
+    futures: list[Future] = []
+
+    class Slow(Executor):
+        def submit(self, function: Any, /, *arguments: Any, **_: Any) -> Future:
+            futures.append(Future())
+            if len(futures) == 1:
+                futures[0].set_result(function(*arguments))
+            return futures[-1]
+
+    def stop(step: str, share: float) -> None:
+        if step == "1024 nodes":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        design(panda, executor=Slow(), progress=stop)
+    assert [one.cancelled() for one in futures[:8]] == [False, *[True] * 7]
 
 
 def test_a_cluster_is_asked_no_more_after_a_failure(panda: rp.Robot) -> None:
@@ -293,10 +348,12 @@ def _nan_in_a_corner(q: np.ndarray) -> float:
     return float("nan") if (q - Q0)[:3].min() > 0.33 else float(q[0] ** 2)
 
 
-def test_progress_is_reported(panda: rp.Robot) -> None:
+def test_progress_is_reported(panda: rp.Robot, capsys: pytest.CaptureFixture) -> None:
     said: list[tuple[str, float]] = []
     design(panda, progress=lambda what, share: said.append((what, share)))
     assert all(0 <= share <= 1 for _, share in said)
+    written = capsys.readouterr()
+    assert (written.out, written.err) == ("", "")
     text = " ".join(what for what, _ in said)
     assert "1024 nodes" in text and "step 1, cost " in text and "evaluating" in text
     begins = [share for what, share in said if what.startswith(("search", "evalu"))]
@@ -324,6 +381,10 @@ def test_all_steps_of_a_fit_are_counted() -> None:
 def test_a_bar_is_drawn_on_stderr(
     panda: rp.Robot, capsys: pytest.CaptureFixture
 ) -> None:
+    task, few = panda.task("panda_hand_tcp", "pose"), rp.FitOptions(samples=64)
+    desired, box = rp.Pseudoinverse(task), rp.Box(Q0, 0.2)
+    rp.nearest_repeatable(desired, None, box, degree=1, options=few)
+    assert capsys.readouterr().err == ""  # only if asked for
     design(panda, progress=True)
     captured = capsys.readouterr()
     assert captured.out == "" and "%|" in captured.err
