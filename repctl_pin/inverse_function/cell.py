@@ -321,12 +321,11 @@ class Cell:
         """
         return np.zeros((self.task.n, 0))
 
-    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
+    def _shifts(self, p: Array, R: Array) -> Array:
         """Evaluate the term (K, n) that symmetries of the arm add to F at placements.
 
         Only a :class:`Sector` can have such symmetries; here the term is 0.
         """
-        (p,) = as_matrices(("p", p, "K 3"), exact=True, finite=False)
         return np.zeros((len(p), self.task.n))
 
     def limit_margin(self, q: ArrayLike) -> Array:
@@ -595,10 +594,9 @@ class Cell:
             [T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1
         )
 
-    def _frame_twists(self, Y: ArrayLike) -> Array:
+    def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
         coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
-        (Y,) = as_matrices(("Y", Y, f"K {self.task.m}"), exact=True, finite=False)
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))
         T[:, self.task.rows[:positions], np.arange(positions)] = 1.0

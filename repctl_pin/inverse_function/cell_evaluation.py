@@ -318,7 +318,7 @@ def _sampled(
 
 
 def evaluate_cell(
-    desired: Inverse, chart: Chart, count: int, seed: int, *, quick: bool = False
+    desired: Inverse, chart: Chart, count: int, seed: int, *, quick: bool
 ) -> Evaluation:
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 

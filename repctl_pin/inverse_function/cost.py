@@ -333,7 +333,7 @@ class _Problem:
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)
         dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
-        predicted = -float(gradient @ dx) - 0.5 * float(dx @ matrix @ dx)
+        predicted = -0.5 * float(gradient @ dx)
         return Step(dx.reshape(-1, self.cost.r), predicted, damping)
 
 

@@ -157,9 +157,111 @@ def test_a_cell_goes_round_poses_and_paths() -> None:
 
 
 @pytest.mark.parametrize(
+    ("kind", "half_width", "half_angle"),
+    [
+        ("pose", [0.11, 0.02, 0.08], [0.25, 0, 0.1]),
+        ("axis", [0.11, 0.02, 0.08], [0.25, 0]),
+        ("position", [0.11, 0.02, 0.08], []),
+        ("xy", [0.11, 0.02], []),
+    ],
+)
+def test_a_cell_around_two_poses_is_centred_between_them(
+    kind: str, half_width: list, half_angle: list
+) -> None:
+    """They are 0.2 m and 0.4 rad apart, about the base's x axis, or the tool's of an axis task."""
+    task, x = panda(kind), middle(kind)
+    more = {"margin": half_width - np.array([0.1, 0, 0.05])[: len(half_width)]}
+    if half_angle:
+        more["half_angle"] = np.array(half_angle) - [0.2, 0, 0][: len(half_angle)]
+
+    def turned(angle: float) -> np.ndarray:
+        turn = pin.exp3(np.array([angle, 0, 0]))
+        return x.rotation @ turn if kind == "axis" else turn @ x.rotation
+
+    ends = [
+        pin.SE3(turned(angle), x.translation + step * np.array([0.1, 0, -0.05]))
+        for angle, step in ((0.1, 1), (0.5, -1))
+    ]
+    cell = rp.Cell.around(task, ends, **more)
+    assert np.allclose(cell.half_width, half_width, atol=1e-12)
+    assert np.allclose(cell.rotation, half_angle, atol=1e-9)
+    assert np.allclose(cell.placement.translation, x.translation, atol=1e-12)
+    plain, one = rp.Cell.around(task, ends[::-1]), rp.Cell.around(task, ends[:1], 0.1)
+    for around in (cell, plain) if half_angle else ():
+        assert np.allclose(around.placement.rotation, turned(0.3), atol=1e-12)
+    reach = np.array([0.1, 0, 0.05])[: len(half_width)]
+    assert np.allclose(plain.half_width, reach + 0.02, atol=1e-12)
+    assert np.allclose(plain.rotation, [0.2, 0, 0][: len(half_angle)], atol=1e-9)
+    assert (one.half_width == 0.1).all() and not one.rotation.any()
+    assert np.allclose(one.placement.homogeneous, ends[0].homogeneous)
+
+
+def test_poses_that_no_cell_can_enclose() -> None:
+    with pytest.raises(rp.InputError, match="task must be"):
+        rp.Cell.around(3, [middle()])  # type: ignore[arg-type]
+    with pytest.raises(rp.InputError, match="not an empty list"):
+        rp.Cell.around(panda(), [])
+    with pytest.raises(rp.InputError, match="leaves the rotation free"):
+        rp.Cell.around(panda("position"), [middle()], 0.1, half_angle=0.1)
+
+
+def test_sampled_poses_fill_a_cell_evenly() -> None:
+    """Half of any number of Sobol points that is a power of 2 is on either side of the middle, and
+    a quarter in either half of a side."""
+    cell = cell_of(rotation=0.2)
+    U = cell.sample(64, 3)
+    for bound in (-0.5, 0.0, 0.5):
+        assert ((U < bound).sum(axis=0) == 32 + 32 * bound).all()
+    for count in (1, 2, 100):
+        assert (np.abs(cell.sample(count)) <= 1).all()
+        assert cell.sample(count).shape == (count, 6)
+    assert (cell.sample(8) == cell.sample(8, 0)).all()
+    assert (cell.sample(8) != cell.sample(8, 1)).any()
+
+
+def test_arrays_of_a_cell_are_lists_of_poses_of_which_some_may_be_missing() -> None:
+    """One axis more is refused. NaN in one pose is NaN there, and changes nothing elsewhere."""
+    cell = cell_of(rotation=0.3)
+    U = cell.sample(4)
+    p, R = cell.placements(U)
+    calls = {
+        cell.placements: (U,),
+        cell.coordinates: (p, R),
+        cell.inside: (U, np.zeros(4)),
+        cell.twists: (U, R),
+        cell.slopes: (p, R),
+        cell.errors: (p, R, p, R),
+        cell.spread: (U,),
+        cell.vectors: (U[:, 3:],),
+    }
+    for method, arrays in calls.items():
+        with pytest.raises(rp.InputError, match=r"must be numbers \(K"):
+            method(*(a[None] for a in arrays))
+        holes = [a.copy() for a in arrays]
+        for a in holes:
+            a[2] = np.nan
+        if method == cell.inside:
+            with pytest.raises(rp.InputError, match="target 2 must be finite numbers"):
+                method(*holes)
+            continue
+        results = [method(*given) for given in (arrays, holes)]
+        due, found = (r if isinstance(r, tuple) else (r,) for r in results)
+        others = np.arange(4) != 2
+        assert all(
+            np.allclose(x[others], y[others]) for x, y in zip(due, found, strict=True)
+        )
+        assert not np.isfinite(found[0][2]).all()
+
+
+@pytest.mark.parametrize(
     ("change", "says"),
     [
         ({"half_width": -0.1}, "half_width must be 0 m or more"),
+        ({"half_width": (0.1, -0.1, 0.1)}, "half_width must be 0 m or more"),
+        ({"half_width": (0.1, np.inf, 0.1)}, "half_width must be 0 m or more"),
+        ({"half_width": (0.1, np.nan, 0.1)}, "half_width must be 0 m or more"),
+        ({"half_angle": (0, 0, 3.0)}, "rotations to 3 rad"),
+        ({"placement": [0.3, np.nan, 0.2]}, "placement must be finite numbers"),
         ({"half_width": (0.1, 0.2)}, "half_width must be one number"),
         ({"half_width": 0.0}, "above 0"),
         (
@@ -179,6 +281,13 @@ def test_cells_that_make_no_sense(change: dict, says: str) -> None:
         rp.Cell(**options)
     with pytest.raises(rp.InputError, match="leaves the rotation free"):
         rp.Cell(panda("position"), middle(), 0.1, 0.2)
+    with pytest.raises(rp.InputError, match="requires the robot's own joints"):
+        rp.Cell(panda().in_coordinates(np.eye(7)), middle(), 0.1)
+    for half_width in (
+        1e-6,
+        1000.0,
+    ):  # the smallest and the largest that the message names
+        assert (rp.Cell(panda(), middle(), half_width).half_width == half_width).all()
 
 
 def test_a_cell_says_its_size_and_where_a_pose_is() -> None:
@@ -202,6 +311,10 @@ def test_a_cell_says_its_size_and_where_a_pose_is() -> None:
     text = f"<Cell ±(0.1, 0.15, 0.1) m around {place}, panda_hand_tcp position>"
     at = pin.SE3(np.eye(3), middle().translation + 0.1 * u[:3])
     assert repr(rp.Cell(panda("position"), at, wide)) == text
+    near = rp.Cell(panda("position"), [0.4, -4e-10, 4e-10], wide)  # to the nanometre
+    assert near.where(np.zeros(3)) == "(0.4, 0, 0) m"
+    at_rest = panda().placement(panda().reference).rotation
+    assert np.allclose(near.placement.rotation, at_rest)
 
 
 # ---- sections ------------------------------------------------------------------------------------
@@ -487,8 +600,20 @@ def test_what_a_design_says_of_itself() -> None:
         f"{100 * j.body_distance:.3g} cm" in said["body distance"]
         and "no" not in said["body distance"].split()
     )
-    small = replace(design, posture=[0.012345, -1e-6, 1.23456, -2, 30, 0.1, -0.04])
-    assert small.figures()["posture"] == "0.0123, 0, 1.235, -2, 30, 0.1, -0.04"
+    small = replace(design, posture=[0.012345, -1e-6, 1.23456, -2, 30, 4e-5, -0.04])
+    assert small.figures()["posture"] == "0.0123, 0, 1.235, -2, 30, 0, -0.04"
+    errors = replace(j, extra_speed_error=0.00945, body_distance=0.1235)
+    said = replace(design, evaluation=errors).figures()
+    assert " % ± 0.9, " in said["extra joint speed"]
+    assert said["body distance"].startswith(
+        "12.3 cm, " + " and ".join(j.nearest_bodies)
+    )
+    assert said["limit margin"].count("best possible there by self-motion") == 2
+    cell = cell_of("position")
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    more = rp.InverseFunction(chart_of(cell, q, 1, 16))
+    said = replace(design, function=more).figures()["limit margin"]
+    assert said.count("best found there on other leaves") == 2
     free = replace(
         design, evaluation=replace(j, body_distance=np.inf, limit_margin=np.inf)
     )
@@ -599,17 +724,42 @@ def test_the_attainable_margin_is_the_largest_of_the_self_motion(
 
 
 def test_the_worst_pose_is_found_by_search(tmp_path: Path) -> None:
-    """As low as at any node of a fine grid, from few poses: limits and σ_min."""
+    """As on a grid that becomes finer around it, from few poses, and at no corner: limits, σ_min,
+    and joint speeds of all task directions and of one."""
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
-    q = [0.6, -1.2, 1.4]
-    cell = rp.Cell(task, task.placement(q), 0.3)
-    design = designed(cell, q, degree=2, samples=64)
-    Q = design.function.batch(np.array(list(product(np.linspace(-1, 1, 41), repeat=2))))
-    least = np.linalg.svd(task.jacobians(Q), compute_uv=False).min()
-    j = design.evaluation
-    assert least - 0.05 < j.smallest_singular_value <= least + 1e-6
-    assert j.limit_margin_worst <= task.limit_margin(Q).min() + 1e-6
-    assert j.limit_margin_worst > task.limit_margin(Q).min() - 0.05
+    x = pin.SE3(np.eye(3), np.array([1.43, 0.0, 0.0]))
+    q = rp.solve_ik(task, [0.93, 0.41, -0.85], x)
+    design = designed(rp.Cell(task, x, (0.46, 0.55)), q, degree=2, samples=64)
+    j, grid = (
+        design.evaluation,
+        np.array(list(product(np.linspace(-1, 1, 21), repeat=2))),
+    )
+
+    def figures(U: np.ndarray) -> tuple[np.ndarray, ...]:
+        Q = design.function.batch(U)
+        G, G_d = design.inverse.batch(Q), design.desired.batch(Q)
+        return (
+            -task.limit_margin(Q).min(axis=1),
+            -np.linalg.svd(task.jacobians(Q), compute_uv=False).min(axis=1),
+            np.linalg.norm(G, axis=(1, 2)) / np.linalg.norm(G_d, axis=(1, 2)) - 1,
+            np.linalg.norm(G @ np.linalg.pinv(G_d), 2, axis=(1, 2)) - 1,
+        )
+
+    found = (
+        -j.limit_margin_worst,
+        -j.smallest_singular_value,
+        j.extra_speed_worst,
+        j.extra_speed_direction,
+    )
+    coarse = figures(grid)
+    for i, value in enumerate(found):
+        u = grid[coarse[i].argmax()]
+        for near in (0.1, 0.005):
+            U = np.clip(u + near * grid, -1, 1)
+            finer = figures(U)[i]
+            u, most = U[finer.argmax()], finer.max()
+        assert np.abs(u).min() < 0.99
+        assert value == pytest.approx(most, rel=1e-4)
 
 
 def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
@@ -667,8 +817,15 @@ def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     assert "the requested 9 is not met" in asked.figures()["σ_min(J)"]
     plain = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
     assert "asked for" not in plain.summary()
-    near = replace(found(), requested_body_distance=0.5)
-    assert near.figures()["body distance"].endswith("; the requested 0.5 is not met")
+    design = found()
+    for figure, asked, value in (
+        ("body distance", "requested_body_distance", design.body_distance),
+        ("limit margin", "requested_limit_margin", design.limit_margin_worst),
+    ):
+        near, met = (replace(design, **{asked: a}) for a in (value + 0.5, value))
+        says = f"; the requested {value + 0.5:g} is not met"
+        assert near.figures()[figure].endswith(says)
+        assert "not met" not in met.figures()[figure]
 
 
 def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
@@ -681,6 +838,27 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
     assert design.samples > 200  # of 256, and no fewer than a quick design's
     costs = dict(design.degrees)
     assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
+
+
+def test_the_degrees_are_as_low_as_the_function_allows(tmp_path: Path) -> None:
+    """The degree of s stays 1 if the extra joint speed is below 0.01 %. The last chart has the
+    lowest degree from 3 up whose q_ref is within 3e-5 of F."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.6, -1.2, 1.4]
+    for half_width, degree in ((0.02, 3), (0.12, None)):
+        cell = rp.Cell(task, task.placement(q), half_width)
+        auto: Any = "auto" if degree else 1
+        design = designed(cell, q, degree=auto)
+        assert [d for d, _ in design.degrees] == [1]
+        assert design.extra_speed < 1e-4 or degree is None
+        chart, U = design.function.chart, cell.sample(512, 21)
+        Q = design.function.batch(U)
+        assert np.abs(chart.reference(U)[0] - Q).max() < 6e-5
+        if degree:
+            assert chart.monomials.degree == degree
+            continue
+        assert chart.monomials.degree > 3
+        low = chart_of(cell, np.array(q), chart.monomials.degree - 1, 32).monomials
+        assert np.abs(low.values(U) @ low.fit(U, Q) - Q).max() > 3e-5
 
 
 def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
@@ -758,7 +936,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     small = {
         "posture": rp.solve_ik(panda(), Q_PANDA, middle()),
         "degree": 2,
-        "options": rp.FitOptions(samples=64, held_out=64),
+        "options": rp.FitOptions(samples=64, held_out=128),
     }
     free, kept = (
         rp.nearest_inverse_function(
@@ -770,7 +948,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     (stop,) = (one for one in free.failures if one.cause == "collision")
     links = rp.Bodies(task).nearest(free.function(cell.at(stop.u))).links
     assert str(stop) == f"at {cell.where(stop.u)}, {links[0]} and {links[1]} collide"
-    every = free.function.batch(np.concatenate([cell.sample(64, 2), cell.corners()]))
+    every = free.function.batch(np.concatenate([cell.sample(128, 2), cell.corners()]))
     apart = rp.Bodies(task).distances(every)
     assert stop.share == pytest.approx((apart < 0).mean()) and "post" in links
     at_worst = rp.Bodies(task).distances(free.function(cell.at(stop.u))[None])
@@ -867,12 +1045,16 @@ def test_arms_with_slides_and_more_joints_than_one_too_many(
     assert np.allclose([design.function(task.placement(q)) for q in Q], Q, atol=1e-9)
 
 
-def test_an_arm_without_limits(tmp_path: Path) -> None:
+def test_an_arm_without_limits(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """And no progress bar, unless it is asked for."""
     text = planar_urdf([1.0, 0.9, 0.8]).replace('type="revolute"', 'type="continuous"')
     (tmp_path / "endless.urdf").write_text(text, encoding="utf-8")
     task = rp.Robot.load(tmp_path / "endless.urdf").task("tool", "xy")
     cell = rp.Cell(task, task.placement([0.6, -1.2, 1.4]), 0.1)
     design = designed(cell, [0.6, -1.2, 1.4])
+    assert capfd.readouterr() == ("", "")
     assert (
         design.limit_margin == design.limit_margin_worst == np.inf
         and "no limits" in design.summary()
@@ -979,10 +1161,24 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
         "degree": 1,
         "options": rp.FitOptions(samples=64, held_out=64),
     }
-    with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
-        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, **small)
-    assert 0.5 < caught.value.fits < 1
     told: list[tuple[str, float]] = []
+    with pytest.raises(rp.NoFunctionError, match="is out of reach") as caught:
+        rp.nearest_inverse_function(
+            rp.Pseudoinverse(task),
+            cell,
+            progress=lambda what, share: told.append((what, share)),
+            **small,
+        )
+    words = [what for what, share in told if 0 <= share <= 1]
+    first = ["the middle posture", "the reference", "degree 1", "the last chart"]
+    assert len(words) == len(told) and [w for w in words if w in first][:4] == first
+    most = np.roots([2 * 0.72**2, 2 * 0.72 * 1.9, 1.9**2 - 2.7**2]).max()
+    tried = [float(w.split()[-2]) for w in words if w.startswith("what would fit")]
+    bisected = [50, 75, 87.5, 93.75, 96.875]  # the last one fits
+    assert np.allclose(tried, bisected, rtol=0, atol=0.5) and 0.96875 < most < 0.985
+    assert caught.value.fits == 0.96875
+    assert caught.value.partly and "incomplete='keep'" in str(caught.value)
+    told.clear()
     kept = rp.nearest_inverse_function(
         rp.Pseudoinverse(task),
         cell,
@@ -993,6 +1189,7 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
     words, shares = zip(*told, strict=True)
     assert "degree 1" in words and list(shares) == sorted(shares)
     assert all(0 <= share <= 1 for share in shares)
+    assert kept.extra_speed_direction >= kept.extra_speed_worst >= kept.extra_speed
     assert kept.coverage == 1.0 and not kept.evaluation.everywhere
     assert (
         kept.figures()["coverage"]
@@ -1001,9 +1198,10 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(
     assert "out of reach" in kept.figures()["stopped"]
     assert "100" not in kept.figures()["coverage"] + repr(kept)
     smaller = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, incomplete="shrink", **small
+        rp.Pseudoinverse(task), cell, incomplete="shrink", **small | {"degree": 3}
     )
     F = smaller.function
+    assert smaller.degrees[-1][0] == 3  # not that of a quick design
     assert smaller.evaluation.everywhere and len(F.batch(smaller.cell.corners())) == 8
 
 
@@ -1013,6 +1211,7 @@ def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
     design = found()
     j = replace(design.evaluation, limit_margin_worst=-0.25)
     assert j.coverage == 1.0 and not j.everywhere and "100" not in j.covered
+    assert replace(design.evaluation, limit_margin_worst=0.0).everywhere
     almost = replace(design.evaluation, coverage=0.99999)
     assert almost.covered == "99.99 % of the held-out poses"
 
@@ -1030,11 +1229,19 @@ def test_a_limit_broken_at_a_corner_refuses_a_cell(tmp_path: Path) -> None:
         ({"sigma_min": 1e300}, r"sigma_min can be at most 1e\+06"),
         ({"limit_margin": 1e300}, r"limit_margin can be at most 1e\+06"),
         ({"body_distance": -1}, "body_distance must be 0 m or more"),
+        ({"limit_margin": 1e6, "sigma_min": -1}, "sigma_min must be 0 or more"),
     ],
 )
 def test_options_have_bounds(options: dict, says: str) -> None:
     with pytest.raises(rp.InputError, match=says):
         rp.nearest_inverse_function(rp.Pseudoinverse(panda()), cell_of(), **options)
+
+
+def test_an_arm_without_redundancy_has_no_choice(tmp_path: Path) -> None:
+    task = planar_task([1.0, 0.9], tmp_path)
+    cell = rp.Cell(task, task.placement([0.3, 0.8]), 0.1)
+    with pytest.raises(rp.InputError, match="is not redundant: with r = 0 the pose"):
+        rp.nearest_inverse_function(rp.Pseudoinverse(task), cell)
 
 
 def test_a_degree_has_at_most_so_many_unknowns() -> None:
@@ -1137,6 +1344,40 @@ def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(
     assert np.array_equal(causes["reach"].u, [1, 1])  # the farthest corner
     left = re.findall(r"task error ([\d.]+), in m and rad", causes["reach"].what)
     assert float(left[0]) == pytest.approx(away["reach"] - 2.7, rel=0.1)
+
+
+@pytest.mark.parametrize(("limit_margin", "share"), [(0.05, 1.0), (0.0, 0.8)])
+def test_the_cell_that_fits_is_the_largest_whose_corners_keep_the_limits(
+    limit_margin: float, share: float, tmp_path: Path
+) -> None:
+    """Of 32 sizes, on the straight ways of J⁺ to the corners. Without a margin that is asked for,
+    the function of such a cell goes beyond a limit, and the next size is 0.8 of it."""
+    lengths = np.array([1.0, 0.9, 0.8])
+    (tmp_path / "narrow.urdf").write_text(planar_urdf(lengths, range_=1.0))
+    task = rp.Robot.load(tmp_path / "narrow.urdf").task("tool", "xy")
+    q = np.array([-0.6, 0.8, 0.8])
+    cell = rp.Cell(task, task.placement(q), 0.35)
+    with pytest.raises(rp.NoFunctionError) as caught:
+        designed(cell, q, limit_margin=limit_margin)
+
+    def inside(factor: float) -> bool:
+        here = np.tile(q, (4, 1))
+        start, ends = (
+            cell.placements(factor * U)[0][:, :2]
+            for U in (np.zeros((4, 2)), cell.corners()[:4])
+        )
+        good = True
+        for ahead in np.linspace(0, 1, 101)[1:]:
+            hand = lengths @ np.exp(1j * np.cumsum(here, axis=1)).T
+            gap = start + ahead * (ends - start) - np.stack([hand.real, hand.imag], 1)
+            J_plus = np.linalg.pinv(task.jacobians(here))
+            here = here + np.einsum("Knm,Km->Kn", J_plus, gap)
+            good = good and np.abs(here).max() < 1
+        return good
+
+    largest = caught.value.fits / share
+    assert inside(largest) and not inside(largest + 1 / 32)
+    assert largest == pytest.approx(round(32 * largest) / 32)
 
 
 def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
@@ -1254,6 +1495,10 @@ def test_targets_outside_and_other_wrong_things() -> None:
     turned.rotation = pin.exp3(np.array([0.2, 0, 0])) @ turned.rotation
     with pytest.raises(rp.InputError, match="along a coordinate of width 0"):
         F(turned)
+    within, beyond = (design.cell.at(np.array([0.0, y, 0.0])) for y in (0.5, 1.5))
+    for targets, says in (([beyond], "the target"), ([within, beyond], "target 1")):
+        with pytest.raises(rp.InputError, match=f"^{says} lies outside the cell: y"):
+            F.batch(targets)
     turned.translation = design.cell.at(np.array([0.0, 1.5, 0.0])).translation
     with pytest.raises(rp.InputError, match=r"y is \+0.15 m from the middle"):
         F(turned)  # both wrong: what the cell can be widened for is not all

@@ -488,6 +488,24 @@ def test_a_spin_beyond_half_a_turn_is_the_same_in_every_form(
     assert np.abs([fast(x) for x in targets] - Q).max() < 1e-9
 
 
+def test_a_range_that_ends_at_the_joints_is_measured_to_half_a_turn() -> None:
+    """The angle may go on to half a turn, as far as the joint does; what lies beside the sector in
+    another coordinate is named by that. The posture of the design is that of the middle."""
+    design = found()
+    cell = design.cell
+    assert cell.free == (1,) and 2 < cell.widths[1] < 3
+    u = np.array([0.0, 2.5 / cell.widths[1], 0.0])
+    q = design.function(cell.at(u))
+    assert cell.ratio(q[None]) == pytest.approx(2.5 / np.pi)
+    beside = cell.at(u + [1.5, 0, 0])
+    with pytest.raises(rp.InputError, match=r"radius is \+0.12 m from the middle"):
+        cell.coordinates_of(beside)
+    for name in ("one orientation", "spin as far as the joint goes"):
+        design = found(name)
+        x = design.cell.at(np.zeros(design.cell.k))
+        assert np.abs(design.task.error(design.posture, x)).max() < 1e-9
+
+
 def test_how_far_round_and_what_ends_it() -> None:
     design = found("one orientation")
     (turn,) = design.evaluation.turns
@@ -548,8 +566,10 @@ def test_poses_beyond_other_limits_do_not_end_the_angle(tmp_path: Path) -> None:
 
 def test_a_sector_without_a_covered_pose_is_refused(tmp_path: Path) -> None:
     """Two joints that hardly move leave only the middle."""
-    with pytest.raises(rp.InputError, match="theta3 is .* rad beyond its limit; no sm"):
+    says = "theta3 is .* rad beyond its limit; no smaller"
+    with pytest.raises(rp.NoFunctionError, match=says) as caught:
         bounded(1e-6, tmp_path, 2, 3)
+    assert not caught.value.partly and "keep" not in str(caught.value)
 
 
 def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
@@ -660,6 +680,40 @@ def test_a_sector_goes_round_as_far_as_its_joint(lower: float, tmp_path: Path) -
     U = np.stack([np.tile(radius, 2), angle], axis=1)
     first = design.function.batch(U)[:, 0]
     assert np.allclose([first.min(), first.max()], [-0.1, 0.8], atol=1e-6)
+
+
+def test_bodies_are_looked_at_all_round(tmp_path: Path) -> None:
+    """A post is in the way of the first link at one end of the angle, which the function's
+    coordinates do not contain: the pose that is named is there, and has the distance."""
+    text = planar_urdf([0.5, 0.4, 0.3])
+    for i, length in enumerate((0.5, 0.4, 0.3), 1):
+        box = f'<origin xyz="{length / 2} 0 0"/><geometry><box size="{0.9 * length} 0.02 0.02"/>'
+        bodies = f'<link name="link{i}"><collision>{box}</geometry></collision></link>'
+        text = text.replace(f'<link name="link{i}"/>', bodies)
+    (tmp_path / "arm.urdf").write_text(text)
+    q = [0.2, 0.8, 0.8]
+    x, y = 0.4 * np.cos(1.1), 0.4 * np.sin(1.1)
+    (tmp_path / "post.urdf").write_text(
+        f'<robot name="post"><link name="post"><collision><origin xyz="{x} {y} 0"/>'
+        '<geometry><box size="0.02 0.02 0.02"/></geometry></collision></link></robot>'
+    )
+    around = tmp_path / "post.urdf"
+    robot = rp.Robot.load(tmp_path / "arm.urdf", surroundings=around)
+    task = robot.task("tool", "xy")
+    sector = rp.Sector(task, task.placement(q), radius=0.05, angle=1.0)
+    design = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), sector, posture=q, degree=1,
+        options=rp.FitOptions(samples=32, held_out=256),
+    )  # fmt: skip
+    (stop,) = design.failures
+    assert stop.cause == "collision" and 0.7 < stop.u[1] <= 1
+    worst = design.function(design.cell.at(stop.u))
+    distances = rp.Bodies(task).distances(worst[None])
+    assert distances[0] == pytest.approx(design.body_distance, abs=1e-9)
+    Q = design.function.batch(sector.sample(1024, 3))
+    assert stop.share == pytest.approx(
+        (rp.Bodies(task).distances(Q) < 0).mean(), abs=0.06
+    )
 
 
 @pytest.mark.parametrize("name", ["pose", "position", "one orientation"])
