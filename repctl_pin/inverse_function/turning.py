@@ -99,6 +99,9 @@ class Turn:
 _SHARES = (0.999, 0.99)
 """Fractions of the covered poses for which the ranges ``nearly`` and ``most`` are computed."""
 
+_INSIDE = 1e-9
+"""Distance, rad, at which a range ends inside the joint limit, so that rounding keeps it there."""
+
 
 def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
@@ -152,7 +155,7 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     for one in sector.removed:
         low, high, covered, widths = _ends(chart, one.joint)
         lower, upper = _limits(sector.task, one.joint)
-        reach = min(upper - lower - (high - low), 2 * np.pi)
+        reach = min(upper - lower - (high - low) - 2 * _INSIDE, 2 * np.pi)
         name = sector.whole.coordinate_names[one.coordinate]
         joint = sector.task.joint_names[one.joint]
         ranges = np.minimum(upper - lower - widths, 2 * np.pi).tolist()
