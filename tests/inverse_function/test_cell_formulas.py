@@ -1169,18 +1169,24 @@ class WatchedCell(rp.Cell):
         return drawn[-1]
 
 
-@pytest.mark.parametrize("half_angle", [0.1, (0.1, 0.1, 0)])
-def test_a_fit_has_three_nodes_for_each_term(half_angle: Any) -> None:
+@pytest.mark.parametrize(
+    ("kind", "half_angle", "count"),
+    [("pose", 0.1, 1024), ("pose", (0.1, 0.1, 0), 1024), ("axis", 0.1, 512)],
+)
+def test_a_fit_has_three_nodes_for_each_term(
+    kind: str, half_angle: Any, count: int
+) -> None:
     """Rounded up to a power of 2. Without a degree, as many as the highest degree with at most 260
-    unknowns needs: degree 4 of six coordinates has 210 terms, degree 5 of five has 252."""
+    unknowns needs: degree 4 of six coordinates has 210 terms, degree 5 of five has 252; for r = 2,
+    degree 4 of five has 2 · 126 unknowns."""
     cell = WatchedCell(
-        panda(), middle(), 3.0, half_angle
+        panda(kind), middle(kind), 3.0, half_angle
     )  # of which too little is reached
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
     drawn.clear()
     fit = fit_of(rp.Pseudoinverse(cell.task), degree="auto")
     assert isinstance(fit.design(cell, q), tuple)
-    assert [len(U) for U in drawn] == [1024]
+    assert [len(U) for U in drawn] == [count]
 
 
 def test_a_quick_design_has_a_lower_degree_and_fewer_poses(tmp_path: Path) -> None:
