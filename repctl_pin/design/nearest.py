@@ -63,7 +63,8 @@ def nearest_repeatable(
     degree
         Alternative to potentials: all polynomials up to this degree over the box around Ω.
         ``"auto"`` raises the degree from 1 until the cost on held-out nodes falls by less than 1 %;
-        the maximum is degree 6 (8 for n ≤ 3), and 1000 unknowns.
+        the maximum is degree 6 (8 for n ≤ 3), 1000 unknowns, and for given ``samples`` as many
+        potentials as they determine.
     shrink
         If Ω contains a singularity, or a leaf margin below 0.1, design over the largest region with
         the same center that has neither.
@@ -127,15 +128,17 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
     """Design with rising degree until the cost on held-out nodes stops falling; return the best."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
-    task = problem.desired.task
+    task, samples = problem.desired.task, problem.options.samples
     for degree in range(1, (_MOST_DEGREE + 2 if task.n <= 3 else _MOST_DEGREE) + 1):
         problem = replace(
             problem,
             potentials=_polynomial(problem.region, degree),
             warm=None if best is None else best.coefficients,
         )
-        unknowns = (problem.potentials.size - task.r) * task.r
-        if best is not None and unknowns > _MOST_UNKNOWNS:
+        size = problem.potentials.size
+        undetermined = samples is not None and samples * task.m < size
+        unknowns = (size - task.r) * task.r
+        if best is not None and (undetermined or unknowns > _MOST_UNKNOWNS):
             break
         try:
             design = _shrinking(problem, shrink and best is None)

@@ -373,6 +373,21 @@ def test_degree_auto_ends_where_the_desired_inverse_is_met() -> None:
     assert [degree for degree, *_ in found.degrees] == [1] and found.cost < 1e-20
 
 
+@pytest.mark.parametrize(("samples", "degrees"), [(4, [1]), (5, [1, 2])])
+def test_degree_auto_stops_where_the_nodes_do_not_determine_more(
+    samples: int, degrees: list[int]
+) -> None:
+    """Two equations a node; degrees 1, 2 and 3 of three joints have 3, 9 and 19 potentials."""
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(rp.Robot.load("planar3r").task(None, "xy")),
+        None,
+        rp.Box([0.3, 1.0, 0.8], 0.3),
+        degree="auto",
+        options=rp.FitOptions(samples=samples, held_out=64),
+    )
+    assert [degree for degree, *_ in design.degrees] == degrees
+
+
 def test_degree_auto_stops_at_a_thousand_unknowns(tmp_path: Path) -> None:
     """13 joints, r = 11: 104 potentials of degree 2 would have (104 − 11) · 11 = 1023."""
     task = planar_task(np.ones(13), tmp_path)
