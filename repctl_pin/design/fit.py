@@ -11,6 +11,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
+from ..potentials.basis import PotentialBasis
+from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
 from .batches import BarrierCost, Batches, Local
@@ -64,7 +66,7 @@ def fit(problem: FitProblem) -> Design:
     unknowns = (potentials.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
     count = max(few, _DEFAULT_NODES) if options.samples is None else options.samples
-    if count * task.m < potentials.size:
+    if undetermined(potentials, task, count):
         least = -(-potentials.size // task.m)
         raise InputError(
             f"{count} nodes are too few for {potentials.size} potentials; give at least {least}"
@@ -122,6 +124,11 @@ def fit(problem: FitProblem) -> Design:
         raise way.refusal(Q_few, refusal)
     finally:
         all_nodes.close()
+
+
+def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
+    """Test whether there are more potentials than equations, of which each node gives m."""
+    return nodes * task.m < potentials.size
 
 
 def _judged(

@@ -21,7 +21,7 @@ from ..strategies.strategy import AN_INVERSE, Inverse
 from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
-from .fit import fit
+from .fit import fit, undetermined
 from .singularity_search import (
     SHRUNK_MARGIN,
     LeafMargin,
@@ -135,10 +135,9 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
             potentials=_polynomial(problem.region, degree),
             warm=None if best is None else best.coefficients,
         )
-        size = problem.potentials.size
-        undetermined = samples is not None and samples * task.m < size
-        unknowns = (size - task.r) * task.r
-        if best is not None and (undetermined or unknowns > _MOST_UNKNOWNS):
+        unknowns = (problem.potentials.size - task.r) * task.r
+        few = samples is not None and undetermined(problem.potentials, task, samples)
+        if best is not None and (few or unknowns > _MOST_UNKNOWNS):
             break
         try:
             design = _shrinking(problem, shrink and best is None)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 COARSE = 100
 """Maximum number of points per cycle at which studies and pages compute body distances."""
 
+TOO_FAST = 1 + 1e-9
+"""Ratio of joint speed to limit above which a joint counts as too fast."""
+
 CLOSED = 1e-5
 """Maximum distance of the ends of a cycle that counts as closed, rad or arm lengths; it allows for
 integration errors."""
@@ -121,7 +124,7 @@ class JointMotion:
     @property
     def first_overspeed(self) -> tuple[float, str] | None:
         """First violation of a speed limit: (cycle in fractions, joint name), or None."""
-        return self._first(self._speed_shares > 1 + 1e-9, -self._speed_shares)
+        return self._first(self._speed_shares > TOO_FAST, -self._speed_shares)
 
     @property
     def _speed_shares(self) -> Array:

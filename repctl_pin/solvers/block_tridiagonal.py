@@ -39,9 +39,8 @@ def solve_block_tridiagonal(
     """
     K, r = rhs.shape
     k = place = np.arange(K)  # position of each block
-    if (
-        cyclic
-    ):  # 0, 1, 3, 5, …, 4, 2: odd on the first half of the cycle, even on the second
+    if cyclic:
+        # 0, 1, 3, 5, …, 4, 2: odd on the first half of the cycle, even on the second
         place = np.where(k == 0, 0, np.where(k <= K // 2, 2 * k - 1, 2 * (K - k)))
     band = np.zeros(((3 if cyclic else 2) * r, K * r))
     at = place[:, None] * r + np.arange(r)  # (K, r): row of each unknown

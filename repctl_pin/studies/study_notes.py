@@ -9,7 +9,7 @@ import numpy as np
 from ..arguments import Array
 from ..integrability import drift_per_area
 from ..motion import Motion
-from ..motion.joint_motion import cycle_of
+from ..motion.joint_motion import TOO_FAST, cycle_of
 from ..motion.motion import ON_PATH
 from ..robot.task import Task
 from ..strategies import Pseudoinverse
@@ -30,7 +30,7 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
     plain, closed = rows[0].motion, rows[-1].motion
     return [
         *_path_losses(rows),
-        *_violations(rows),
+        *(f"{row.label}: {said}" for row in rows for said in violation_texts(row)),
         *_drift_elsewhere(Pseudoinverse(task), q0, plain),
         *_extra_speed(plain, closed),
     ]
@@ -63,18 +63,13 @@ def _path_losses(rows: Sequence[Row]) -> list[str]:
     return notes
 
 
-def _violations(rows: Sequence[Row]) -> list[str]:
-    """Write a note per joint-limit violation, collision and exceeded speed limit."""
-    notes: list[str] = []
-    for row in rows:
-        motion = row.motion
-        if motion is None:
-            continue
-        notes.extend(f"{row.label}: {violation}" for violation in row.violations)
-        if motion.speed_ratio > 1 + 1e-9:
-            times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
-            notes.append(f"{row.label}: {motion.fastest_joint} goes {times}")
-    return notes
+def violation_texts(row: Row) -> list[str]:
+    """Write which joint exceeds its limits, or which links collide, and when: one text for each."""
+    motion, said = row.motion, [str(violation) for violation in row.violations]
+    if motion is not None and motion.speed_ratio > TOO_FAST:
+        times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
+        said.append(f"{motion.fastest_joint} goes {times}")
+    return said
 
 
 def _drift_elsewhere(

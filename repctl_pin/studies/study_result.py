@@ -292,8 +292,9 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "outside": motion.outside,
         "tracking_error": float(motion.tracking_error.max()),
         "turning_error": float(motion.turning_error.max()),
-        "path_loss": loss
-        and dict(zip(("cycle", "distance", "angle"), loss, strict=True)),
+        "path_loss": None
+        if loss is None
+        else dict(zip(("cycle", "distance", "angle"), loss, strict=True)),
         **picked(motion, "first_rms_speed", "rms_speed", "peak_speed"),
         "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
         **limits_dict(motion),

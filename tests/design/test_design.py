@@ -1047,6 +1047,17 @@ def test_a_region_around_a_singularity_has_no_part_that_is_free(shrink: bool) ->
     )
 
 
+def quadratic(task: rp.Task, **options: int) -> rp.Design:
+    """The design of degree 2 for panda, with some options of its fit."""
+    return rp.nearest_repeatable(
+        rp.Pseudoinverse(task),
+        None,
+        rp.Box(Q0, 0.4),
+        degree=2,
+        options=rp.FitOptions(**options),
+    )
+
+
 def nan_beyond(q: np.ndarray) -> float:
     return float("nan") if q[0] > 0.2 else float(q[0])
 
@@ -1072,44 +1083,11 @@ def nan_beyond(q: np.ndarray) -> float:
             ),
             "the potentials are of 3 joints, but the task has 7",
         ),
+        (lambda t: quadratic(t, samples=5), "too few"),
+        (lambda t: quadratic(t, samples=0), "samples"),
+        (lambda t: quadratic(t, samples=10**9), "samples"),
         (
-            lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t),
-                None,
-                rp.Box(Q0, 0.4),
-                degree=2,
-                options=rp.FitOptions(samples=5),
-            ),
-            "too few",
-        ),
-        (
-            lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t),
-                None,
-                rp.Box(Q0, 0.4),
-                degree=2,
-                options=rp.FitOptions(samples=0),
-            ),
-            "samples",
-        ),
-        (
-            lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t),
-                None,
-                rp.Box(Q0, 0.4),
-                degree=2,
-                options=rp.FitOptions(samples=10**9),
-            ),
-            "samples",
-        ),
-        (
-            lambda t: rp.nearest_repeatable(
-                rp.Pseudoinverse(t),
-                None,
-                rp.Box(Q0, 0.4),
-                degree=2,
-                options=rp.FitOptions(held_out=63),
-            ),
+            lambda t: quadratic(t, held_out=63),
             "held_out must be a whole number from 64",
         ),
         (

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 
 from ...certificate import proved_words
 from ...motion import Motion
+from ...motion.joint_motion import TOO_FAST
 from ...studies import Row, Study
+from ...studies.study_notes import violation_texts
 from ..page.summaries import row_summary, study_headline
 from .headline import off_of
 from .lines import Span, fitted, wrapped
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import TOO_FAST, MotionSummary
+from .verdict import MotionSummary
 
 ROWS, COLUMNS = 24, 80
 """Size of the terminal into which the answer fits."""
@@ -57,7 +59,9 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
         Span(f"\n\n{fitted(_about(study))}\n\n"),
     ]
     out += _short_table(study, rows)
-    notes = [f"! {_title(row)}: {said}" for row in rows for said in _violations(row)]
+    notes = [
+        f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)
+    ]
     if proof := study.design.proof:
         notes.append(f"leaf margin in Ω: {proved_words(proof)}")
     notes += [f"note: {note}" for note in _notes(study, rows)]
@@ -181,19 +185,12 @@ def _links(summary: MotionSummary) -> Span:
     return Span(metres(summary.body_distance))
 
 
-def _violations(row: Row) -> list[str]:
-    """Write which joint exceeds its limits, or which links collide, and when: one text for each."""
-    motion, said = row.motion, [str(violation) for violation in row.violations]
-    if motion is not None and motion.speed_ratio > TOO_FAST:
-        times = f"{motion.speed_ratio:.2g} times as fast as its limit allows"
-        said.append(f"{motion.fastest_joint} goes {times}")
-    return said
-
-
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     """List the notes of a study that are not already said in the sentence or below the table."""
     said = {
-        f"{row.label}: {violation}" for row in rows for violation in _violations(row)
+        f"{row.label}: {violation}"
+        for row in rows
+        for violation in violation_texts(row)
     }
     notes = [note for note in study.notes if note not in said]
     stopped = [

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
-from .verdict import SMALL, TOO_FAST, TURNED, MotionSummary
+from .verdict import SMALL, TURNED, MotionSummary
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
@@ -166,9 +167,7 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 def _turned(summaries: Sequence[MotionSummary]) -> tuple[str, list[Span]]:
     """Write which joint is displaced although parts are not, or hardly, and by how much."""
-    name = max(summaries, key=lambda one: one.joint_displacement[0]).joint_displacement[
-        1
-    ]
+    _, name = max((one.joint_displacement for one in summaries), key=lambda x: x[0])
     said: list[Span] = []
     for one in summaries:
         angle = one.joint_displacement[0]

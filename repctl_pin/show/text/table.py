@@ -10,10 +10,11 @@ import numpy as np
 
 from ...arguments import percentage, ratio_in_percent
 from ...motion import Motion
+from ...motion.joint_motion import TOO_FAST
 from ...strategies import Pseudoinverse
 from .lines import fitted, terminal_width
 from .numbers import number
-from .verdict import TOO_FAST, study_verdict
+from .verdict import study_verdict
 
 if TYPE_CHECKING:
     from ...studies import Row, Study

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...motion.joint_motion import JointMotion, cycle_of
+from ...motion.joint_motion import TOO_FAST, JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
 from ...robot.length import arm_length
 from .numbers import NOTHING, counted, metres, percent, radians
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 STILL = 1e-5
 """Displacement of an elbow, in arm lengths, below which it counts as back at its start."""
-
-TOO_FAST = 1 + 1e-9
-"""Ratio of joint speed to limit above which a joint counts as too fast."""
 
 SMALL = 0.01
 """Displacement of a part, m, below which it has hardly drifted."""
