@@ -64,6 +64,27 @@ def planar_urdf(lengths: Sequence[float], *, range_: float = 7.0) -> str:
     return "\n".join((*parts, "</robot>", ""))
 
 
+def upright_urdf(tilt: float = 0.0) -> str:
+    """Write an arm of seven joints, about z and y in turn, which is stretched upward at 0.
+
+    The first joint's axis is tilted by ``tilt``, rad, about x.
+    """
+    rows = ['<link name="base"/>']
+    lengths, ranges = (0.15, 0.21, 0.21, 0.19, 0.2, 0.2, 0.08), (2.9, 2.1)
+    for i, length in enumerate(lengths):
+        before, end, rpy = f"link{i}" if i else "base", ranges[i % 2], tilt * (not i)
+        rows += [
+            f'<link name="link{i + 1}"/><joint name="joint{i + 1}" type="revolute">',
+            f'<parent link="{before}"/><child link="link{i + 1}"/>',
+            f'<origin xyz="0 0 {length}" rpy="{rpy!r} 0 0"/>',
+            f'<axis xyz="0 {i % 2} {1 - i % 2}"/>',
+            f'<limit lower="{-end}" upper="{end}" effort="1" velocity="1"/></joint>',
+        ]
+    tip = '<parent link="link7"/><child link="tool"/><origin xyz="0 0 0.1"/>'
+    rows.append(f'<link name="tool"/><joint name="tip" type="fixed">{tip}</joint>')
+    return f'<?xml version="1.0"?><robot name="upright">{"".join(rows)}</robot>'
+
+
 def planar_task(lengths: Sequence[float], folder: Path) -> rp.Task:
     """Load such an arm; its ``xy`` task."""
     path = folder / f"planar{len(lengths)}.urdf"

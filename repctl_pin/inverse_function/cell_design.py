@@ -163,16 +163,17 @@ class CellDesign:
         )
         margin = (
             f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
-            f"({most} {j.attainable_margin_worst:.3g})\n"
+            f"({most} {j.attainable_margin_worst:.3g})"
+            f"{_unmet(j.limit_margin_worst, self.requested_limit_margin)}\n"
             f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
             f"({most} {j.attainable_margin:.3g})"
+            f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
         )
-        margin += _unmet(j.limit_margin_worst, self.requested_limit_margin)
         bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
         bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
-        speed = f"{ratio_in_percent(j.extra_speed)} ± {100 * j.extra_speed_error:.1g}, "
+        speed = f"{ratio_in_percent(j.extra_speed)} ± {100 * j.extra_speed_error:.1g} on average, "
         speed += f"{ratio_in_percent(j.extra_speed_worst)} at the worst pose"
         if np.isfinite(j.extra_speed_direction):
             worst = ratio_in_percent(j.extra_speed_direction)
@@ -207,12 +208,12 @@ class CellDesign:
         return {"symmetry": sector.symmetry()} | turns
 
     def summary(self) -> str:
-        """Return the figures as text, one per line."""
+        """Return the figures as text, one per line; further lines of a figure have no name."""
         task = self.task
         lines = [
-            f"  {name:17}  {line}"
+            f"  {'' if i else name:17}  {line}"
             for name, text in self.figures().items()
-            for line in text.split("\n")
+            for i, line in enumerate(text.split("\n"))
         ]
         return "\n".join(
             [f"one function for a cell of {task.robot.name} {task}", *lines]

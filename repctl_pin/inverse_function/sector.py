@@ -24,6 +24,7 @@ from ..robot.task import Task
 from .cell import Cell
 from .rotations import exp3, left_jacobian, tilts
 from .sector_arguments import (
+    VERTICAL,
     Angle,
     as_axis,
     as_half_width,
@@ -33,7 +34,14 @@ from .sector_arguments import (
     no_joint,
     no_spin,
 )
-from .symmetry import Symmetry, axis_symmetry, tool_symmetry
+from .symmetry import (
+    NEAR,
+    Symmetry,
+    apart,
+    apart_words,
+    axis_symmetry,
+    tool_symmetry,
+)
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
 """Indices of radius, angle, height and spin among the m task coordinates; 3 and 4 are the tilts."""
@@ -47,10 +55,9 @@ _NEAR = 1e-6
 class Sector(Cell):
     r"""All placements ``p = o + R_a(φ) (ρ e + z a)``, ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
 
-    ρ, φ and z are the radius, angle and height of p around an axis a through o, by default the
-    vertical axis of the base; e is the direction from that axis to the middle. t tilts about the
-    tool's own x and y axes, ψ turns about its z axis. The orientation turns with φ. A coordinate of
-    half-width 0 is held constant.
+    ρ, φ and z are the radius, angle and height of p around an axis a through o; e is the direction
+    from that axis to the middle. t tilts about the tool's own x and y axes, ψ turns about its z
+    axis. The orientation turns with φ. A coordinate of half-width 0 is held constant.
 
     An arm can have two symmetries, which are detected. If a joint j turns the whole arm about the
     axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact. If the axis of a joint j is the tool's z axis
@@ -75,7 +82,10 @@ class Sector(Cell):
     spin : float or "all"
         Half-width of ψ, rad, for a pose task; ``"all"`` as for ``angle``.
     axis : (2, 3) array, optional
-        A point on the axis, m, and the direction of the axis, in base coordinates.
+        A point on the axis, m, and the direction of the axis, in base coordinates. By default the
+        base's z axis; or the axis of the joint that turns the whole arm, if the two differ by at
+        most 2e-3 rad and m, as in a URDF in which π is rounded. The summary then gives the
+        difference.
 
     Raises
     ------
@@ -134,10 +144,7 @@ class Sector(Cell):
         free = tuple(i for i, (_, width) in named.items() if isinstance(width, str))
         for i in free:
             if i not in [one.coordinate for one in found]:
-                name = named[i][0]
-                remedy = "give it in rad"
-                remedy += ", or choose the axis of a joint" * (i == ANGLE)
-                raise InputError(no_joint(task, name), argument=name, remedy=remedy)
+                raise no_joint(task, named[i][0], line)
         spin_width = max([about_tool, *turns[2:]])
         every = [radius, round_about, height, *turns[:2], spin_width][: task.m]
         freeze(
@@ -458,6 +465,9 @@ class Sector(Cell):
             ANGLE: "{} turns the whole arm about the axis",
             SPIN: "{} turns the tool about its z axis",
         }
+        off = apart_words(self.axis, VERTICAL)
+        if off and max(apart(self.axis, VERTICAL)) <= NEAR:
+            words[ANGLE] += f", which is {off} from the base's z axis"
         used = [words[one.coordinate].format(names[one.joint]) for one in self.removed]
         if not used:
             return "not used" if self.symmetries else "none"

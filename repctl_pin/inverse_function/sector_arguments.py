@@ -11,8 +11,10 @@ from ..arguments import Array, as_numbers, require_choice, shown
 from ..errors import InputError
 from ..robot.task import Task
 from .cell_arguments import sizes
+from .symmetry import NEAR, apart, apart_words, axis_symmetry, last_axis, own_axis
 
-_VERTICAL = ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+VERTICAL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""The base's z axis: a point, m, and its direction."""
 
 Angle = float | Literal["all"]
 
@@ -20,9 +22,14 @@ Angle = float | Literal["all"]
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` to an array (2, 3): a point, m, and the unit direction.
 
-    None is the vertical axis of the base. The axis must be normal to the plane of a planar task.
+    None is the vertical axis of the base, or the axis of the joint that turns the whole arm if the
+    two differ by little. The axis must be normal to the plane of a planar task.
     """
-    line = as_numbers(_VERTICAL if axis is None else axis)
+    if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
+        own = own_axis(task)
+        if own is not None and max(apart(own, VERTICAL)) <= NEAR:
+            return own
+    line = as_numbers(VERTICAL if axis is None else axis)
     if (
         line is None
         or line.shape != (2, 3)
@@ -109,10 +116,29 @@ def no_spin(task: Task) -> InputError:
     )
 
 
-def no_joint(task: Task, name: str) -> str:
-    """Return the message that the arm has no joint for the range "all" of ``angle`` or ``spin``."""
+def no_joint(task: Task, name: str, line: Array) -> InputError:
+    """Make the error that the arm has no joint for the range "all" of ``angle`` or ``spin``.
+
+    It gives the difference between the axis of the arm's joint and that of the coordinate, which
+    is ``line`` (2, 3) for the angle. If a joint turns the arm about another axis, the remedy
+    contains that axis.
+    """
     what = {
         "angle": "turns the whole arm about the axis",
         "spin": "turns the tool about its z axis through the frame's origin",
     }
-    return f"'all' requires a joint that {what[name]}, and {task.robot.name} has none"
+    fact = f"'all' requires a joint that {what[name]}, and {task.robot.name} has none"
+    remedy, joint, off = "give it in rad", "", ""
+    if name == "spin" and task.revolute[-1]:
+        joint, axis = last_axis(task)
+        off = apart_words(axis, VERTICAL)
+    if name == "angle" and task.m > 2 and (own := own_axis(task)) is not None:
+        turned = axis_symmetry(task, own)
+        assert turned is not None  # own_axis tested it
+        joint, off = task.joint_names[turned.joint], apart_words(own, line)
+        point, direction = (", ".join(f"{x:.12g}" for x in row) for row in own)
+        remedy += (
+            f", or choose the axis of {joint}, through ({point}) along ({direction})"
+        )
+    fact += f": the axis of {joint} is {off}" if off else ""
+    return InputError(fact, argument=name, remedy=remedy)

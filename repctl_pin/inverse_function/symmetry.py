@@ -19,6 +19,10 @@ _CONFIGURATIONS, _STEP = 6, 0.7
 """Number of random configurations at which a symmetry is tested, and the joint step of the test,
 rad. An analytic identity that holds at random points holds everywhere."""
 
+NEAR = 2e-3
+"""Distance from the base's z axis, m and rad, up to which a sector turns about a joint's own axis
+in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."""
+
 
 @dataclass(frozen=True)
 class Symmetry:
@@ -53,6 +57,54 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
         return pin.SE3(R @ x.rotation, axis[0] + R @ (x.translation - axis[0]))
 
     return _found(task, 1, range(task.n), turned)
+
+
+def own_axis(task: Task) -> Array | None:
+    """Find the axis (2, 3) of the joint that turns the whole arm: a point, m, and a direction.
+
+    The point is the nearest to the base's origin, and the direction is upward. Return None if no
+    joint turns the whole arm.
+    """
+    q = np.array(task.reference)
+    origins, axes = task.joint_origins(q), task.axes(q)
+    for joint in np.flatnonzero(task.revolute):
+        direction = axes[joint] / np.linalg.norm(axes[joint])
+        direction = -direction if direction[2] < 0 else direction
+        point = origins[joint] - (origins[joint] @ direction) * direction
+        line = np.stack([point, direction]) + 0.0  # no −0
+        found = axis_symmetry(task, line)
+        if found is not None and found.joint == joint:
+            return line
+    return None
+
+
+def last_axis(task: Task) -> tuple[str, Array]:
+    """Compute the axis (2, 3) of the last joint in axes of the frame: a point, m, and a direction.
+
+    Return also the name of the joint, which must be revolute.
+    """
+    q = np.array(task.reference)
+    x = task.placement(q)
+    line = np.stack([task.joint_origins(q)[-1] - x.translation, task.axes(q)[-1]])
+    return task.joint_names[-1], line @ x.rotation
+
+
+def apart(one: Array, other: Array) -> tuple[float, float]:
+    """Compute the angle between two axes (2, 3), rad, at most π/2, and their distance, m.
+
+    The distance is that of the first axis from the point of the second one.
+    """
+    (p, a), (o, b) = one, other
+    tilt = np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))
+    return float(tilt), float(np.linalg.norm(np.cross(o - p, a)))
+
+
+def apart_words(one: Array, other: Array) -> str:
+    """Write how far an axis (2, 3) is tilted and displaced from another one."""
+    tilt, away = apart(one, other)
+    parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
+    parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []
+    return " and ".join(parts)
 
 
 def tool_symmetry(task: Task) -> Symmetry | None:
