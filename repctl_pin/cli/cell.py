@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import repctl_pin as rp
 
 from ..errors import InputError, RepctlError, needed
 from ..files import prepare_folder, write_whole
-from ..show.text.lines import fitted
+from ..show.text.lines import Span, fitted, wrapped
 from .given import (
     Options,
     integer,
@@ -62,7 +62,8 @@ def add_options(parser: Parser) -> None:
     add(
         "--at",
         metavar="X,Y,Z",
-        help="middle of the cell, m from the base (default: position of the frame at the start)",
+        help="middle of the cell, m from the base (default: position of the frame at the start, "
+        "which is chosen with room for the cell)",
     )
     parser.path("closed path that the box encloses, beginning at --start: ", "")
     add(
@@ -109,6 +110,9 @@ def add_options(parser: Parser) -> None:
         help="prove bounds of the margins over the whole cell, for at most a minute",
     )
     add("--json", action="store_true", help="print JSON instead of the table")
+    add(
+        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
+    )
 
 
 def _add_sector(parser: Parser) -> None:
@@ -150,7 +154,7 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Find the function, print its table, and write cell.json, cell.html and cell.png."""
     folder = options.output_folder(Path(options.robot).stem)
-    say = progress(options.json)
+    say = progress(options.quiet)
     needed("matplotlib", "meshcat", by="repctl cell")
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are mutually exclusive")
@@ -158,7 +162,8 @@ def run(options: Options) -> int:
         raise InputError(
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
-    cell, posture = _cell(options)
+    asked = _asked(options)
+    cell = asked.cell
     if options.prove and cell.task.kind != "pose":
         kind = cell.task.kind
         raise InputError(
@@ -168,7 +173,7 @@ def run(options: Options) -> int:
         design = rp.nearest_inverse_function(
             rp.Pseudoinverse(cell.task),
             cell,
-            posture=posture,
+            posture=asked.posture,
             degree=options.asked_degree(),
             incomplete="shrink"
             if options.shrink
@@ -180,35 +185,50 @@ def run(options: Options) -> int:
             progress=in_percent(say),
         )
     except rp.NoFunctionError as error:
-        error.remedy = _remedy(error, cell)
+        error.remedy = _remedy(error, asked)
         raise
     design = proved(design, say) if options.prove else design
     say("drawing")
     prepare_folder(folder)
-    pictures, note = _pictures(design, folder, options.command_line)
+    pictures, notes = _pictures(design, folder, options.command_line)
     files = [save_control(design, folder / "cell.json"), *pictures]
 
-    def text() -> str:
-        lines = [design.summary()]
-        if design.function.chart.cell.widths[0] != cell.widths[0]:
-            sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
-            lines.append(f"\nnote: --shrink: {sizes}")
-        extra = "extra joint speed: joint speed of F relative to J⁺ at the same configurations"
-        lines.append(f"\n{extra}; J⁺ gives the minimum-norm joint velocity\n")
+    if design.function.chart.cell.widths[0] != cell.widths[0]:
+        sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
+        notes.insert(0, f"--shrink: {sizes}")
+    if options.start is None:
+        notes.append(f"the start is {asked.start_is}")
+
+    def text() -> list[Span]:
+        from ..show.cell_page import cell_headline
+
+        lines = ["", "", design.summary(), ""]
         if design.proof is not None:
-            lines.append(f"{design.proof.summary()}\n")
-        return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
+            lines += [design.proof.summary(), ""]
+        lines += [*(f"note: {note}" for note in [*notes, _MEANING]), ""]
+        said = cell_headline(design)
+        sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]
+        return [*wrapped([*said.sentence, *sentences]), Span(fitted("\n".join(lines)))]
 
-    return report(options, lambda: _as_dict(design), text, files)
+    said = {"start_is": asked.start_is, "notes": notes}
+    return report(options, lambda: _as_dict(design) | said, text, files)
 
 
-def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
+_MEANING = (
+    "extra joint speed: joint speed of F relative to the usual control, the pseudoinverse J⁺, at "
+    "the same configurations; J⁺ gives the minimum-norm joint velocity"
+)
+
+
+def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
     """Write the remedy for a cell that no function covers, in terms of command-line options."""
     if error.fits <= 0:
-        other = "no smaller cell around this middle works either"
-        remedy = f"{other}, so move it, or choose another --start"
+        remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
+        remedy += "another --start"
     else:
-        remedy = f"use --shrink to get a cell of {cell.scaled(error.fits).size()}"
+        remedy = f"use --shrink to get a cell of {asked.cell.scaled(error.fits).size()}"
+    if asked.crowded:
+        remedy = f"no default start reaches all of it straight; {remedy}"
     return (
         f"{remedy}, or --keep to keep the covered part of this one"
         if error.partly
@@ -216,37 +236,59 @@ def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
     )
 
 
-def _cell(options: Options) -> tuple[rp.Cell, Any]:
-    """Make the cell, and the configuration at its middle: None unless ``--start`` is given."""
+class _Asked(NamedTuple):
+    """A cell that the options describe.
+
+    Attributes
+    ----------
+    cell : Cell
+        The cell.
+    posture : (n,) array or None
+        Configuration at its middle; None unless ``--start`` is given.
+    start_is : str
+        Description of the start: ``as given``, ``the reference pose``.
+    crowded : bool
+        True if no default start has room for the cell.
+    """
+
+    cell: rp.Cell
+    posture: Any
+    start_is: str
+    crowded: bool
+
+
+def _asked(options: Options) -> _Asked:
+    """Make the cell, with the first default start that has room for it."""
     import numpy as np
     import pinocchio as pin
 
-    from ..motion.spec import parse_path
+    from ..problem import with_room
 
     around = options.path is not None or options.plane is not None
     _require_one_shape(options, around)
     if around and options.at is not None:
         raise InputError("--path and --at are mutually exclusive")
-    given = options.asked_start()
-    problem = options.problem(start="reference" if given is None else given, path=False)
-    task, start = problem.task, problem.start
-    middle = task.placement(start)
-    if around:
-        path = parse_path(options.path, options.plane)(task, start)
-        cell = rp.Cell.around(task, path, *_sizes(options))
-        middle = cell.placement
-    else:
-        if options.at is not None:
-            middle = pin.SE3(middle.rotation, np.array(_numbers(options.at, "--at", 3)))
-        cell = (
-            _sector(options, task, middle)
-            if options.sector
-            else rp.Cell(task, middle, *_sizes(options))
-        )
-    if given is None:
-        return cell, None
-    moved = around or options.at is not None
-    return cell, rp.solve_ik(task, start, middle) if moved else start
+    at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
+
+    def cell_of(problem: rp.Problem) -> rp.Cell:
+        """Make the box around the path, or the box or sector around the start's pose."""
+        task = problem.task
+        if around:
+            return rp.Cell.around(task, problem.cycle, *_sizes(options))
+        middle = task.placement(problem.start)
+        if at is not None:
+            middle = pin.SE3(middle.rotation, at)
+        if options.sector:
+            return _sector(options, task, middle)
+        return rp.Cell(task, middle, *_sizes(options))
+
+    problem = options.problem() if around else options.problem(path=False)
+    if options.start is None:
+        problem, cell, room = with_room(problem, cell_of)
+        return _Asked(cell, None, problem.start_is, not room)
+    cell = cell_of(problem)
+    posture = rp.solve_ik(problem.task, problem.start, cell.placement)
+    return _Asked(cell, posture, problem.start_is, False)
 
 
 _OF_A_SECTOR = {
@@ -321,40 +363,61 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
 
 def _pictures(
     design: rp.CellDesign, folder: Path, command: str
-) -> tuple[list[Path], str]:
+) -> tuple[list[Path], list[str]]:
     """Write the figure of slices, and the page with a motion along a sample path.
 
-    Return the files and a note, which is empty unless the motion failed.
+    Return the files, and a note if the period of the motion was increased, or if it failed.
     """
     from ..inverse_function.cell_design import slices
-    from ..inverse_function.sample_path import tour
     from ..show.cell_page import cell_page
     from ..show.plots.cells import cell_figure
     from ..show.plots.motions import png
+
+    cuts = slices(design)
+    motions, notes = _tour(design)
+    picture = png(cell_figure(design, cuts)) if cuts else None
+    page = cell_page(design, picture, motions, notes, command=command)
+    files = [write_whole(folder / "cell.html", page)]
+    if picture is not None:
+        files.append(write_whole(folder / "cell.png", picture))
+    return files, notes
+
+
+def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
+    """Follow a sample path through the cell with G_d and with the function, by label.
+
+    The period is long enough for the speed limits of the joints. Return also a note if it was
+    increased for them, or if a motion failed. Without the function's motion there is none.
+    """
+    from ..inverse_function.sample_path import tour
+    from ..problem import PERIOD, choose_period
     from ..strategies.names import LABELS
 
-    cuts, motions, note = slices(design), {}, ""
-    path = tour(design.cell)
-    try:
-        q0 = design.function(path.placement(0.0))
-        motions["q = F(x)"] = rp.follow(
-            design.inverse, path, q0, steps=_STEPS, integrator=rp.LeafLock(2)
-        )
-        motions = {
-            LABELS["pseudoinverse"]: rp.follow(design.desired, path, q0, steps=_STEPS)
-        } | motions
-    except RepctlError as error:
-        note = f"on the sample path through the cell: {error}"
-    picture = png(cell_figure(design, cuts)) if cuts else None
-    files = [
-        write_whole(
-            folder / "cell.html", cell_page(design, picture, motions, command=command)
-        )
-    ]
-    return files if picture is None else [
-        *files,
-        write_whole(folder / "cell.png", picture),
-    ], note
+    path, failed = tour(design.cell), {}
+
+    def followed(
+        label: str, control: Any, period: float, **how: Any
+    ) -> dict[str, rp.Motion]:
+        """Follow the path; return an empty dict if that fails."""
+        try:
+            q0 = design.function(path.placement(0.0))
+            motion = rp.follow(control, path, q0, steps=_STEPS, period=period, **how)
+        except RepctlError as error:
+            failed[label] = f"{label} on the sample path: {error}"
+            return {}
+        return {label: motion}
+
+    def both(period: float) -> dict[str, rp.Motion]:
+        lock = rp.LeafLock(2)
+        own = followed("q = F(x)", design.inverse, period, integrator=lock)
+        usual = LABELS["pseudoinverse"]
+        return followed(usual, design.desired, period) | own if own else {}
+
+    motions = both(PERIOD)
+    period, notes = choose_period(PERIOD, motions)
+    motions = both(period) if notes else motions
+    slowed = [f"sample path: {note}" for note in notes]
+    return motions, [*slowed, *failed.values()]
 
 
 def _widths(cell: rp.Cell) -> dict[str, Any]:

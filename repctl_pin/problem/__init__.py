@@ -12,6 +12,7 @@ from .of_design import problem_of as problem_of
 from .period import PERIOD as PERIOD
 from .period import choose_period as choose_period
 from .problem import Problem as Problem
+from .start_of_cell import with_room as with_room
 from .task_choice import kind_note as kind_note
 from .task_choice import redundant_kinds as redundant_kinds
 from .work import check_degree as check_degree

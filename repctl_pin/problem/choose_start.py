@@ -84,7 +84,7 @@ def starts(
         return
     offers = start_candidates.default_starts(task)
     if draw is None:
-        yield _with_a_circle(task, offers)
+        yield from _with_a_circle(task, offers)
     else:
         remedy = "no default start is regular; give one"
         yield from _best_first(task, _reachable(task, offers, draw, remedy))
@@ -114,19 +114,22 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
     return task.from_robot(poses[start]), name
 
 
-def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> PathStart:
-    """Choose the first start at which a circle fits and no bodies collide, or else the first."""
-    best: PathStart | None = None
+def _with_a_circle(
+    task: Task, offers: Iterable[tuple[Array, str]]
+) -> Iterator[PathStart]:
+    """Generate the starts: those at which a circle fits and no bodies collide, then the others."""
+    others: list[PathStart] = []
     for q0, name in offers:
-        best = best or PathStart(q0, name)
         try:
             fitting_circle(task, q0)
+            clear = bodies_of(task).distances(q0[None]).min() >= 0
         except InputError:
-            continue
-        if bodies_of(task).distances(q0[None]).min() >= 0:
-            return PathStart(q0, name)
-    assert best is not None  # there is always a start to offer
-    return best
+            clear = False
+        if clear:
+            yield PathStart(q0, name)
+        else:
+            others.append(PathStart(q0, name))
+    yield from others
 
 
 def _reachable(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -12,20 +12,20 @@ from ..arguments import Array, ratio_in_percent
 from ..inverse_function import Cell, CellDesign, Sector
 from ..inverse_function.sector import ANGLE, HEIGHT, RADIUS
 from ..motion import Motion, elbow
+from ..motion.joint_motion import TOO_FAST
+from ..strategies import Pseudoinverse
 from .page.html import render
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import BLUE, VERMILLION
 from .report import framed, versions
-from .text.headline import Headline
-from .text.lines import Span
+from .text.headline import NEAR, Headline
+from .text.lines import Span, capital
 from .text.numbers import metres
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
 
-_OF_THE_TOUR = (
-    "One sample path; the values above are the worst known in the whole cell."
-)
+_OF_THE_TOUR = "One sample path; the values above are for the whole cell."
 
 _ARC = 49
 """Number of points along each arc of a sector."""
@@ -64,6 +64,7 @@ def cell_page(
     design: CellDesign,
     slices: bytes | None,
     motions: Mapping[str, Motion],
+    notes: Sequence[str] = (),
     *,
     command: str | None = None,
 ) -> str:
@@ -78,6 +79,8 @@ def cell_page(
     motions
         Motions along a sample path through the cell, by controller: the desired one, if there is
         one, and the function.
+    notes
+        Notes on these motions.
     command
         Command line that made the page.
     """
@@ -99,11 +102,11 @@ def cell_page(
         style="report.css",
         title=f"{task.robot.name}: one function for a cell",
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
-        headline=Headline((Span(_sentence(design, motions)),), ()),
+        headline=cell_headline(design, motions, notes),
         animation=animation.replace("<body>", '<body class="inside">', 1),
         tour=_OF_THE_TOUR,
         slices=None if slices is None else framed(slices, words),
-        figures=_figures(design, motions),
+        figures=design.figures(),
         command=command,
         details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)}
         | versions(),
@@ -128,61 +131,109 @@ def _tour_page(
     )
 
 
-def _worst(
-    design: CellDesign, motions: Mapping[str, Motion]
-) -> tuple[float, float, float]:
-    """Find the worst known limit margin, body distance and extra joint speed of a function.
+def cell_headline(
+    design: CellDesign,
+    motions: Mapping[str, Motion] | None = None,
+    notes: Sequence[str] = (),
+) -> Headline:
+    """Write what one function covers; and as notes its cost, the limits and the bodies.
 
-    They are taken from the held-out poses, from searches over the cell, and from the sample path.
+    The limit margin and the body distance are the smallest known in the cell.
+
+    Parameters
+    ----------
+    design
+        The function and its figures of merit.
+    motions
+        Motions along a sample path, by controller; the last one is the function's.
+    notes
+        Notes on these motions.
     """
-    path = list(motions.values())[-1:]  # the function's
-    margins = [float(motion.limit_margin.min()) for motion in path]
-    distances = [float(motion.coarse.body_distance.min()) for motion in path]
-    direction = design.evaluation.extra_speed_direction  # NaN in older files
-    return (
-        min([design.limit_margin, design.limit_margin_worst, *margins]),
-        min([design.body_distance, *distances]),
-        float(np.nanmax([design.evaluation.extra_speed_worst, direction])),
+    path = list((motions or {}).values())[-1:]
+    said = [_cost(design), _limits(design, path), *_bodies(design, path)]
+    for motion in path:
+        if motion.speed_ratio > TOO_FAST:
+            times = f"{motion.speed_ratio:.2g} times the speed limit"
+            said.append(Span(f"On the sample path, {times}.", "bad"))
+    said += [Span(f"{capital(note)}.") for note in notes]
+    return Headline((Span(_covered(design)),), tuple(map(_unbroken, said)))
+
+
+def _covered(design: CellDesign) -> str:
+    """Write which poses the function covers and, if it is not all, what stops it elsewhere."""
+    found = design.evaluation
+    if found.everywhere:
+        poses = "every tested pose of the cell"
+        return f"One function covers {poses}: each has one configuration, always the same. "
+    causes = [stop for stop in design.failures if stop.cause != "collision"]
+    most = max(causes, key=lambda stop: stop.share, default=None)
+    why = "" if most is None else f": {most.what}"
+    return f"One function covers {found.covered}{why}. "
+
+
+def _cost(design: CellDesign) -> Span:
+    """Write the extra joint speed on average and at the worst pose, both over all directions."""
+    mean, worst = (
+        f"{ratio_in_percent(abs(share), 2)} {'more' if share >= 0 else 'less'}"
+        for share in (design.extra_speed, design.extra_speed_worst)
+    )
+    plain = type(design.desired) is Pseudoinverse
+    usual = f"the {'usual' if plain else 'desired'} control"
+    return Span(
+        f"It takes {mean} joint speed than {usual} on average, and {worst} at the worst pose."
     )
 
 
-def _figures(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Return the figures of merit as text, by name; the worst known values come first."""
-    margin, distance, speed = _worst(design, motions)
-    unit, worst = design.task.unit, []
-    if np.isfinite(margin):
-        worst.append(f"limit margin {margin:.2g} {unit}")
-    if np.isfinite(distance):
-        worst.append(
-            f"body distance {metres(distance) if distance >= 0 else 'below 0'}"
-        )
-    sign = "+" if speed >= 0 else ""
-    worst.append(f"joint speed {sign}{ratio_in_percent(speed, 2)}")
-    return {"worst known": ", ".join(worst)} | design.figures()
+def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
+    """Write the smallest known distance from the joint limits, and what it leaves out."""
+    found, unit = design.evaluation, design.task.unit
+    margins = [float(motion.limit_margin.min()) for motion in path]
+    if min(margins, default=0.0) < 0:
+        by = f"by {-min(margins):.2g} {unit} on the sample path"
+        return Span(f"Joint limits exceeded {by}.", "bad")
+    least = min(found.limit_margin, found.limit_margin_worst)
+    if least < 0:
+        by = f"by {-least:.2g} {unit} at the worst pose"
+        return Span(f"Joint limits exceeded {by}.", "bad")
+    asked = design.requested_limit_margin
+    short = f" (requested {asked:g})" if least < asked else ""
+    kept = f"kept by {least:.2g} {unit} or more{short}"
+    kept = kept if np.isfinite(least) else "kept"
+    ends = _turned_to_the_end(design)
+    but = f"; {' and '.join(ends)} turns up to its limits" if ends else ""
+    if not (np.isfinite(least) or ends):
+        return Span("The joints have no limits.")
+    return Span(f"Joint limits {kept}{but}.")
 
 
-def _sentence(design: CellDesign, motions: Mapping[str, Motion]) -> str:
-    """Write a sentence that sums up a function.
-
-    It gives the extra joint speed, the coverage, and the worst known limit margin and body
-    distance.
-    """
-    margin, distance, speed = _worst(design, motions)
-    every = "every pose" if design.evaluation.everywhere else "each covered pose"
-    mean = f"{ratio_in_percent(design.extra_speed, 2)} more joint speed on average"
-    parts = [
-        f"{mean}, at most {ratio_in_percent(speed, 2)}",
-        f"{design.evaluation.covered} covered",
-        "no joint limits"
-        if not np.isfinite(margin)
-        else f"limits {'kept' if margin >= 0 else 'exceeded'} by {abs(margin):.2g} "
-        f"{design.task.unit} at the worst pose",
+def _turned_to_the_end(design: CellDesign) -> list[str]:
+    """List the joints that a sector turns as far as they go, which no limit margin counts."""
+    sector = design.cell
+    if not isinstance(sector, Sector):
+        return []
+    free = [sector.coordinate_names[i] for i in sector.free]
+    return [
+        turn.joint
+        for turn in design.evaluation.turns
+        if turn.coordinate in free and np.isfinite(turn.joint_range)
     ]
-    if np.isfinite(distance):
-        parts.append(
-            "bodies collide"
-            if distance < 0
-            else f"bodies {metres(distance)} apart or more"
-        )
-    unbroken = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b)", "\\1\u00a0\\2", ", ".join(parts))
-    return f"One configuration for {every}: {unbroken}."
+
+
+def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
+    """Write the smallest known distance between bodies, or that there are none."""
+    distances = [float(motion.coarse.body_distance.min()) for motion in path]
+    least = min([design.body_distance, *distances])
+    if not np.isfinite(least):
+        return [Span("No collision bodies: collisions are not checked.")]
+    links = " and ".join(design.evaluation.nearest_bodies)
+    if least < 0:
+        return [Span(f"{links} collide.", "bad")]
+    if least < NEAR:
+        return [Span(f"{links} come as near as {metres(least)}.", "near")]
+    return [Span(f"Links {metres(least)} apart or more.")]
+
+
+def _unbroken(span: Span) -> Span:
+    """Keep numbers and their units on one line."""
+    text = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b|s\b)", "\\1\u00a0\\2", span.text)
+    return span._replace(text=text)

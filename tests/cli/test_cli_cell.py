@@ -5,14 +5,19 @@ from __future__ import annotations
 
 import json
 from html import unescape
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from arms import planar_urdf
+from arms import planar_urdf, upright_urdf
 from browser import asleep, errors, schemes, wait_until_drawn
 from commands import main
+from page_file import read
+from scipy.spatial.transform import Rotation
+
+import repctl_pin as rp
 
 
 def cell_of(made: Path) -> list[str]:
@@ -301,3 +306,123 @@ def test_a_sector_on_the_command_line(tmp_path: Path, capsys, monkeypatch) -> No
         == 0
     )
     assert "tour 0 of the cell" in capsys.readouterr().out
+
+
+# ---- the start, the verdict and the tour
+# ------------------------------------------------------------------------------------------------
+
+
+def test_the_start_is_that_of_a_study(tmp_path: Path, capsys) -> None:
+    """Issue 20, item 18: around the reference pose, in which this arm is stretched, no cell
+    exists; a study and a design choose another start."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(upright_urdf(), encoding="utf-8")
+    options = ["--half-width", "0.05", "--degree", "1", "--held-out", "64", "--json"]
+    out = ["--out", str(tmp_path / "out")]
+    assert main(["cell", str(file), *options, *out]) == 0
+    said = json.loads(capsys.readouterr().out)
+    problem = rp.Problem(str(file), path=False)
+    assert np.allclose(
+        said["middle"], problem.task.placement(problem.start).homogeneous, atol=1e-12
+    )
+    assert said["start_is"] == problem.start_is == "a dexterous pose near mid-range"
+    assert said["coverage"] == 1.0 and said["everywhere"]
+    options[1] = "0.02"
+    for more in (["--path", "circle:0.05"], ["--at", "0.3,0.2,1"]):
+        assert main(["cell", str(file), *more, *options, *out]) == 0
+        assert json.loads(capsys.readouterr().out)["everywhere"]
+
+
+def test_a_start_with_room_for_the_cell_is_preferred(tmp_path: Path, capsys) -> None:
+    """Issue 20, item 18: from the first start, J⁺ does not reach every corner straight; from the
+    one that is chosen it does."""
+    file = tmp_path / "arm.urdf"
+    file.write_text(upright_urdf(), encoding="utf-8")
+    options = ["--half-width", "0.1", "--degree", "1", "--held-out", "64", "--json"]
+    assert main(["cell", str(file), *options, "--out", str(tmp_path / "out")]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["everywhere"] and said["start_is"] == "another dexterous pose"
+
+    first, *others = rp.Problem(str(file), path=False).alternatives()
+    task, middle = first.task, np.array(said["middle"])
+    (chosen,) = (
+        one
+        for one in others
+        if np.allclose(task.placement(one.start).homogeneous, middle)
+    )
+
+    def straight(q0: np.ndarray) -> int:
+        """Count the corners that are reached, there and back."""
+        reached = 0
+        for corner in product((-0.1, 0.1), repeat=3):
+            line = rp.polygon(task, q0, [corner])
+            try:
+                motion = rp.follow(rp.Pseudoinverse(task), line, q0, cycles=1)
+            except rp.SingularityError:
+                continue
+            reached += bool(motion.limit_margin.min() > 0)
+        return reached
+
+    assert straight(chosen.start) == 8 > straight(first.start)
+
+
+def test_the_verdict_comes_first(made: Path, capsys) -> None:
+    """Issue 20, item 18: what is covered, what it costs, the limits; averages over all directions
+    stand beside each other, each quantity once, and an unmet request on the line of its figure."""
+    command = [*cell_of(made), "--half-width", "0.2", "--degree", "2"]
+    command += ["--held-out", "256", "--out", str(made / "out")]
+    assert main([*command, "--limit-margin", "9"]) == 0
+    out = capsys.readouterr().out
+    first = " ".join(out.partition("\n\n")[0].split())
+    assert first.startswith("One function covers every tested pose of the cell: ")
+    assert main([*command, "--limit-margin", "9", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    mean, worst = (said["extra_speed"], said["extra_speed_worst"])
+    cost = (
+        f"{100 * mean:.2g} % more joint speed than the usual control on average, and "
+    )
+    assert cost + f"{100 * worst:.2g} % more at the worst pose." in first
+    least = min(said["limit_margin"], said["limit_margin_worst"])
+    assert f"Joint limits kept by {least:.2g} rad or more (requested 9)." in first
+    for name in ("extra joint speed", "limit margin"):
+        assert len([x for x in out.splitlines() if x.startswith(f"  {name} ")]) == 1
+    rows = out.partition("  limit margin")[2].partition("  body distance")[0]
+    found, held_out = " ".join(rows.split()).split(" at the worst held-out pose ")
+    assert "the requested 9 is not met" in found
+    assert "the requested 9 is not met" in held_out
+    assert main([*command, "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_tour_keeps_the_speed_limits(tmp_path: Path, capsys) -> None:
+    """Issue 20, item 18: the tour of a page under the headline "limits kept" was too fast."""
+    urdf = planar_urdf([1.0, 0.9, 0.8]).replace('velocity="', 'velocity="0.')
+    (tmp_path / "arm.urdf").write_text(urdf, encoding="utf-8")
+    words = ["cell", str(tmp_path / "arm.urdf"), "--frame", "tool", "--task", "xy"]
+    words += ["--start", "0.6,-1.2,1.4", "--half-width", "0.2", "--degree", "2"]
+    words += ["--held-out", "64", "--out", str(tmp_path / "out"), "--json"]
+    assert main(words) == 0
+    (note,) = json.loads(capsys.readouterr().out)["notes"]
+    assert note.startswith("sample path: period increased to ")
+    page = (tmp_path / "out" / "cell.html").read_text("utf-8")
+    assert "period increased to" in page.partition("<iframe")[0]
+    inner = unescape(page.partition('srcdoc="')[2].partition('"></iframe>')[0])
+    scene, _, numbers = read(inner)
+    assert f"to {scene['seconds']:g} s" in note
+    # as the page draws it: the rates at which the three links turn, and from them the joints'
+    at, step = 0, scene["seconds"] / (scene["perCycle"] - 1)
+    for rows, columns in scene["series"]:
+        drawn = numbers[at : at + rows * columns].reshape(rows, columns)
+        at += rows * columns
+        if columns < 7:
+            continue
+        poses = drawn.reshape(rows, -1, 7)
+        links = [
+            poses[:, i, 3:]
+            for i, shape in enumerate(scene["arms"][0]["shapes"])
+            if shape["name"].endswith("_tube")
+        ]
+        turned = [Rotation.from_quat(link) for link in links]
+        rates = [(R[1:] * R[:-1].inv()).as_rotvec()[:, 2] / step for R in turned]
+        fastest = np.abs(np.diff(rates, axis=0, prepend=0)).max()
+        assert 0.05 < fastest < 0.1  # the limit
