@@ -63,7 +63,7 @@ def add_options(parser: Parser) -> None:
         "--at",
         metavar="X,Y,Z",
         help="middle of the cell, m from the base (default: position of the frame at the start, "
-        "which is chosen with room for the cell)",
+        "chosen such that the cell fits)",
     )
     parser.path("closed path that the box encloses, beginning at --start: ", "")
     add(
@@ -228,7 +228,7 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
     else:
         remedy = f"use --shrink to get a cell of {asked.cell.scaled(error.fits).size()}"
     if asked.crowded:
-        remedy = f"no default start reaches all of it straight; {remedy}"
+        remedy = f"it fits from none of the default starts; {remedy}"
     return (
         f"{remedy}, or --keep to keep the covered part of this one"
         if error.partly
@@ -248,7 +248,7 @@ class _Asked(NamedTuple):
     start_is : str
         Description of the start: ``as given``, ``the reference pose``.
     crowded : bool
-        True if no default start has room for the cell.
+        True if the cell fits from no default start.
     """
 
     cell: rp.Cell
@@ -258,11 +258,11 @@ class _Asked(NamedTuple):
 
 
 def _asked(options: Options) -> _Asked:
-    """Make the cell, with the first default start that has room for it."""
+    """Make the cell, with the first default start from which it fits."""
     import numpy as np
     import pinocchio as pin
 
-    from ..problem import with_room
+    from ..problem import fitting_start
 
     around = options.path is not None or options.plane is not None
     _require_one_shape(options, around)
@@ -284,8 +284,8 @@ def _asked(options: Options) -> _Asked:
 
     problem = options.problem() if around else options.problem(path=False)
     if options.start is None:
-        problem, cell, room = with_room(problem, cell_of)
-        return _Asked(cell, None, problem.start_is, not room)
+        problem, cell, fits = fitting_start(problem, cell_of)
+        return _Asked(cell, None, problem.start_is, not fits)
     cell = cell_of(problem)
     posture = rp.solve_ik(problem.task, problem.start, cell.placement)
     return _Asked(cell, posture, problem.start_is, False)

@@ -37,9 +37,9 @@ from .sector_arguments import (
 from .symmetry import (
     NEAR,
     Symmetry,
-    apart,
-    apart_words,
     axis_symmetry,
+    difference,
+    difference_words,
     tool_symmetry,
 )
 
@@ -465,8 +465,8 @@ class Sector(Cell):
             ANGLE: "{} turns the whole arm about the axis",
             SPIN: "{} turns the tool about its z axis",
         }
-        off = apart_words(self.axis, VERTICAL)
-        if off and max(apart(self.axis, VERTICAL)) <= NEAR:
+        off = difference_words(self.axis, VERTICAL)
+        if off and max(difference(self.axis, VERTICAL)) <= NEAR:
             words[ANGLE] += f", which is {off} from the base's z axis"
         used = [words[one.coordinate].format(names[one.joint]) for one in self.removed]
         if not used:

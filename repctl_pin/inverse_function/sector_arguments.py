@@ -11,7 +11,14 @@ from ..arguments import Array, as_numbers, require_choice, shown
 from ..errors import InputError
 from ..robot.task import Task
 from .cell_arguments import sizes
-from .symmetry import NEAR, apart, apart_words, axis_symmetry, last_axis, own_axis
+from .symmetry import (
+    NEAR,
+    axis_symmetry,
+    difference,
+    difference_words,
+    last_axis,
+    own_axis,
+)
 
 VERTICAL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """The base's z axis: a point, m, and its direction."""
@@ -27,7 +34,7 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
-        if own is not None and max(apart(own, VERTICAL)) <= NEAR:
+        if own is not None and max(difference(own, VERTICAL)) <= NEAR:
             return own
     line = as_numbers(VERTICAL if axis is None else axis)
     if (
@@ -131,11 +138,11 @@ def no_joint(task: Task, name: str, line: Array) -> InputError:
     remedy, joint, off = "give it in rad", "", ""
     if name == "spin" and task.revolute[-1]:
         joint, axis = last_axis(task)
-        off = apart_words(axis, VERTICAL)
+        off = difference_words(axis, VERTICAL)
     if name == "angle" and task.m > 2 and (own := own_axis(task)) is not None:
         turned = axis_symmetry(task, own)
         assert turned is not None  # own_axis tested it
-        joint, off = task.joint_names[turned.joint], apart_words(own, line)
+        joint, off = task.joint_names[turned.joint], difference_words(own, line)
         point, direction = (", ".join(f"{x:.12g}" for x in row) for row in own)
         remedy += (
             f", or choose the axis of {joint}, through ({point}) along ({direction})"

@@ -89,7 +89,7 @@ def last_axis(task: Task) -> tuple[str, Array]:
     return task.joint_names[-1], line @ x.rotation
 
 
-def apart(one: Array, other: Array) -> tuple[float, float]:
+def difference(one: Array, other: Array) -> tuple[float, float]:
     """Compute the angle between two axes (2, 3), rad, at most π/2, and their distance, m.
 
     The distance is that of the first axis from the point of the second one.
@@ -99,9 +99,9 @@ def apart(one: Array, other: Array) -> tuple[float, float]:
     return float(tilt), float(np.linalg.norm(np.cross(o - p, a)))
 
 
-def apart_words(one: Array, other: Array) -> str:
+def difference_words(one: Array, other: Array) -> str:
     """Write how far an axis (2, 3) is tilted and displaced from another one."""
-    tilt, away = apart(one, other)
+    tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []
     return " and ".join(parts)

@@ -333,7 +333,7 @@ def test_the_start_is_that_of_a_study(tmp_path: Path, capsys) -> None:
         assert json.loads(capsys.readouterr().out)["everywhere"]
 
 
-def test_a_start_with_room_for_the_cell_is_preferred(tmp_path: Path, capsys) -> None:
+def test_a_start_from_which_the_cell_fits_is_preferred(tmp_path: Path, capsys) -> None:
     """Issue 20, item 18: from the first start, J⁺ does not reach every corner straight; from the
     one that is chosen it does."""
     file = tmp_path / "arm.urdf"

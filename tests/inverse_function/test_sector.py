@@ -541,7 +541,9 @@ def test_a_sector_turns_about_the_joints_own_axis(tilt: float, tmp_path: Path) -
     q0 = np.array([0.1, 0.7, 0.2, 1.2, 0.1, 0.8, 0.0])
     size: dict[str, Any] = {"radius": 0.03, "height": 0.03, "angle": "all"}
     if abs(tilt) > 2e-3:
-        with pytest.raises(rp.InputError, match="joint1 is tilted by 0.01 rad") as error:
+        with pytest.raises(
+            rp.InputError, match="joint1 is tilted by 0.01 rad"
+        ) as error:
             rp.Sector(task, task.placement(q0), **size)
         numbers = re.findall(r"\(([-\d., e]*)\)", error.value.remedy)
         size["axis"] = [[float(x) for x in row.split(",")] for row in numbers]

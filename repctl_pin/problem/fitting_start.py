@@ -1,4 +1,4 @@
-"""Choice of the default start from which a cell has room."""
+"""Choice of the default start from which a cell fits."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from ..inverse_function import Cell
 
 
-def with_room(
+def fitting_start(
     problem: Problem, cell_of: Callable[[Problem], Cell]
 ) -> tuple[Problem, Cell, bool]:
-    """Choose the first default start from which a cell has room.
+    """Choose the first default start from which a cell fits.
 
-    There is room if J⁺ reaches the middle of the cell, and from there every corner along a straight
-    ray, inside the joint limits and without collision in the middle and at the corners. If no start
-    has room, the one with the most reached corners is chosen, and among equals the one with fewer
-    of these faults.
+    A cell fits if J⁺ reaches the middle of the cell, and from there every corner along a straight
+    ray, inside the joint limits and without collision in the middle and at the corners. If it fits
+    from no start, the one with the most reached corners is chosen, and among equals the one with
+    fewer of these faults.
 
     Parameters
     ----------
@@ -37,8 +37,8 @@ def with_room(
         The problem with the chosen start.
     cell : Cell
         The cell of that problem.
-    room : bool
-        True if it has room.
+    fits : bool
+        True if it fits.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def with_room(
         except InputError as error:
             failure = failure or error
             continue
-        share, faults = _room(tried, cell)
+        share, faults = _reached(tried, cell)
         if best is None or (share, -faults) > best[0]:
             best = (share, -faults), tried, cell
         if (share, faults) == (1.0, 0):
@@ -65,7 +65,7 @@ def with_room(
     return chosen, cell, merit == (1.0, 0)
 
 
-def _room(problem: Problem, cell: Cell) -> tuple[float, int]:
+def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
     """Evaluate the fraction of the corners that are reached, and the number of faults: limits
     violated, bodies that collide. The fraction is −1 if the middle is not reached."""
     from ..inverse_function import Sector  # slow to import, and not needed by a study
