@@ -131,6 +131,27 @@ def evaluate_design(
     )
 
 
+def spectral_cost(
+    inverse: RepeatableInverse,
+    desired: Inverse,
+    region: Region,
+    *,
+    samples: int,
+    seed: int,
+) -> float:
+    """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes, in the spectral norm.
+
+    The parameters are those of :func:`evaluate_design`.
+    """
+    costs = []
+    for replicate in range(REPLICATES):
+        Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
+        J = inverse.task.jacobians(Q)
+        gap = inverse.batch(Q, J) - desired.batch(Q, J)
+        costs.append(region.weights(Q) @ np.linalg.norm(gap, 2, axis=(1, 2)) ** 2)
+    return float(np.mean(costs))
+
+
 @dataclass(frozen=True)
 class Baseline:
     """Evaluation of a simpler repeatable inverse over the same Ω.
