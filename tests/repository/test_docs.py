@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+import yaml
 from shown import likeness
 
 import repctl_pin as rp
@@ -184,3 +185,13 @@ def test_the_dear_figures_of_the_theory_are_what_the_package_draws(
     tmp_path: Path,
 ) -> None:
     redraw(["cell", "proofs"], tmp_path)
+
+
+def test_the_slow_tests_run_on_a_schedule() -> None:
+    """Issue 37, item 23: they had been failing unseen."""
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "slow.yml").read_text())
+    assert workflow[True]["schedule"]  # YAML reads the key "on" as true
+    (job,) = workflow["jobs"].values()
+    command = "python -m pytest -m slow -n 0"
+    assert any(command in step.get("run", "") for step in job["steps"])
+    assert f"`{command}`" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
