@@ -22,6 +22,8 @@ from .singularity_search import LeafMargin, SingularRegionError, search
 
 REPLICATES = 32
 _CANDIDATES = 64
+"""Number of candidates per replicate for the search of the leaf margin; where an evaluation has
+fewer nodes, the search has nodes of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +114,12 @@ def evaluate_design(
         )
         norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
         inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
-        few = np.argsort(sigma)[:_CANDIDATES]
-        points.append(Q[few])
-        values.append(sigma[few])
+        lowest = np.argsort(sigma)[:_CANDIDATES]
+        points.append(Q[lowest])
+        values.append(sigma[lowest])
+    if (few := REPLICATES * _CANDIDATES - sum(map(len, values))) > 0:
+        points.append(region.random(few, seed * REPLICATES))
+        values.append(measure(points[-1]))
     found = search(measure, region, np.concatenate(points), np.concatenate(values))
     if found.value <= 0:
         raise singular(found.at)
