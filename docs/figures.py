@@ -11,7 +11,7 @@ from time import thread_time
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from PIL import Image
 
 import repctl_pin as rp
@@ -47,6 +47,41 @@ def drift() -> Figure:
     left, right = figure.subplots(1, 2)
     orbit(left, [motions[0], motions[2]], 0, 1)
     drift_over_cycles(right, motions)
+    return figure
+
+
+def ring() -> Figure:
+    """Draw a planar arm that goes around its base once and ends in another configuration.
+
+    Its motion stays in Ω, where J_V is proved to be invertible: the circle cannot be shrunk to a
+    point.
+    """
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    box = rp.Box((0, 1.26, 0.385), (3.4, 0.55, 0.75))
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=3)
+    assert rp.prove(design, margin=0.5)
+    q0 = np.array([-3.1, 0.9, 0.9])
+    x, y, _ = task.placement(q0).translation
+    path = rp.circle(
+        task, q0, radius=np.hypot(x, y), normal="z", start_angle=np.arctan2(y, x)
+    )
+    motion = rp.follow(design.inverse, path, q0, cycles=1, steps=400)
+    assert box.ratio(motion.q).max() < 1
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    tool = np.array([task.placement(q).translation for q in motion.q])
+    left.plot(tool[:, 0], tool[:, 1], ":", color="0.5", lw=1.2)
+    for name, q, colour in ("start", q0, BLUE), ("end", motion.q[-1], VERMILLION):
+        links = np.exp(1j * np.cumsum(q))  # 1 m each
+        X = np.cumsum([0.0, *links])
+        left.plot(X.real, X.imag, "o-", color=colour, lw=3, ms=5, label=name)
+    left.set(aspect="equal", xlabel="x, m", ylabel="y, m")
+    left.legend(loc="upper right")
+    orbit(right, [("", motion, VERMILLION)], 1, 2)
+    low, wide = box.center - box.half_width, 2 * box.half_width
+    right.add_patch(Rectangle(low[1:], *wide[1:], fill=False, ls="--", ec="0.4"))
+    right.annotate("Ω", low[1:] + wide[1:], (-16, -16), textcoords="offset points")
+    right.margins(0.06)
     return figure
 
 
@@ -208,7 +243,13 @@ def states() -> Figure:
     return figure
 
 
-FIGURES = {"drift": drift, "cell": cell, "proofs": proofs, "states": states}
+FIGURES = {
+    "drift": drift,
+    "ring": ring,
+    "cell": cell,
+    "proofs": proofs,
+    "states": states,
+}
 
 
 def main(folder: Path, names: Sequence[str] = tuple(FIGURES)) -> None:

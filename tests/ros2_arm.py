@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -16,8 +17,13 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 
-def main(names: list[str], start: list[float], log: str, period: float = 0.005) -> None:
-    """Run until SIGTERM; every command is logged with the time of its arrival."""
+def main(
+    names: list[str], start: list[float], log: str, age: float | None = 0.0
+) -> None:
+    """Run until SIGTERM; every command is logged with the time of its arrival.
+
+    Its joint states have stamps that are ``age`` s old; None is for no stamps.
+    """
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, q, ends = rclpy.create_node("arm"), list(start), []
     signal.signal(signal.SIGTERM, lambda *_: ends.append(True))
@@ -35,13 +41,15 @@ def main(names: list[str], start: list[float], log: str, period: float = 0.005) 
             message = JointState(
                 name=[b[0] for b in both], position=[b[1] for b in both]
             )
-            message.header.stamp = node.get_clock().now().to_msg()
+            if age is not None:
+                now = node.get_clock().now() - Duration(seconds=age)
+                message.header.stamp = now.to_msg()
             states.publish(message)
 
         node.create_subscription(
             JointTrajectory, "joint_trajectory", moved, QoSProfile(depth=100)
         )
-        node.create_timer(period, said)
+        node.create_timer(0.005, said)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while not ends:

@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -37,7 +39,12 @@ class Stage:
     """
 
     def __init__(
-        self, folder: Path, design: Path, q: np.ndarray, names: tuple[str, ...]
+        self,
+        folder: Path,
+        design: Path,
+        q: np.ndarray,
+        names: tuple[str, ...],
+        age: float | None = 0.0,
     ) -> None:
         self.folder, self.design = folder, design
         self.commands: list[tuple[float, np.ndarray]] = []
@@ -48,6 +55,7 @@ class Stage:
         newest = QoSProfile(depth=1)
         self._poses = node.create_publisher(PoseStamped, "target_pose", newest)
         self._twists = node.create_publisher(TwistStamped, "target_twist", newest)
+        self._clocks = node.create_publisher(Clock, "/clock", newest)
         every = QoSProfile(depth=1000)
         node.create_subscription(
             JointTrajectory, "joint_trajectory", self._command, every
@@ -60,7 +68,7 @@ class Stage:
         self._thread.start()
         log = str(folder / "arm.log")
         self.arm = self._run(
-            str(ARM), json.dumps([list(names), list(map(float, q)), log])
+            str(ARM), json.dumps([list(names), list(map(float, q)), log, age])
         )
 
     def _run(self, *words: str) -> subprocess.Popen:
@@ -68,14 +76,14 @@ class Stage:
         self._processes.append(process)
         return process
 
-    def node(self, *parameters: str) -> subprocess.Popen:
-        """Start the node under test, and wait until it runs."""
+    def node(self, *parameters: str, until: str = "running") -> subprocess.Popen:
+        """Start the node under test, and wait until its status says so."""
         words = [word for p in parameters for word in ("-p", p)]
         self.said.clear()
         process = self._run(
             "-m", "repctl_pin", "ros2", str(self.design), "--ros-args", *words
         )
-        self.wait_for("running")
+        self.wait_for(until)
         return process
 
     def wait_for(self, words: str, most: float = 60.0) -> None:
@@ -114,6 +122,12 @@ class Stage:
         linear.x, linear.y, linear.z = map(float, v[:3])
         angular.x, angular.y, angular.z = map(float, v[3:])
         self._twists.publish(message)
+
+    def clock(self, seconds: float) -> None:
+        """Send the time of a simulation."""
+        whole = int(seconds)
+        nanoseconds = int((seconds - whole) * 1e9)
+        self._clocks.publish(Clock(clock=Time(sec=whole, nanosec=nanoseconds)))
 
     def rests(self) -> bool:
         """Tell whether the last eight commands are the same."""

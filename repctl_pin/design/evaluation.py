@@ -22,6 +22,8 @@ from .singularity_search import LeafMargin, SingularRegionError, search
 
 REPLICATES = 32
 _CANDIDATES = 64
+"""Number of candidates per replicate for the search of the leaf margin; where an evaluation has
+fewer nodes, the search has nodes of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +114,12 @@ def evaluate_design(
         )
         norms.append(float(weights @ np.sum(G_d**2, axis=(1, 2))))
         inside.append(float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)))
-        few = np.argsort(sigma)[:_CANDIDATES]
-        points.append(Q[few])
-        values.append(sigma[few])
+        lowest = np.argsort(sigma)[:_CANDIDATES]
+        points.append(Q[lowest])
+        values.append(sigma[lowest])
+    if (few := REPLICATES * _CANDIDATES - sum(map(len, values))) > 0:
+        points.append(region.random(few, seed * REPLICATES))
+        values.append(measure(points[-1]))
     found = search(measure, region, np.concatenate(points), np.concatenate(values))
     if found.value <= 0:
         raise singular(found.at)
@@ -129,6 +134,27 @@ def evaluate_design(
         inside_limits=float(np.mean(inside)),
         replicates=np.array(costs),
     )
+
+
+def spectral_cost(
+    inverse: RepeatableInverse,
+    desired: Inverse,
+    region: Region,
+    *,
+    samples: int,
+    seed: int,
+) -> float:
+    """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes, in the spectral norm.
+
+    The parameters are those of :func:`evaluate_design`.
+    """
+    costs = []
+    for replicate in range(REPLICATES):
+        Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
+        J = inverse.task.jacobians(Q)
+        gap = inverse.batch(Q, J) - desired.batch(Q, J)
+        costs.append(region.weights(Q) @ np.linalg.norm(gap, 2, axis=(1, 2)) ** 2)
+    return float(np.mean(costs))
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ Measure = Callable[[Array], Array]
 
 _STARTS = 16
 _CORNERS = 256
+_ALL = 7
+"""Number of joints of which all combinations of ends are corners: 2⁷ is half of 256."""
+
 _LENGTHS = StepLengths(
     first=0.1, longest=0.5, shortest=1e-5, longer=2.0, shorter=4.0, steps=60
 )
@@ -247,14 +250,18 @@ def search(
 
 
 def _corners(region: Region, Q: Array) -> Array:
-    """Move configurations Q (K, n) along random diagonals of joint space, clipped to Ω.
+    """Move configurations Q (K, n) along diagonals of joint space, clipped to Ω.
 
-    Half of the moves are twice the half-widths of Ω, which leads to the corners of a box. The other
-    half are a tenth of the half-widths, because a tube is narrow. Return at most 256 rows.
+    Half of the moves are twice the half-widths of Ω, which leads to the corners of a box: to all of
+    them for n ≤ 7, else to every combination of the first seven joints. The other half are a tenth
+    of the half-widths along random diagonals, because a tube is narrow. Return at most 256 rows.
     """
     rng, start = np.random.default_rng(0), np.resize(Q, (_CORNERS, Q.shape[1]))
     far = np.resize([2.0, 0.1], (_CORNERS, 1)) * region.bounds.half_width
-    pushed = region.clip(start + np.where(rng.integers(2, size=start.shape), far, -far))
+    up = rng.integers(2, size=start.shape)
+    every = np.arange(_CORNERS // 2)[:, None] >> np.arange(_ALL) & 1
+    up[::2, :_ALL] = every[:, : Q.shape[1]]
+    pushed = region.clip(start + np.where(up, far, -far))
     return pushed[region.ratio(pushed) <= 1 + _EDGE]
 
 

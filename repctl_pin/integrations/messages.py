@@ -1,4 +1,4 @@
-"""Inputs of a :class:`Servo` from messages: measured joint positions by name, and targets."""
+"""Inputs of a :class:`Servo` from messages: time, measured joint positions by name, and targets."""
 
 from __future__ import annotations
 
@@ -19,6 +19,35 @@ _UNIT = 1e-3
 """Tolerance of a quaternion's norm, which should be 1."""
 
 
+class SteadyTime:
+    """Time that never goes back, and goes on at every tick, whatever the clock does.
+
+    Parameters
+    ----------
+    dt
+        Period of the ticks, s: the time of a tick in which the clock stood still or stepped back.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+        self._clock = self._time = self._last_tick = 0.0
+
+    def at(self, now: float) -> float:
+        """Compute the time, s, at which the clock reads ``now``, s: its steps forward, added up."""
+        step = now - self._clock
+        if np.isfinite(step):
+            self._clock = now
+            self._time += max(step, 0.0)
+        return self._time
+
+    def tick(self, now: float) -> float:
+        """Compute the time, s, of a tick at which the clock reads ``now``, s."""
+        if self.at(now) - self._last_tick < self._dt / 2:
+            self._time = self._last_tick + self._dt
+        self._last_tick = self._time
+        return self._time
+
+
 class JointReadings:
     """Measured positions of an arm's joints, which may come in several messages.
 
@@ -30,28 +59,31 @@ class JointReadings:
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
-        self._found: dict[str, tuple[float, float]] = {}
+        self._found: dict[str, tuple[float, float, float]] = {}
         self._still: tuple[Array, float] | None = None
 
-    def take(self, positions: Mapping[str, float], now: float) -> None:
-        """Store positions by joint name, measured at the time ``now``, s.
+    def take(self, positions: Mapping[str, float], now: float, stamped: float) -> None:
+        """Store positions by joint name, which arrive at the time ``now``, s.
 
-        Other joints, and numbers that are not finite, are ignored.
+        ``stamped`` is the age by the message's stamp, s; it is negative if the stamp is ahead of
+        the clock. Other joints, and numbers that are not finite, are ignored.
         """
         for name in self.names:
             value = positions.get(name)
             if value is not None and np.isfinite(value):
-                self._found[name] = (float(value), now)
+                self._found[name] = (float(value), now, stamped)
 
     def measured(self, now: float) -> tuple[Array | None, float]:
         """Return the latest joint positions (n,), and the age of the oldest of them, s.
 
-        The positions are None, and the age is 0, if a joint has not been measured yet.
+        A stamp that is ahead of the clock counts as much as one that is as far behind. The
+        positions are None, and the age is 0, if a joint has not been measured yet.
         """
         found = [self._found[name] for name in self.names if name in self._found]
         if len(found) < len(self.names):
             return None, 0.0
-        return np.array([q for q, _ in found]), now - min(t for _, t in found)
+        ages = [now - t + abs(stamped) for _, t, stamped in found]
+        return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
         """Describe which joints have no measurement yet, or how old the measurements are."""
@@ -60,7 +92,13 @@ class JointReadings:
             return "no joint states yet"
         if missing:
             return f"no joint state of {', '.join(missing)}"
-        return f"joint states are {self.measured(now)[1]:.2g} s old"
+        _, arrived, stamped = max(self._found.values(), key=lambda x: abs(x[2]) - x[1])
+        if abs(stamped) <= now - arrived:
+            return f"joint states are {self.measured(now)[1]:.2g} s old"
+        return (
+            f"joint states are refused: their stamp is {clock_difference(stamped)}; "
+            "synchronise the clocks, or give a longer timeout"
+        )
 
     def rest(self, now: float, duration: float) -> bool:
         """Test whether the measured joints have not changed for a duration, s.
@@ -78,6 +116,12 @@ class JointReadings:
     def disturb(self) -> None:
         """Restart the time for which :meth:`rest` requires constant joints."""
         self._still = None
+
+
+def clock_difference(age: float) -> str:
+    """Write a message's age by its stamp, s, as a difference from this clock."""
+    size = f"{abs(age):.0f}" if abs(age) >= 1000 else f"{abs(age):.3g}"
+    return f"{size} s {'ahead of' if age < 0 else 'before'} this clock"
 
 
 def target_of(

@@ -22,7 +22,7 @@ except ImportError as error:
 
 
 class RepeatableTask(PinkTask):
-    """pink task that holds h(q) = c: together with a frame task, every closed path is repeatable.
+    """pink task that holds h(q) = c: together with a frame task, it makes pink repeatable.
 
     ``e(q) = h(q) − c``, with the Jacobian ``∂h/∂q``. The joints are found in pink's model by name;
     other joints are not affected.

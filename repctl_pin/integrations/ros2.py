@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from numpy.typing import ArrayLike
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -28,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ..arguments import Array
 from ..design.design_result import Design
-from ..errors import InputError
+from ..errors import InputError, unknown
 from ..inverse_function import CellDesign, InverseFunction
 from ..motion.limits import Limits
 from .position_ik import answer
@@ -42,6 +43,20 @@ _LEVELS = {
     State.HOLDING: DiagnosticStatus.WARN,
 }
 _OUTPUTS = ("trajectory", "positions")
+_DEFAULTS = {
+    "acceleration": None,
+    "jerk": None,
+    "rate": 100.0,
+    "joints": None,
+    "leaf": None,
+    "output": "trajectory",
+    "timeout": 0.1,
+    "tolerance": 0.2,
+}
+"""Parameters, with their defaults."""
+
+_NO_DIGITS = str.maketrans("", "", "0123456789.")
+"""Translation of a message to the text that is compared for a change: ages change all the time."""
 
 
 class ArmNode(Node):
@@ -53,6 +68,9 @@ class ArmNode(Node):
     installed, ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters
     are read once.
 
+    Commands and time-outs follow a steady clock, which is never set; with ``use_sim_time``, they
+    follow the simulation's. Stamps are compared with the node's ROS clock.
+
     Parameters
     ----------
     design
@@ -61,20 +79,25 @@ class ArmNode(Node):
     Raises
     ------
     InputError
-        If a parameter is missing or cannot be used.
+        If a parameter is missing, unknown, or cannot be used.
     """
 
     def __init__(self, design: Design | CellDesign) -> None:
         super().__init__("repctl")
+        given = self._declared()
+        simulated = self.get_parameter("use_sim_time").value
+        self._tick_clock = (
+            self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self.servo = Servo(
             design,
-            self._declared("rate", 100.0),
-            Limits(acceleration=self._acceleration(), jerk=self._declared("jerk")),
-            timeout=self._declared("timeout", 0.1),
-            tolerance=self._declared("tolerance", 0.2),
+            given["rate"],
+            Limits(acceleration=_acceleration(given), jerk=given["jerk"]),
+            timeout=given["timeout"],
+            tolerance=given["tolerance"],
         )
-        self._names = self._joint_names()
-        self._output = self._declared("output", "trajectory")
+        self._names = self._joint_names(given["joints"])
+        self._output = given["output"]
         if self._output not in _OUTPUTS:
             raise InputError(
                 f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}",
@@ -83,7 +106,8 @@ class ArmNode(Node):
         self._connect()
         if isinstance(design, CellDesign):
             self._offer_ik(design.function)
-        self._set_leaf(self._declared("leaf"))
+        if refused := self._set_leaf(given["leaf"]):
+            raise InputError(f"parameter leaf: {refused}")
         self.add_on_set_parameters_callback(self._on_set)
 
     def _connect(self) -> None:
@@ -104,8 +128,9 @@ class ArmNode(Node):
         self.create_subscription(JointState, "joint_states", self._on_joints, states)
         self.create_service(Trigger, "~/hold", self._on_hold)
         self.create_service(Trigger, "~/resume", self._on_resume)
-        self.create_timer(self.servo.dt, self._on_tick)
-        self.create_timer(_STATUS_PERIOD, self.publish_status)
+        self.create_timer(self.servo.dt, self._on_tick, clock=self._tick_clock)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_STATUS_PERIOD, self.publish_status, clock=steady)
         self._said = ""
 
     def _offer_ik(self, F: InverseFunction) -> None:
@@ -127,30 +152,27 @@ class ArmNode(Node):
 
     # ---- parameters ----------------------------------------------------------------------------
 
-    def _declared(self, name: str, default: Any = None) -> Any:
-        """Declare a parameter and return its value; arrays become lists."""
-        value = self.declare_parameter(name, default, _ANY).value
-        return (
-            list(value)
+    def _declared(self) -> dict[str, Any]:
+        """Declare all parameters and return their values by name; arrays become lists.
+
+        Raises InputError if a parameter is given that the node does not have.
+        """
+        every = [(name, value, _ANY) for name, value in _DEFAULTS.items()]
+        values = {p.name: p.value for p in self.declare_parameters("", every)}
+        for name in self._parameter_overrides:
+            if not self.has_parameter(name):
+                raise unknown("parameter", name, _DEFAULTS)
+        return {
+            name: list(value)
             if hasattr(value, "__len__") and not isinstance(value, str)
             else value
-        )
+            for name, value in values.items()
+        }
 
-    def _acceleration(self) -> ArrayLike | str:
-        """Read the acceleration limits, a required parameter because a URDF has none."""
-        value: ArrayLike | str | None = self._declared("acceleration")
-        if value is None:
-            raise InputError(
-                "the parameter acceleration is missing, and a URDF has no acceleration limits",
-                remedy="add --ros-args -p acceleration:=5.0 (rad/s²), one number per joint, or a "
-                "name such as panda",
-            )
-        return value
-
-    def _joint_names(self) -> dict[str, str]:
+    def _joint_names(self, given: list[str] | None) -> dict[str, str]:
         """Map joint names in messages to those of the design, in the design's order."""
         own = self.servo.task.joint_names
-        given = self._declared("joints", list(own))
+        given = list(own) if given is None else given
         if len(given) != len(own) or len(set(given)) != len(own):
             raise InputError(
                 f"parameter joints must be {len(own)} names, for {', '.join(own)}"
@@ -179,12 +201,14 @@ class ArmNode(Node):
     # ---- messages ------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds * 1e-9)
+        """Time of the ticks and time-outs, s."""
+        return float(self._tick_clock.now().nanoseconds * 1e-9)
 
     def _age(self, stamp: Any) -> float:
         """Compute the age of a message's time stamp, s; 0 if it has no stamp."""
         seconds = stamp.sec + 1e-9 * stamp.nanosec
-        return self._now() - seconds if seconds else 0.0
+        now = self.get_clock().now().nanoseconds * 1e-9
+        return float(now - seconds) if seconds else 0.0
 
     def _on_pose(self, message: PoseStamped) -> None:
         p, x = message.pose.position, message.pose.orientation
@@ -202,7 +226,7 @@ class ArmNode(Node):
     def _on_joints(self, message: JointState) -> None:
         pairs = zip(message.name, message.position, strict=False)
         known = {self._names[name]: q for name, q in pairs if name in self._names}
-        self.servo.joints(known, self._now())
+        self.servo.joints(known, self._now(), age=self._age(message.header.stamp))
 
     def _on_hold(self, _: Any, response: Any) -> Any:
         self.servo.hold()
@@ -215,9 +239,7 @@ class ArmNode(Node):
     def _answered(self, response: Any) -> Any:
         """Fill in a service's response with the state of the servo."""
         response.success = True
-        response.message = ": ".join(
-            filter(None, [self.servo.state.value, self.servo.reason])
-        )
+        response.message = self.servo.said
         return response
 
     # ---- commands and status -------------------------------------------------------------------
@@ -242,7 +264,7 @@ class ArmNode(Node):
     def publish_status(self) -> None:
         """Publish the servo's state on ``/diagnostics``, and log it when it changes."""
         servo = self.servo
-        said = ": ".join(filter(None, [servo.state.value, servo.reason]))
+        said = servo.said
         level = _LEVELS[servo.state]
         if servo.state is State.RUNNING and (servo.reason or servo.stopped_early):
             level = DiagnosticStatus.WARN
@@ -257,7 +279,7 @@ class ArmNode(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-        if (brief := servo.state.value if "old" in said else said) != self._said:
+        if (brief := said.translate(_NO_DIGITS)) != self._said:
             self._said = brief
             self.get_logger().info(said)
 
@@ -266,6 +288,18 @@ class ArmNode(Node):
         while (q := self.servo.brake()) is not None:
             self._publish(q)
             time.sleep(self.servo.dt)
+
+
+def _acceleration(given: dict[str, Any]) -> ArrayLike | str:
+    """Read the acceleration limits, a required parameter because a URDF has none."""
+    value: ArrayLike | str | None = given["acceleration"]
+    if value is None:
+        raise InputError(
+            "the parameter acceleration is missing, and a URDF has no acceleration limits",
+            remedy="add --ros-args -p acceleration:=5.0 (rad/s²), one number per joint, or a "
+            "name such as panda",
+        )
+    return value
 
 
 def spin(

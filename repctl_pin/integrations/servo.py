@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, positive
+from ..arguments import Array, positive, shown
 from ..codegen.compile import compiled
 from ..codegen.compiled_governor import CompiledGovernor
 from ..design.design_result import Design
@@ -18,13 +18,22 @@ from ..inverse_function.cell_design import CellDesign
 from ..motion.leaf_change import leaf_change
 from ..motion.limits import Limits, joint_limits
 from ..motion.status import Status
-from .messages import SAME, JointReadings, target_of
+from .messages import SAME, JointReadings, SteadyTime, clock_difference, target_of
 
 _LEAF = 1e-9
 """Tolerance within which h(q) is at the level c, in the units of h."""
 
 _REST = 4
 """Number of equal commands after which the arm counts as at rest."""
+
+
+_AHEAD = {
+    Status.SINGULAR: "J_V is singular ahead, or the target is out of reach",
+    Status.BAD_NUMBER: "one of its numbers is too large, or its matrix is not a rotation",
+    Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
+    Status.LIMIT: "a joint limit is ahead",
+}
+"""Description of what stops the arm, by the governor's status."""
 
 
 class State(Enum):
@@ -43,8 +52,9 @@ class Servo:
     """Joint commands of an arm, per tick, from target poses or twists and measured joints.
 
     The commands stay on one leaf and within the limits. All times are of one clock, in s, passed as
-    ``now``. A target or twist that cannot be used raises no error: it stops the arm, and
-    :attr:`reason` describes it.
+    ``now``. Where the clock steps back or stands still, each tick counts as one period, so
+    time-outs still end. A target or twist that cannot be used raises no error: it stops the arm,
+    and :attr:`reason` describes it.
 
     Parameters
     ----------
@@ -89,6 +99,7 @@ class Servo:
             "no joint states yet",
             Status.OK,
         )
+        self._time = SteadyTime(self.dt)
         self._readings = JointReadings(self.task.joint_names)
         self._commands: list[Array] = []
         self._leaf: Array | None = None
@@ -100,9 +111,14 @@ class Servo:
 
     # ---- messages ------------------------------------------------------------------------------
 
-    def joints(self, positions: Mapping[str, float], now: float) -> None:
-        """Store measured positions of some or all joints, by name; other names are ignored."""
-        self._readings.take(positions, now)
+    def joints(
+        self, positions: Mapping[str, float], now: float, *, age: float = 0.0
+    ) -> None:
+        """Store measured positions of some or all joints, by name; other names are ignored.
+
+        ``age`` is the message's age by its stamp, s.
+        """
+        self._readings.take(positions, self._time.at(now), age)
 
     def pose(
         self,
@@ -134,7 +150,8 @@ class Servo:
             if not np.isfinite(twist).all():
                 self._refuse("twist refused: it must be finite numbers")
                 return
-            self._target, self._twist, self._heard = None, np.array(twist, float), now
+            self._target, self._twist = None, np.array(twist, float)
+            self._heard = self._time.at(now)
 
     def leaf(self, leaf: ArrayLike) -> str:
         """Set the level c (r,) to which the arm moves before it follows the next target.
@@ -154,22 +171,22 @@ class Servo:
     def resume(self) -> None:
         """End a hold, and follow the targets and twists that arrive from now on.
 
-        After a fault, the arm starts again from the measured joints.
+        After a fault, the arm brakes to rest, then starts again from the measured joints.
         """
         self._held = ""
         self._forget()
-        if self.state is State.HOLDING:
-            self.state = (
-                State.WAITING if self._fault and self.at_rest else State.RUNNING
-            )
-            self.reason = ""
+        if self.state is State.HOLDING and self._fault:
+            self.reason = "resumed: once at rest, it starts from the measured joints"
+        elif self.state is State.HOLDING:
+            self.state, self.reason = State.RUNNING, ""
 
     # ---- ticks ---------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Array | None:
         """Compute the next command (n,); None if no command may be sent."""
+        now = self._time.tick(now)
         q, age = self._readings.measured(now)
-        late = q is None or age > self.timeout
+        late = q is None or not age <= self.timeout
         if self.state is State.WAITING:
             if late or q is None:
                 self.reason = self._readings.absent(now)
@@ -210,12 +227,26 @@ class Servo:
     @property
     def stopped_early(self) -> bool:
         """True if the governor stops before the target: at a limit, singularity or edge of Ω."""
-        return self.status in (
-            Status.SINGULAR,
-            Status.OUTSIDE,
-            Status.LIMIT,
-            Status.BAD_NUMBER,
-        )
+        asked = self._target is not None or self._twist is not None
+        return self.state is State.RUNNING and asked and self.status in _AHEAD
+
+    @property
+    def said(self) -> str:
+        """State, and what stops the arm, in one line."""
+        reason = self.reason
+        if self.stopped_early and not reason:
+            does = "stopped" if self.at_rest else "slowing down"
+            reason = f"{does} before the target: {self._ahead()}"
+        return f"{self.state.value}: {reason}" if reason else self.state.value
+
+    def _ahead(self) -> str:
+        """Describe what stops the arm before the target."""
+        if self.status is Status.LIMIT and self.command is not None:
+            margin = self.task.limit_margin(self.command)
+            return (
+                f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
+            )
+        return _AHEAD[self.status]
 
     @property
     def command(self) -> Array | None:
@@ -317,10 +348,10 @@ class Servo:
         """
         if frame not in ("", self.base):
             self._refuse(
-                f"{what} refused: it is in frame {frame!r}, not in {self.base!r}"
+                f"{what} refused: it is in frame {shown(frame)}, not in {self.base!r}"
             )
         elif not abs(age) <= self.timeout:
-            self._refuse(f"{what} refused: its stamp is {age:.3g} s before this clock")
+            self._refuse(f"{what} refused: its stamp is {clock_difference(age)}")
         elif self.state is State.RUNNING:
             self.reason = ""
             return True

@@ -34,11 +34,11 @@ def least_closed_motion(
     """Compute the closed joint motion of minimum joint speed on a closed path.
 
     ``min Σ_k ‖q_{k+1} − q_k‖² / (s_{k+1} − s_k)`` with ``f(q_k) = x(s_k)`` and ``q_K = q_0``,
-    within the joint limits. No controller whose motion closes can need less joint speed (rms) on
-    this path from this start, so it measures how close a repeatable inverse comes to the best.
-    At the minimum, ``N_kᵀ (2 q_k − q_{k−1} − q_{k+1}) = 0`` for uniform steps, wherever no joint is
-    at its limit. The minimum is a local one: of the motions near the initial one. Collisions are
-    not considered; see ``motion.body_distance``.
+    within the joint limits. The minimum is a local one: no closed motion near it, of whatever
+    controller, needs less joint speed (rms) on this path from this start. So it estimates how close
+    a repeatable inverse comes to the best; pass its motion as ``guess`` to search near it. At the
+    minimum, ``N_kᵀ (2 q_k − q_{k−1} − q_{k+1}) = 0`` for uniform steps, wherever no joint is
+    at its limit. Collisions are not considered; see ``motion.body_distance``.
 
     Parameters
     ----------

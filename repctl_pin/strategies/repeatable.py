@@ -1,5 +1,8 @@
-"""A repeatable inverse G_r: its motions keep h(q) constant, so every closed path ends in the
-configuration it began in."""
+"""A repeatable inverse G_r: its motions keep h(q) constant.
+
+So a closed path ends in the configuration it began in, if it can be shrunk to a point through
+closed paths whose motions all stay in Ω.
+"""
 
 from __future__ import annotations
 

@@ -49,6 +49,47 @@ def printed_inverse(task: rp.Task, k: float) -> rp.CustomInverse:
     return rp.CustomInverse(task, G)
 
 
+@pytest.mark.parametrize(
+    ("a", "b"), [(0.2, 1.0), (-3.0, -1.1), (0.2, 2.9), (-1.0, 3.0), (0.5, 5.0)]
+)
+def test_the_optimal_k_of_56_lacks_a_sign_in_print(a: float, b: float) -> None:
+    """Issue 37, item 21: (56) with −C₂ is the minimum of (51); as printed, it is not.
+
+    Oracles: (51) by Gauss–Legendre quadrature over a grid of φ = atan k, and the formula (59).
+    """
+    C_1, C_2 = (
+        (np.cos(2 * a) - np.cos(2 * b)) / 2,
+        (np.sin(2 * a) - np.sin(2 * b)) / 2,
+    )
+
+    def cost(k: np.ndarray) -> np.ndarray:
+        x, weights = np.polynomial.legendre.leggauss(40)
+        theta = (a + b) / 2 + (b - a) / 2 * x
+        square = (np.sin(theta) + k[..., None] * np.cos(theta)) ** 2
+        return (b - a) / 2 * (square / (2 * (k[..., None] ** 2 + 1))) @ weights
+
+    grid = np.tan(np.linspace(-PI / 2, PI / 2, 2001)[1:-1])
+    assert np.allclose(  # (52) to (55)
+        cost(grid),
+        (C_1 * grid + C_2) / (2 * (grid**2 + 1)) + (b - a - C_2) / 4,
+        atol=1e-12,
+    )
+    half = (a + b) / 2
+    due = -np.tan(half) if b - a < PI else 1 / np.tan(half)  # (59)
+    root = np.hypot(C_1, C_2)
+    right, printed = (-C_2 - root) / C_1, (C_2 - root) / C_1
+    assert np.isclose(right, due) and cost(np.array(right)) <= cost(grid).min() + 1e-12
+    assert cost(np.array(printed)) > cost(np.array(right)) + 1e-3
+
+
+def test_the_cost_over_a_full_turn_is_half_of_pi() -> None:
+    """Issue 37, item 21: the paper has π/4; the mean of ½ sin² over 2π is ¼."""
+    theta = np.linspace(0, 2 * PI, 1000, endpoint=False)
+    for k in (-3.0, 0.0, 0.7):
+        square = (np.sin(theta) + k * np.cos(theta)) ** 2 / (2 * (k * k + 1))
+        assert np.isclose(2 * PI * square.mean(), PI / 2)
+
+
 class Family:
     """The same without a loop: J⁺ + n̂ wᵀ with w of (48), (49)."""
 

@@ -6,7 +6,9 @@ Skipped where rclpy is not installed: the extra ros2 (260 MB) is not part of the
 from __future__ import annotations
 
 import os
+import re
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +25,8 @@ pytest.importorskip(
 )
 from ros2_stage import Stage, on_loopback
 from std_msgs.msg import Float64MultiArray
+
+from repctl_pin.integrations.ros2 import spin
 
 RATE = 100.0
 LIMITS = ("acceleration:=panda", "jerk:=panda", f"rate:={RATE}")
@@ -250,6 +254,67 @@ def test_faults_in_the_middle_of_a_motion(
     print("twist for 0.1 s:", moved)
     assert 0.002 < moved[0] < 0.02 and np.abs(moved[1:]).max() < 1e-5
     assert used(Q, F.task) <= 1 + 1e-6
+
+
+def test_a_misspelt_parameter_is_refused(
+    found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 37, item 8: with jrek:=20 there was no jerk limit, and no word of it."""
+    on_loopback(monkeypatch)
+    for words, said in [
+        (["-p", "jrek:=20.0"], "no parameter 'jrek'; did you mean 'jerk'"),
+        (["-p", "leaf:=[0.1, 0.2]"], "parameter leaf: leaf must be 1 finite numbers"),
+        (["-p", "accelaration:=5.0"], "no parameter 'accelaration'; did you mean 'acc"),
+    ]:
+        given = ["--ros-args", "-p", "acceleration:=panda", *words]
+        with pytest.raises(rp.InputError, match=re.escape(said)):
+            spin(found[0], given, threading.Event())
+
+
+def test_stale_stamps_start_nothing(
+    found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 37, item 8: joint states stamped an hour ago started the arm."""
+    on_loopback(monkeypatch)
+    F = found[0].function
+    q = F(F.cell.placement)
+    with Stage(tmp_path, found[1], q, F.task.joint_names, age=3600.0) as stage:
+        said = "waiting: joint states are refused: their stamp is 3600 s before"
+        stage.node(*LIMITS, until=said)
+        time.sleep(0.3)
+        assert not stage.commands
+
+
+def test_a_simulation_that_steps_back(
+    found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 37, item 8: -600 s on /clock, and the last twist was never too old."""
+    on_loopback(monkeypatch)
+    F = found[0].function
+    q, offset, ends = F(F.cell.placement), [1000.0 - time.monotonic()], []
+    with Stage(tmp_path, found[1], q, F.task.joint_names, age=None) as stage:
+
+        def clock() -> None:
+            while not ends:
+                stage.clock(time.monotonic() + offset[0])
+                time.sleep(0.002)
+
+        thread = threading.Thread(target=clock)
+        thread.start()
+        try:
+            stage.node(*LIMITS, "use_sim_time:=true")
+            for _ in range(20):
+                stage.twist(np.array([0.05, 0, 0, 0, 0, 0]))
+                time.sleep(0.01)
+            stage.wait_for_motion()
+            offset[0] -= 600
+            stage.wait_for("the last twist is more than 0.1 s old")
+            end = F.task.placement(stage.settle()).translation
+        finally:
+            ends.append(True)
+            thread.join()
+    assert 1e-3 < end[0] - F.cell.placement.translation[0] < 0.05
+    assert used(np.array([q for _, q in stage.commands]), F.task) <= 1 + 1e-6
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
+from repctl_pin.integrations.messages import SteadyTime
 from repctl_pin.integrations.servo import Servo, State
 
 Q0, RATE, A, J = np.array([0.3, 0.8, 0.8]), 200.0, 6.0, 400.0
@@ -29,6 +30,7 @@ class Bench:
     def __init__(self, q: np.ndarray = Q0) -> None:
         self.servo = Servo(design(), RATE, rp.Limits(acceleration=A, jerk=J))
         self.task, self.q, self.now, self.answers = self.servo.task, q.copy(), 0.0, True
+        self.age = 0.0
         self.sent: list[np.ndarray] = []
 
     def run(self, seconds: float) -> np.ndarray | None:
@@ -37,9 +39,8 @@ class Bench:
         for _ in range(round(seconds * RATE)):
             self.now += 1 / RATE
             if self.answers:
-                self.servo.joints(
-                    dict(zip(self.task.joint_names, self.q, strict=True)), self.now
-                )
+                found = dict(zip(self.task.joint_names, self.q, strict=True))
+                self.servo.joints(found, self.now, age=self.age)
             q = self.servo.tick(self.now)
             if q is not None:
                 self.q = q
@@ -106,6 +107,7 @@ def test_targets_are_reached_on_one_leaf_within_the_limits(bench: Bench) -> None
         ((np.nan, 0, 0), {}, "target refused: it must be finite numbers"),
         ((1, 1, 0), {"frame": "camera"}, "it is in frame 'camera', not in 'base'"),
         ((1, 1, 0), {"age": 5.0}, "its stamp is 5 s before this clock"),
+        ((1, 1, 0), {"age": -5000.0}, "its stamp is 5000 s ahead of this clock"),
         ((1, 1, 0), {"age": np.nan}, "its stamp is nan s"),
     ],
 )
@@ -137,6 +139,94 @@ def test_a_twist_holds_for_the_timeout_only(bench: Bench) -> None:
     assert bench.servo.reason == "the last twist is more than 0.1 s old"
     bench.servo.twist((np.inf, 0, 0, 0, 0, 0), bench.now)
     assert bench.servo.reason == "twist refused: it must be finite numbers"
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        pytest.param(lambda t: t - 600, id="steps back"),
+        pytest.param(lambda t: 0.2, id="stands still"),
+        pytest.param(lambda t: -t, id="runs backwards"),
+        pytest.param(lambda t: 1000 - (1000 * t) % 7, id="jumps about"),
+        pytest.param(lambda t: np.nan, id="is not a number"),
+    ],
+)
+def test_a_twist_ends_whatever_the_clock_does(bench: Bench, clock) -> None:
+    """Issue 37, item 8: after a step back of 600 s, the last twist was never too old."""
+    bench.servo.twist((0.1, 0, 0, 0, 0, 0), bench.now)
+    begin = bench.now
+    for k in range(1, 200):
+        now = clock(begin + k / RATE)
+        bench.servo.joints(dict(zip(bench.task.joint_names, bench.q, strict=True)), now)
+        q = bench.servo.tick(now)
+        bench.q = bench.q if q is None else q
+        bench.sent.append(bench.q)
+    moved = (
+        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    )
+    assert moved[0] < 0.1 * (0.1 + 0.1) and bench.servo.at_rest
+    assert bench.used() <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("clock", [lambda t: t - 600, lambda t: 0.2, lambda t: -t])
+def test_joints_that_stop_are_noticed_whatever_the_clock_does(
+    bench: Bench, clock
+) -> None:
+    """Issue 37, item 8: the twin, measured joints that are no longer measured."""
+    bench.at(0.2, 0.0)
+    begin = bench.now
+    for k in range(1, 400):
+        q = bench.servo.tick(clock(begin + k / RATE))
+        if q is not None:
+            bench.sent.append(q)
+    assert q is None and bench.servo.state is State.WAITING
+    assert bench.used() <= 1 + 1e-6
+
+
+def test_time_goes_on_with_the_clock_and_without_it() -> None:
+    """With a good clock it is the clock's; otherwise each tick is one period."""
+    rng, time = np.random.default_rng(0), SteadyTime(0.01)
+    good = 5.0 + np.cumsum(rng.uniform(0.006, 0.02, 100))
+    assert np.allclose([time.tick(now) for now in good], good, rtol=0, atol=1e-12)
+    last = good[-1]
+    for k, now in enumerate([last, last - 600, np.nan, -np.inf, last - 700], 1):
+        assert np.isclose(time.tick(now), last + 0.01 * k)
+    assert np.isclose(time.tick(last - 700 + 0.01), last + 0.06)
+
+
+@pytest.mark.parametrize(
+    ("age", "said"),
+    [
+        (3600.0, "their stamp is 3600 s before this clock; synchronise the clocks"),
+        (-0.5, "their stamp is 0.5 s ahead of this clock; synchronise the clocks"),
+        (np.nan, "joint states are refused: "),
+        (np.inf, "joint states are refused: "),
+    ],
+)
+def test_stale_stamps_of_joints_start_nothing_and_stop_a_motion(
+    bench: Bench, age: float, said: str
+) -> None:
+    """Issue 37, item 8: joint states stamped an hour ago started the arm."""
+    fresh = Bench()
+    fresh.age = age
+    assert fresh.run(1.0) is None and fresh.servo.state is State.WAITING
+    assert said in fresh.servo.reason
+    bench.at(0.2, 0.0)
+    bench.run(0.15)
+    bench.age = age
+    assert bench.run(1.5) is None and bench.servo.state is State.WAITING
+    assert said in bench.servo.reason and bench.used() <= 1 + 1e-6
+    bench.age = 0.05
+    assert bench.run(0.5) is not None and bench.servo.state is State.RUNNING
+
+
+def test_a_driver_that_repeats_its_last_message_is_late(bench: Bench) -> None:
+    """Issue 37, item 8: the values still arrive, and only their stamp shows that they are old."""
+    bench.at(0.2, 0.0)
+    for k in range(300):
+        bench.age = k / RATE
+        q = bench.run(1 / RATE)
+    assert q is None and bench.servo.state is State.WAITING and bench.used() <= 1 + 1e-6
 
 
 def test_hold_stops_and_keeps_no_target(bench: Bench) -> None:
@@ -193,6 +283,45 @@ def test_an_arm_that_does_not_follow_gets_no_commands_until_resumed(
     bench.servo.resume()
     q = bench.run(0.5)
     assert q is not None and (q == pushed).all() and bench.servo.state is State.RUNNING
+
+
+def test_resume_while_braking_after_a_fault_moves_nowhere() -> None:
+    """Issue 37, item 8: it went on, 0.60 rad from the joints, and compared no more."""
+    sent = []
+    for resumes in False, True:
+        bench = Bench()
+        bench.run(0.2)
+        bench.at(0.4, 0.0)
+        bench.run(0.25)
+        stuck, answered = bench.q + [0.0, 0.35, 0.0], bench.task.joint_names
+        for _ in range(100):
+            bench.now += 1 / RATE
+            bench.servo.joints(dict(zip(answered, stuck, strict=True)), bench.now)
+            q = bench.servo.tick(bench.now)
+            if q is None:
+                break
+            bench.sent.append(q)
+            if resumes:
+                bench.servo.resume()
+                bench.at(0.4, 0.0)
+        assert q is None and bench.used() <= 1 + 1e-6
+        sent.append(np.array(bench.sent))
+    assert len(sent[0]) > 60 and np.array_equal(*sent)
+    bench.q = stuck
+    q = bench.run(0.5)
+    assert q is not None and (q == stuck).all() and bench.servo.state is State.RUNNING
+
+
+def test_an_arm_that_is_stuck_says_why(bench: Bench) -> None:
+    """Issue 37, item 8: the message was only "running"."""
+    bench.at(5.0, 0.0)
+    bench.run(3.0)
+    assert bench.servo.at_rest and bench.servo.stopped_early
+    assert bench.servo.said.startswith("running: stopped before the target: ")
+    assert "Ω" in bench.servo.said or "reach" in bench.servo.said
+    bench.at(0.0, 0.0)
+    bench.run(3.0)
+    assert bench.servo.said == "running" and np.abs(bench.q - Q0).max() < 1e-9
 
 
 def test_a_leaf_is_reached_before_the_next_target(bench: Bench) -> None:

@@ -58,13 +58,16 @@ def close(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def test_every_inverse_is_the_pseudoinverse_and_a_null_part(setting: Setting) -> None:
+    """Issue 37, item 22: beside 0, rounding is relative to the terms that cancel, for any seed."""
     for G, W in ((setting.G_d, setting.W_d), (setting.G_r, setting.W_r)):
-        assert close(setting.J @ G, np.broadcast_to(np.eye(3), (30, 3, 3)))
+        size = np.linalg.norm(G, axis=(1, 2))[:, None, None]
+        eye = np.broadcast_to(np.eye(3), (30, 3, 3))
+        assert close(setting.J @ G / size, eye / size)
         assert close(
             redundancy.from_null_component(setting.J, setting.N, W), G
         )  # (21), (22)
         n_G = t(setting.J) @ W - setting.N  # (23)
-        assert close(t(G) @ n_G, np.zeros((30, 3, setting.r)))
+        assert close(t(G) @ n_G / size**2, np.zeros((30, 3, setting.r)))
 
 
 def test_the_distance_of_two_inverses_is_that_of_their_null_parts(
@@ -82,7 +85,10 @@ def test_the_distance_of_two_inverses_is_that_of_their_null_parts(
     ):  # the paper's norm is the spectral one: the same for an outer product
         assert close(spectral[:, None], frobenius[:, None])
     else:
-        assert (spectral < frobenius * (1 - 1e-6)).all()
+        rank = min(3, setting.r)  # equal near an algorithmic singularity
+        assert (spectral <= frobenius * (1 + 1e-12)).all()
+        assert (frobenius <= np.sqrt(rank) * spectral * (1 + 1e-12)).all()
+        assert np.median(spectral / frobenius) < 1 - 1e-6
 
 
 def test_the_inverse_of_the_augmented_jacobian_block_by_block(setting: Setting) -> None:

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+import yaml
 from shown import likeness
 
 import repctl_pin as rp
@@ -168,15 +169,15 @@ def redraw(names: list[str], folder: Path) -> None:
 def test_the_figures_of_the_theory_are_there(tmp_path: Path) -> None:
     """Those of the examples are held to their scripts by test_examples.py."""
     kept = sorted((ROOT / "docs" / "figures").glob("*.png"))
-    assert [file.stem for file in kept] == ["cell", "drift", "proofs", "states"]
+    assert [file.stem for file in kept] == ["cell", "drift", "proofs", "ring", "states"]
     assert all(file.stat().st_size < 150_000 for file in kept)
     linked = re.findall(
         r"\]\((\S+\.png)\)", (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     )
-    assert len(linked) == 5 and all(
+    assert len(linked) == 6 and all(
         (ROOT / "docs" / name).resolve().is_file() for name in linked
     )
-    redraw(["drift", "states"], tmp_path)
+    redraw(["drift", "ring", "states"], tmp_path)
 
 
 @pytest.mark.slow
@@ -184,3 +185,13 @@ def test_the_dear_figures_of_the_theory_are_what_the_package_draws(
     tmp_path: Path,
 ) -> None:
     redraw(["cell", "proofs"], tmp_path)
+
+
+def test_the_slow_tests_run_on_a_schedule() -> None:
+    """Issue 37, item 23: they had been failing unseen."""
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "slow.yml").read_text())
+    assert workflow[True]["schedule"]  # YAML reads the key "on" as true
+    (job,) = workflow["jobs"].values()
+    command = "python -m pytest -m slow -n 0"
+    assert any(command in step.get("run", "") for step in job["steps"])
+    assert f"`{command}`" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

@@ -18,7 +18,8 @@ GLOSSARY = {
     "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that give the frame its "
     "velocity, the one with the smallest norm. It is the usual controller, and the desired one "
     "here.",
-    "repeatable": "Every closed path of the frame ends in the configuration it began in.",
+    "repeatable": "A closed path of the frame ends in the configuration it began in, if it can be "
+    "shrunk to a point through closed paths whose motions all stay in Ω.",
     "drift": "Distance of the joints from the start after a cycle: a norm over all joints, so it "
     "may exceed the displacement of each of them.",
     "J⁺ + posture": "J⁺ with null-space attraction to a given configuration: the start, or another "

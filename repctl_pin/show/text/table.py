@@ -67,9 +67,10 @@ def _block(
 
 def study_table(study: Study) -> str:
     """Format a study: warnings, verdict, settings, a table of strategies, legend and notes."""
-    width = max(map(len, study.setting))
+    setting = study.setting | _two_norms(study)
+    width = max(map(len, setting))
     loud = outside_words(max(row.outside for row in study.rows))
-    head = [f"{label.ljust(width)}  {text}" for label, text in study.setting.items()]
+    head = [f"{label.ljust(width)}  {text}" for label, text in setting.items()]
     header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
     legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
@@ -78,6 +79,15 @@ def study_table(study: Study) -> str:
     return "\n".join(
         [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]
     )
+
+
+def _two_norms(study: Study) -> dict[str, str]:
+    """Write the design's cost in the Frobenius and the spectral norm, which differ for r > 1."""
+    if study.task.r == 1:
+        return {}
+    cost, spectral = study.design.cost, study.design.spectral_cost()
+    label = f"mean ‖G − {_desired(study)}‖²"
+    return {label: f"{cost:.3g} (Frobenius), {spectral:.3g} (spectral norm)"}
 
 
 def outside_words(share: float) -> list[str]:
