@@ -22,21 +22,17 @@ LANES = 8
 
 
 def function_code(function: InverseFunction, name: str) -> str:
-    """Write the C code of an inverse kinematic function F.
-
-    If F does not keep the joint limits, they are written as infinite.
-    """
+    """Write the C code of an inverse kinematic function F."""
     task, chart = function.task, function.chart
-    lower, upper = (
-        (task.lower, task.upper)
-        if function.keep_limits
-        else (np.full(task.n, s * np.inf) for s in (-1, 1))
-    )
     removed = chart.cell.removed if isinstance(chart.cell, Sector) else ()
     shifts = [
         f"    shift[{x.joint}] = {x.sign}.0 * y[{x.coordinate}];\n" for x in removed
     ]
-    limits = {"lower": row(lower), "upper": row(upper)}
+    limits = {
+        "lower": row(task.lower),
+        "upper": row(task.upper),
+        "keep": int(function.keep_limits),
+    }
     parts = limits | {"lanes": LANES, "turned": "".join(shifts), **cell_tables(chart)}
     lanes = [_lanes(chart, name, count) for count in (1, LANES)]
     return "".join(
@@ -204,7 +200,7 @@ def _errors(task: Task, row_of: Sequence[int]) -> str:
             f"both[{at + 1 + j}][l] * (both[{at}][l] - x[{i}][l])"
             for i, at in enumerate(range(0, (1 + task.r) * task.n, 1 + task.r))
         )
-        e.append(f"level[{j}] + {' + '.join(terms)}")
+        e.append(f"level[{j}][l] + {' + '.join(terms)}")
     return _lines(
         [*lines, *(f"b[{row}][l] = {x};" for row, x in zip(row_of, e, strict=True))], 3
     )

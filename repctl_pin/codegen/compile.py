@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
-from typing import overload
+from typing import Literal, overload
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, require_type
+from ..arguments import Array, as_int, require_choice, require_type
+from ..errors import InputError
 from ..inverse_function import InverseFunction
 from ..inverse_function.cell_potentials import CellPotentials
 from ..inverse_function.chart import Chart
-from ..robot.chain_formulas import Placement, as_placement
+from ..inverse_function.function import MOST_THREADS
+from ..inverse_function.targets import FORMS, as_poses, homogeneous
+from ..robot.chain_formulas import Placement, as_placement, as_placements
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..threads import PerThread
@@ -26,11 +29,10 @@ from .compiled_loop import (
     call_memory,
     compiled_loops,
     library,
-    run_many,
 )
 
-_LEAST_PART = 1024
-"""Minimum number of poses per thread; for fewer, another thread is not worthwhile."""
+_PART = 2048
+"""Number of poses at a time, per thread; their arrays stay in the processor's cache."""
 
 
 class CompiledFunction(InverseFunction):
@@ -57,31 +59,70 @@ class CompiledFunction(InverseFunction):
                 return q
         return super().__call__(target, leaf=leaf)
 
-    def _batch(
-        self, U: Array, C: Array, threads: int, *, missing: bool = False
+    def batch(
+        self,
+        targets: Sequence[Placement] | Array,
+        *,
+        leaf: ArrayLike | None = None,
+        missing: Literal["raise", "nan"] = "raise",
+        threads: int = 1,
     ) -> Array:
-        if self._library is not None and len(C) and (C == C[0]).all():
-            p, R = self.cell.placements(U)
-            poses = np.concatenate([p, R.reshape(-1, 9)], axis=1)
-            Q, leaf = np.empty((len(U), self.task.n)), np.ascontiguousarray(C[0])
-            size = max(_LEAST_PART, -(-len(U) // threads))
-            parts = [slice(i, i + size) for i in range(0, len(U), size)]
+        """Evaluate F at many targets: (K, n); see :meth:`InverseFunction.batch`.
 
-            def run(part: slice) -> bool:
-                count = len(Q[part])
-                return (
-                    run_many(self._many, "functions", poses[part], leaf, Q[part])
-                    == count
-                )
+        Python evaluates the targets again at which C has no configuration.
+        """
+        threads = as_int(threads, "threads", 1, MOST_THREADS)
+        require_choice(missing, ("raise", "nan"), "missing")
+        if not isinstance(targets, np.ndarray):
+            placements = as_placements(targets, "target", FORMS)
+            targets = homogeneous(*as_poses(self.task, placements))
+        if self._library is None or targets.ndim < 2:
+            return super().batch(targets, leaf=leaf, missing=missing)
+        try:
+            c = np.ascontiguousarray(self._leaves(leaf, len(targets)))
+            Q = self._compiled(targets, c, threads)
+            failed = np.flatnonzero(np.isnan(Q[:, 0]))
+            if len(failed):
+                left, on = targets[failed], c[failed]
+                Q[failed] = super().batch(left, leaf=on, missing=missing)
+        except InputError:  # again, for the number of the target
+            return super().batch(targets, leaf=leaf, missing=missing)
+        return Q
 
-            if len(parts) < 2:
-                done = all(map(run, parts))
-            else:
-                with ThreadPoolExecutor(threads) as pool:
-                    done = all(list(pool.map(run, parts)))
-            if done:
-                return Q
-        return super()._batch(U, C, threads, missing=missing)
+    def _compiled(self, targets: Array, C: Array, threads: int) -> Array:
+        """Evaluate F (K, n) in C at targets, on the leaves C (K, r), part by part.
+
+        Rows without a configuration are NaN.
+        """
+        run = self._many[f"{NAME}_call_functions"]
+        Q, stride = np.empty((len(targets), self.task.n)), ctypes.c_int(C.shape[1])
+
+        def evaluate(begin: int) -> None:
+            part = slice(begin, begin + _PART)
+            X = self._matrices(targets[part])
+            arrays = X, C[part], Q[part]
+            x, c, q = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+            run(ctypes.c_long(len(X)), x, c, stride, q)
+
+        parts = range(0, len(targets), _PART)
+        if threads == 1 or len(parts) < 2:
+            for begin in parts:
+                evaluate(begin)
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(evaluate, parts))
+        return Q
+
+    def _matrices(self, targets: Array) -> Array:
+        """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside."""
+        if targets.shape[1:] == (4, 4) and targets.dtype == float:
+            return np.ascontiguousarray(targets)
+        if targets.ndim != 2 or targets.shape[1] == 7:
+            return homogeneous(*as_poses(self.task, targets))
+        U, off = self._coordinates(targets)
+        p, R = self.cell.placements(U)
+        p[~self.cell._contains(U, off)] = np.nan
+        return homogeneous(p, R)
 
     @cached_property
     def inverse(self) -> RepeatableInverse:

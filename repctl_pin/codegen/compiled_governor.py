@@ -14,7 +14,6 @@ from ..c_library import NoCompilerError, loaded_library
 from ..motion.governor import Governor, taken_input
 from ..motion.limits import Limits
 from ..motion.status import Status
-from ..regions import Region
 from ..robot.chain_formulas import Placement
 from ..strategies.repeatable import RepeatableInverse
 from .compiled_loop import NAME
@@ -33,7 +32,7 @@ class CompiledGovernor(Governor):
     Raises
     ------
     InputError
-        As for :class:`Governor`, or if the potentials cannot be written as C.
+        As for :class:`Governor`, or if the potentials or the region cannot be written as C.
     """
 
     def __init__(
@@ -96,10 +95,7 @@ def _library(inverse: RepeatableInverse) -> ctypes.PyDLL | None:
 
     Returns None, after a warning, if there is no C compiler.
     """
-    region = (
-        inverse.region if isinstance(inverse.region, Region) else None
-    )  # a cell is its own
-    source = write_source(inverse, NAME, region, governor=True)
+    source = write_source(inverse, NAME, governor=True)
     size = f"const unsigned long {_BYTES} = sizeof({NAME}_governor);\n"
     code = source.code.replace(f'#include "{NAME}.h"', source.header) + size
     try:

@@ -20,6 +20,7 @@ from ..robot.task import Task
 from ..strategies.control_step import python_loops
 from ..strategies.fast_loop import FastLoop, StepLimits, checked, failure
 from ..strategies.repeatable import RepeatableInverse
+from .cell_function import LANES
 from .source import write_source
 from .text import filled
 
@@ -46,7 +47,7 @@ def library(control: RepeatableInverse | InverseFunction) -> str | None:
     Returns None, after a warning, if there is no C compiler.
     """
     source, many = write_source(control, NAME), isinstance(control, InverseFunction)
-    function = filled("python_function.c", NAME, {}) if many else ""
+    function = filled("python_function.c", NAME, {"lanes": LANES}) if many else ""
     code = (
         source.code.replace(f'#include "{NAME}.h"', source.header)
         + filled("python.c", NAME, {})

@@ -11,17 +11,17 @@ import numpy as np
 import pinocchio as pin
 
 from .._version import __version__
-from ..arguments import file_name, require_type
+from ..arguments import Array, file_name, require_type
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..inverse_function import Cell, InverseFunction, Sector
+from ..inverse_function.cell_potentials import CellPotentials
 from ..regions import Region
 from ..regions.region import A_REGION
-from ..robot.task import Task
-from ..strategies.repeatable import RepeatableInverse
+from ..strategies.repeatable import Bounded, RepeatableInverse
 from .kdl import kdl_header
 from .source import about, region_of, write_source
-from .text import checked_name, filled, integer, pose, row, value
+from .text import checked_name, filled, pose, row, table, value
 from .vectors import (
     BAD_NUMBER,
     OUTSIDE,
@@ -68,8 +68,8 @@ def export_c(
         Prefix of the files and of every name in C.
     region
         Region such as ``design.region``, which ``name_inside`` checks and from which the test
-        vectors are sampled. A cell's function and its inverse use their cell instead; their steps
-        by default stay within the cell and the joint limits.
+        vectors are sampled; by default the inverse's own Ω. That of a cell's function and of its
+        inverse is their cell; their steps by default stay within the cell and the joint limits.
 
     Returns
     -------
@@ -94,18 +94,16 @@ def export_c(
         require_type(region, Region, "region", A_REGION)
     source = write_source(control, name, region, governor=True)
     if isinstance(control, InverseFunction):
-        inverse, start = control.inverse, control(control.cell.placement)
+        inverse = control.inverse
         declared, functions = (
             filled("function.hpp", name, {}),
             _function_vectors(control, name),
         )
     else:
-        inverse, start = (
-            control,
-            control.task.reference if region is None else region.center,
-        )
+        inverse = control
         declared = functions = ""
     kept = region_of(inverse, region)
+    start = _start(inverse, kept)
     found = [
         (vector, answers(inverse, kept, vector))
         for vector in vectors(inverse, kept, start)
@@ -119,7 +117,6 @@ def export_c(
         "functions": functions,
         "torque": filled("torque.hpp", name, {}),
     }
-    axes, radius = _circle(inverse.task, kept)
     texts = {
         f"{name}.h": source.header,
         f"{name}.c": source.code,
@@ -127,11 +124,7 @@ def export_c(
         f"{name}_kdl.hpp": kdl_header(control, name, about(control, kept), start),
         "test_vectors.h": filled("test_vectors.h", name, parts),
         "check.c": filled("check.c", name, {}),
-        "loop.c": filled(
-            "loop.c",
-            name,
-            {"start": row(start), "radius": value(radius), "axes": integer(axes)},
-        ),
+        "loop.c": filled("loop.c", name, {"start": row(start)} | _loop(inverse, kept)),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
     where = prepare_folder(folder)
@@ -171,23 +164,33 @@ def _refuse_foreign(path: Path) -> None:
         )
 
 
-def _circle(task: Task, region: Region | Cell | None) -> tuple[list[int], float]:
-    """Choose the axes (at most two) and the radius, m, of the circle in the example ``loop.c``.
+def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
+    """Choose the configuration (n,) at which the example and the test vectors begin."""
+    if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
+        return InverseFunction(inverse.potentials.chart)(region.placement)
+    return region.center if isinstance(region, Region) else inverse.task.reference
 
-    If the region is a cell, the circle from the start lies inside it.
+
+def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
+    """Write the closed path of the example ``loop.c``, in the two directions that it moves along.
+
+    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. It lies inside a cell. In a sector
+    the orientation turns with the angle, so there the path is in the plane of radius and height,
+    unless the task is in two coordinates, which leave the orientation free.
     """
-    axes = [int(axis) for axis in task.rows if axis < 3]
-    if not isinstance(region, Cell):
-        return axes[:2], 0.02
+    axes = [int(axis) for axis in inverse.task.rows if axis < 3]
+    along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
     if isinstance(region, Sector):
-        return axes[:2], min(
-            0.02, 0.3 * float(np.min(region.widths[[0, 2][: len(axes) - 1]]))
-        )
-    widths = dict(zip(axes, region.half_width.tolist(), strict=True))
-    axes = sorted(axes, key=lambda axis: -widths[axis])[
-        :2
-    ]  # the circle extends from the start to −2 radii
-    return axes, min(0.02, *(0.45 * widths[axis] for axis in axes))
+        outward, around, up = region.directions
+        radius, angle, *height = region.widths
+        along = np.stack([outward, up if height else around])
+        chord = (region.middle[0] - radius) * np.sin(min(angle, np.pi / 2))
+        most = np.array([radius, height[0] if height else chord])
+    elif isinstance(region, Cell):
+        most = region.half_width
+    first, second = np.argsort(-most, kind="stable")[:2]
+    radii = min(0.02, 0.45 * most[first]), min(0.02, 0.9 * most[second])
+    return {"along": table(along[[first, second]]), "radii": row(radii)}
 
 
 def _vector(

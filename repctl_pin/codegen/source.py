@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from .._version import __version__
 from ..arguments import require_type
 from ..errors import InputError
@@ -11,7 +13,7 @@ from ..inverse_function import Cell, InverseFunction
 from ..inverse_function.cell_potentials import CellPotentials
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
-from ..strategies.repeatable import RepeatableInverse
+from ..strategies.repeatable import Bounded, RepeatableInverse
 from .cell_function import function_code
 from .expressions import Graph, assignments
 from .governor import governor_source
@@ -55,8 +57,8 @@ def write_source(
     name
         Prefix, which must be valid (see :func:`repctl_pin.codegen.text.checked_name`).
     region
-        Design region Ω, which ``name_inside`` checks; for a cell function its cell. Without a
-        region, every q is inside.
+        Design region Ω, which ``name_inside`` checks; by default that of the inverse, or the cell
+        of a cell function. Without a region, every q is inside.
     governor
         True to write the governor, too.
 
@@ -89,10 +91,15 @@ def write_source(
             remedy="use a region in the joints of the task",
         )
     kept = region_of(inverse, region)
+    stays = isinstance(kept, Cell)
+    if isinstance(kept, Cell) and not _own(kept, inverse):
+        raise InputError(
+            "a cell as Ω can be written as C for the inverse of its own function only; "
+            "use a box, a tube or a workspace box, or an inverse without a region"
+        )
     potentials = potential_functions(inverse.potentials, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
     rotation = "rotation_free.c" if kind == "position" else "rotation.c"
-    stays = isinstance(kept, Cell)
     parts = ChainExpressions(task).code() | {
         "about": about(control, kept),
         "n": task.n,
@@ -122,18 +129,24 @@ def write_source(
     )
 
 
-def region_of(
-    inverse: RepeatableInverse, region: Region | None
-) -> Region | Cell | None:
-    """Return the region that ``name_inside`` checks: the given one, or the cell of a cell function.
+def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
+    """Return the region that ``name_inside`` checks: the given one, by default the inverse's own Ω.
 
-    None if there is neither.
+    Without either, it is the cell if the inverse is that of a cell function, else None.
     """
-    return (
-        inverse.potentials.chart.cell.whole
-        if region is None and isinstance(inverse.potentials, CellPotentials)
-        else region
-    )
+    if region is None:
+        region = inverse.region
+    if region is None and isinstance(inverse.potentials, CellPotentials):
+        return inverse.potentials.chart.cell.whole
+    return region
+
+
+def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
+    """Test whether an inverse is that of a function over this cell."""
+    if not isinstance(inverse.potentials, CellPotentials):
+        return False
+    own = inverse.potentials.chart.cell.whole
+    return repr(own) == repr(cell) and np.array_equal(own.widths, cell.widths)
 
 
 def _limits(task: Task) -> dict[str, str]:
@@ -153,9 +166,7 @@ def _limits(task: Task) -> dict[str, str]:
     return {"lower": row(lower), "upper": row(upper), "joints": assignments(joints)}
 
 
-def about(
-    control: RepeatableInverse | InverseFunction, region: Region | Cell | None
-) -> str:
+def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) -> str:
     """Write the header comment: robot, frame, task, joints, region, units, version."""
     task = control.task
     robot = task.robot
@@ -188,14 +199,14 @@ def about(
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 
-def _of(region: Region | Cell | None) -> str:
+def _of(region: Bounded | None) -> str:
     """Describe a region, for a C comment."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))
 
 
-def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
+def _inside(region: Bounded | None, task: Task, name: str) -> str:
     """Write the C function that tests whether q is in a region; without one, every q is."""
     if region is None:
         return filled("inside_any.c", name, {})
@@ -227,5 +238,5 @@ def _inside(region: Region | Cell | None, task: Task, name: str) -> str:
         return filled("inside_workspace.c", name, parts)
     raise InputError(
         f"a region of type {type(region).__name__} cannot be written as C; "
-        "use a box, a tube or a workspace box"
+        "use a box, a tube or a workspace box, or an inverse without a region"
     )

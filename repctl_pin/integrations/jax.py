@@ -19,7 +19,7 @@ try:
 except ImportError as error:
     raise ImportError("this module requires JAX; run `pip install jax`") from error
 
-from .jax_cells import coordinates, eps, inside, log3, shift, tilts
+from .jax_cells import coordinates, eps, inside, log3, rigid, shift, tilts
 
 Numbers: TypeAlias = Any  # jax.Array, or a tracer of one
 
@@ -49,7 +49,8 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
     -------
     function (x, leaf=None) → q
         x is a homogeneous matrix (4, 4), leaf the level c (r,), by default 0; q (n,) has the
-        precision of x. Where F would raise, outside the cell or the limits, q is NaN.
+        precision of x. Where F would raise, q is NaN: outside the cell or the limits, and where x
+        is no rigid transform to 1e-6.
 
     Raises
     ------
@@ -118,9 +119,10 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
             else jnp.asarray(leaf, x.dtype).reshape(r)
         )
         q = solution(x, c)
-        good = inside(F.cell, x)
-        if F.keep_limits:
-            good &= ((q >= F.task.lower) & (q <= F.task.upper)).all()
+        within = ((q >= F.task.lower) & (q <= F.task.upper)).all()
+        if not F.keep_limits:
+            within |= (c == 0).all()
+        good = rigid(F.task, x) & inside(F.cell, x) & within
         return jnp.where(good, q, jnp.nan)
 
     return jax.jit(function)

@@ -9,6 +9,8 @@ import numpy as np
 
 from ..inverse_function import Cell, Sector
 from ..inverse_function.cell import EDGE, TURNED
+from ..inverse_function.targets import ROTATION
+from ..robot.task import Task
 
 Numbers: TypeAlias = Any  # jax.Array, or a tracer of one
 
@@ -17,6 +19,18 @@ def coordinates(cell: Cell, x: Numbers) -> Numbers:
     """Convert a pose to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell."""
     y = measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
     return y[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
+
+
+def rigid(task: Task, x: Numbers) -> Numbers:
+    """Test whether a matrix (4, 4) is a rigid transform, as :func:`is_rotation` and ``F.batch`` do.
+
+    The rotation is tested only if the task commands one.
+    """
+    R, off = x[:3, :3], [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
+    if task.kind in ("pose", "axis"):
+        squares = jnp.stack([R[0] @ R[0] - 1, R[1] @ R[1] - 1, R[0] @ R[1]])
+        off += [squares, jnp.cross(R[0], R[1]) - R[2]]
+    return (jnp.abs(jnp.concatenate(off)) < max(ROTATION, 8 * eps(x))).all()
 
 
 def inside(cell: Cell, x: Numbers) -> Numbers:

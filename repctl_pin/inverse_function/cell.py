@@ -215,12 +215,13 @@ class Cell:
         """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
         Y = self.spread(U)
         positions = len(self.half_width)
-        p = np.tile(self.placement.translation, (len(Y), 1))
-        p[:, self.task.rows[:positions]] += Y[:, :positions]
-        R = np.broadcast_to(self.placement.rotation, (len(Y), 3, 3))
-        if self.rotation.any():
-            R = exp3(self.vectors(Y[:, positions:])) @ R
-        return p, R
+        moved = np.eye(3)[self.task.rows[:positions]]
+        p = self.placement.translation + Y[:, :positions] @ moved
+        R_0 = self.placement.rotation
+        if not self.rotation.any():
+            return p, np.broadcast_to(R_0, (len(Y), 3, 3))
+        R = exp3(self.vectors(Y[:, positions:]))
+        return p, (R.reshape(-1, 3) @ R_0).reshape(-1, 3, 3)
 
     def at(self, u: ArrayLike) -> pin.SE3:
         """Convert coordinates u (k,) to a placement."""

@@ -229,10 +229,12 @@ class CellDesign:
 
 
 def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
-    """Make the function s = 0 of a chart; it checks joint limits if the evaluation demands it.
+    """Make the function s = 0 of a chart; on its leaf it checks joint limits if the evaluation
+    demands it.
 
-    It checks them at every call if some evaluated pose violates a limit, or if the range of a
-    coordinate of the sector ends only at the joint limits.
+    It checks them there at every call if some evaluated pose violates a limit, or if the range of a
+    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0
+    alone; on other leaves the limits are always checked.
     """
     free = isinstance(chart.cell, Sector) and bool(chart.cell.free)
     return InverseFunction(chart, keep_limits=free or not evaluation.everywhere)

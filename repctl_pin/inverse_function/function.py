@@ -30,9 +30,9 @@ from .cell_potentials import CellPotentials
 from .chart import Chart
 from .fast_function import OutsideError, evaluation
 from .kinematics import null_bases, placed
-from .targets import as_poses
+from .targets import as_poses, homogeneous
 
-_MOST_THREADS = 256
+MOST_THREADS = 256
 _MARCH = 0.05
 _LEAST = 0.1
 """Leaf margin at which the intervals of :meth:`InverseFunction.leaves` end."""
@@ -53,13 +53,14 @@ class InverseFunction:
     chart
         The chart, with q_ref and n_ref.
     keep_limits : bool
-        Raise an error for targets whose configuration violates a joint limit; not needed if no
-        configuration in the cell does.
+        Check the joint limits on the leaf c = 0, too; not needed if no configuration of that leaf
+        violates one in the cell. On other leaves they are always checked.
 
     Raises
     ------
     InputError
-        If it is evaluated outside the cell or, with ``keep_limits``, if a limit is violated.
+        If it is evaluated outside the cell, or a configuration violates a joint limit that is
+        checked.
 
     Examples
     --------
@@ -110,7 +111,8 @@ class InverseFunction:
             raise InputError(
                 f"no configuration exists on this leaf at {self.cell.where(u)}"
             ) from None
-        if self.keep_limits and self.task.limit_margin(q).min() < 0:
+        checked = self.keep_limits or (c is not None and c.any())
+        if checked and self.task.limit_margin(q).min() < 0:
             raise self._beyond(q, target)
         return q
 
@@ -143,7 +145,7 @@ class InverseFunction:
             If a target is outside the cell, has no configuration, or its rotation matrix is not a
             rotation. The message names the target by its number, counted from 0.
         """
-        cell, threads = self.cell, as_int(threads, "threads", 1, _MOST_THREADS)
+        cell, threads = self.cell, as_int(threads, "threads", 1, MOST_THREADS)
         require_choice(missing, ("raise", "nan"), "missing")
         U, off = self._coordinates(targets)
         c = self._leaves(leaf, len(U))
@@ -178,11 +180,9 @@ class InverseFunction:
         """
         Q = as_configurations(Q, self.task.n, "this function")
         p, R, _ = placed(self.task, Q)
-        X = np.tile(np.eye(4), (len(Q), 1, 1))
-        X[:, :3, 3], X[:, :3, :3] = p, R
         good = self.cell._contains(*self.cell.coordinates(p, R))
         C = np.where(good[:, None], CellPotentials(self.chart).values(Q), np.nan)
-        return X, C
+        return homogeneous(p, R), C
 
     def _batch(
         self, U: Array, C: Array, threads: int, *, missing: bool = False
@@ -201,7 +201,7 @@ class InverseFunction:
                 f"target {at}: no configuration exists on this leaf at {cell.where(U[at])}"
             )
         broken = self.task.limit_margin(Q).min(axis=1, initial=np.inf) < 0
-        broken &= self.keep_limits
+        broken &= self.keep_limits | C.any(axis=1)
         if broken.any() and not missing:
             at = int(np.argmax(broken))
             raise InputError(f"target {at}: {self._beyond(Q[at], cell.at(U[at]))}")

@@ -17,7 +17,8 @@ from .cell_arguments import stacked
 _UNIT = 1e-4
 """Maximum deviation of the norm of a quaternion from 1; quaternions are normalised."""
 
-_ROTATION = 1e-6
+ROTATION = 1e-6
+"""Tolerance of a rotation matrix, and of the last row of a homogeneous matrix."""
 
 FORMS = (
     "a list of placements, an array of matrices (K, 4, 4), of positions with quaternions (K, 7), "
@@ -78,7 +79,7 @@ def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
     p, R = X[:, :3, 3], X[:, :3, :3].copy()
     finite = np.isfinite(X).all(axis=(1, 2))
     R[~finite] = np.nan
-    last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > _ROTATION
+    last = np.abs(X[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0) > ROTATION
     if (last & finite).any():
         at = int(np.argmax(last & finite))
         raise InputError(
@@ -88,6 +89,13 @@ def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
         rows = np.flatnonzero(finite)
         squares = R[rows] @ np.swapaxes(R[rows], 1, 2)
         off = np.abs(squares - np.eye(3)).max(axis=(1, 2), initial=0.0)
-        for k in rows[(off > _ROTATION) | (np.linalg.det(R[rows]) < 0)]:
+        for k in rows[(off > ROTATION) | (np.linalg.det(R[rows]) < 0)]:
             require_rotation(R[k], f"target {k}")
     return p, R
+
+
+def homogeneous(p: Array, R: Array) -> Array:
+    """Join positions (K, 3) and rotations (K, 3, 3) to homogeneous matrices (K, 4, 4)."""
+    X = np.empty((len(p), 4, 4))
+    X[:, :3, 3], X[:, :3, :3], X[:, 3] = p, R, [0.0, 0.0, 0.0, 1.0]
+    return X

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 from timing import seconds
 
 import repctl_pin as rp
@@ -179,6 +180,60 @@ def test_f_in_c_beside_frame_jacobians(
     assert times["6-D", "-O2"][0] < 1.2 * base
     assert times["sector, 6-D in 4", "-O2"][0] < 1.0 * base
     assert all(times[what, "-O3 native"][1] < 0.6 * base for what in folders)
+
+
+def test_batches_called_from_python(panda_pose: rp.Task, say) -> None:
+    """``F.batch`` of a cell of degree 4 in one thread, at most 0.8 frame Jacobians a pose.
+
+    All take turns, and the processor's time counts; ratios of the minima and of the medians."""
+    task = panda_pose
+    cell = rp.Cell(task, task.placement(Q0), 0.05, 0.2)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=Q0,
+        degree=4,
+        options=rp.FitOptions(held_out=64),
+    )
+    fast, model, data = rp.compiled(found.function), task.model, task.model.createData()
+    frame = model.getFrameId(task.frame, pin.FrameType.BODY)
+    for count in (10_000, 50_000):
+        U = cell.sample(count)
+        p, R = cell.placements(U)
+        X = np.tile(np.eye(4), (count, 1, 1))
+        X[:, :3, 3], X[:, :3, :3] = p, R
+        rows = np.c_[p, Rotation.from_matrix(R).as_quat()]
+        runs: dict[str, tuple[Callable[[], object], int]] = {
+            "a Jacobian": (
+                lambda: [
+                    pin.computeFrameJacobian(model, data, Q0, frame, WORLD)
+                    for _ in range(2000)
+                ],
+                2000,
+            ),
+            "matrices": (partial(fast.batch, X), count),
+            "quaternions": (partial(fast.batch, rows), count),
+            "coordinates": (partial(fast.batch, U), count),
+            "matrices, another leaf": (partial(fast.batch, X, leaf=[0.05]), count),
+        }
+        times: dict[str, list[float]] = {name: [] for name in runs}
+        for _ in range(20):
+            for name, (work, size) in runs.items():
+                times[name].append(1e6 * seconds(work, 1, time.thread_time) / size)
+        least, middle = (
+            {name: float(by(each)) for name, each in times.items()}
+            for by in (np.min, np.median)
+        )
+        said = ", ".join(
+            f"{name} {least[name] / least['a Jacobian']:.2f} "
+            f"({middle[name] / middle['a Jacobian']:.2f})"
+            for name in list(runs)[1:]
+        )
+        say(
+            f"F.batch at {count} poses, in frame Jacobians of {least['a Jacobian']:.2f} µs, "
+            f"minima (medians): {said}"
+        )
+        assert least["matrices"] < 0.8 * least["a Jacobian"]
 
 
 Solve = Callable[[np.ndarray, np.ndarray], Iterable[np.ndarray]]

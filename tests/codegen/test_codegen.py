@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_urdf, spatial_urdf
+from cell_functions import cell_of
 from commands import main, refused, told
 from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
 from test_bases import Ball
@@ -384,6 +385,33 @@ def test_what_cannot_be_written_down_is_refused(
         rp.InputError, match="the region has 3 joints, but the task has 7"
     ):
         rp.export_c(panda_design.inverse, tmp_path, region=rp.Box(np.zeros(3), 1))
+    for own_region in (Ball(np.zeros(7), 1.0), cell_of("pose", 0.3)):
+        inverse = rp.RepeatableInverse(
+            panda_pose, panda_design.inverse.potentials, region=own_region
+        )
+        with pytest.raises(rp.InputError, match="or an inverse without a region"):
+            rp.export_c(inverse, tmp_path)
+
+
+def test_the_region_of_the_inverse_is_written(
+    panda_design: rp.Design, tmp_path: Path
+) -> None:
+    """Issue 37, item 9: the inverse's own Ω was dropped unless region= named it again."""
+    control = panda_design.inverse
+    free = rp.RepeatableInverse(control.task, control.potentials)
+    given = {"own": None, "named": panda_design.region}
+    for name, region in given.items():
+        rp.export_c(control, tmp_path / name, region=region)
+    rp.export_c(free, tmp_path / "free")
+    smaller = rp.Box(panda_design.region.center, 0.1)
+    rp.export_c(control, tmp_path / "smaller", region=smaller)
+    own, named, none, small = (
+        (tmp_path / name / "arm_control.c").read_text()
+        for name in (*given, "free", "smaller")
+    )
+    assert own == named and len({own, none, small}) == 3
+    assert "fabs(q[i] - center[i])" in own
+    assert "fabs(q[i] - center[i])" not in none
 
 
 # ---- the command

@@ -154,6 +154,21 @@ def test_a_wrong_build_is_told(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
+def test_flags_that_lose_nan_are_refused(
+    flag: str, panda_design: rp.Design, tmp_path: Path
+) -> None:
+    """Issue 37, item 9: -ffinite-math-only compiled, and arm_step() took NaN."""
+    needed("gcc")
+    rp.export_c(panda_design.inverse, tmp_path, "arm")
+    line = ["gcc", "-O2", flag, "-c", "arm.c"]
+    done = subprocess.run(
+        line, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0 and "compile without -ffast-math" in done.stderr
+    run([*line, "-fno-fast-math", "-fno-finite-math-only"], tmp_path)
+
+
 def test_cmake_builds_and_tests_it(panda_design: rp.Design, tmp_path: Path) -> None:
     needed("cmake", "cc")
     rp.export_c(

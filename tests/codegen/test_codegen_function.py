@@ -225,15 +225,43 @@ def test_f_and_its_control_agree_at_10000(name: str) -> None:
     assert max(worst, steps) < AGREE
 
 
-def test_limits_that_are_not_kept_are_not_written(tmp_path: Path) -> None:
+LEAVES = """
+#include "arm.h"
+#include <stdio.h>
+int main(void)
+{
+    const double leaf[4][ARM_R] = @leaves;
+    const arm_pose middle = @middle;
+    double q[ARM_N];
+    int k;
+    for (k = 0; k < 4; k++) printf("%d ", (int)arm_F(&middle, leaf[k], q));
+    for (k = 0; k < 4; k++) printf("%ld ", arm_F_batch(1, &middle, leaf[k], q));
+    return 0;
+}
+"""
+
+
+def test_exported_f_checks_limits_on_every_leaf_but_the_evaluated_one(
+    tmp_path: Path,
+) -> None:
+    """Issue 37, item 1: limits that c = 0 needs no check of were written as infinite for all."""
+    needed("gcc")
     function = function_of("poses of one orientation")
-    for keep in (True, False):
-        rp.export_c(
-            rp.InverseFunction(function.chart, keep_limits=keep), tmp_path / str(keep)
-        )
-        code = (tmp_path / str(keep) / "arm_control.c").read_text()
-        assert ("upper[ARM_CONTROL_N] = {HUGE_VAL" in code) != keep
-    assert "the cell " in code and np.isfinite(function.task.upper).all()
+    leaves = np.array([[0.0], [0.1], [-0.1], [5.0]])
+    U = np.zeros((4, function.cell.k))
+    q = function.chart.solve(U, leaves).Q
+    inside = function.task.limit_margin(q).min(axis=1) >= 0
+    assert np.array_equal(inside, [True, True, True, False])
+    free = rp.InverseFunction(function.chart, keep_limits=False)
+    rp.export_c(free, tmp_path, "arm")
+    parts = {
+        "leaves": f"{{{', '.join(map(row, leaves))}}}",
+        "middle": pose(function.cell.placement),
+    }
+    code = re.sub("@([a-z]+)", lambda a: parts[a[1]], LEAVES)
+    (tmp_path / "leaves.c").write_text(code)
+    run(["gcc", "-O1", "arm.c", "leaves.c", "-o", "leaves", "-lm"], tmp_path)
+    assert run(["./leaves"], tmp_path).split() == list("00031110")
 
 
 KNOWS = """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,25 @@ def test_sectors_in_c(name: str, tmp_path: Path) -> None:
         tmp_path,
     )
     assert run(["./check"], tmp_path).startswith("48 vectors, 0 differences")
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_the_example_loop_stays_in_the_sector(name: str, tmp_path: Path) -> None:
+    """Issue 37, item 9: its circle kept the orientation, which turns with the sector's angle, and
+    ended with status 3. It moves, and returns to where it began."""
+    needed("gcc")
+    function = found(name).function
+    for k, control in enumerate((function, function.inverse)):
+        folder = tmp_path / str(k)
+        rp.export_c(control, folder, "arm")
+        code = (folder / "loop.c").read_text()
+        radii = re.search(r"radii\[2\] = \{(.*), (.*)\}, dt", code)
+        assert radii is not None and float(radii[1]) > 1e-3
+        run(
+            ["gcc", "-std=c99", *STRICT, "arm.c", "loop.c", "-o", "loop", "-lm"], folder
+        )
+        drift = re.search(r"drift .*: (\S+) rad", run(["./loop"], folder))
+        assert drift is not None and float(drift[1]) < 1e-4
 
 
 @NEEDS_C

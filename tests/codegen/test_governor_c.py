@@ -150,6 +150,39 @@ def test_wrong_limits_are_refused(tmp_path: Path) -> None:
     assert started(m=10.0) == LIMIT and started(q0 + 0.4) == OUTSIDE
 
 
+@NEEDS_C
+def test_after_a_refused_start_it_holds(tmp_path: Path) -> None:
+    """Issue 37, item 9: it wrote q_next = 0, whatever the limits. Neither does it begin in memory
+    that is 0, without a start."""
+    inverse, q0, _, _ = planar()
+    rp.export_c(inverse, tmp_path, "arm", region=rp.Box(q0, 0.3))
+    library, OK, BAD_NUMBER, OUTSIDE = in_c(tmp_path), 0, 2, 3
+    limits = (DOUBLE * 10)(*[2.0] * 3, *[5.0] * 3, *[np.inf] * 3, 0.0)
+    place = inverse.task.placement(q0)
+    target = (DOUBLE * 12)(*place.translation, *place.rotation.ravel())
+
+    def ticked(state: object) -> tuple[int, list[float]]:
+        q = (DOUBLE * 3)(7.0, 8.0, 9.0)
+        return library.arm_governor_step(state, target, None, q), list(q)
+
+    for first in (False, True):
+        state = ctypes.create_string_buffer(1 << 20)
+        assert ticked(state) == (BAD_NUMBER, [7.0, 8.0, 9.0])
+        for q, said in ((q0, OK),) * first + (
+            (q0 * np.nan, BAD_NUMBER),
+            (q0 + 0.4, OUTSIDE),
+        ):
+            start = (DOUBLE * 3)(*q)
+            found = library.arm_governor_start(state, start, DOUBLE(DT), limits)
+            assert found == said
+            if said != OK:
+                assert ticked(state) == (said, [7.0, 8.0, 9.0])
+        start = (DOUBLE * 3)(*q0)
+        assert library.arm_governor_start(state, start, DOUBLE(DT), limits) == OK
+        status, q = ticked(state)
+        assert status == OK and np.abs(q - q0).max() < 1e-9
+
+
 def harness(folder: Path, compiler: str, *flags: str) -> None:
     """Compile the ticks of tests/attack with an exported folder."""
     base = ["-std=c99", "-D_POSIX_C_SOURCE=199309L", "-Wall", "-Wextra", "-Werror"]

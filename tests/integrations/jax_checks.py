@@ -124,6 +124,44 @@ def test_it_is_nan_where_python_refuses(poses: rp.InverseFunction) -> None:
         inverse_function(poses.chart)
 
 
+def test_it_refuses_the_leaves_and_the_matrices_that_python_refuses(
+    poses: rp.InverseFunction,
+) -> None:
+    """Issue 37, items 1 and 10: it returned joints beyond their limits on leaves other than c = 0,
+    and joints for matrices that are no rotations or have a wrong last row."""
+    F, rng = (
+        rp.InverseFunction(poses.chart, keep_limits=False),
+        np.random.default_rng(37),
+    )
+    count = 256
+    X, C = targets(poses, count), rng.uniform(-6, 6, (count, 1))
+    C[::4] = 0.0
+    C[128:] = 0.0
+    for k in range(128, count):
+        off = rng.choice([1, -1]) * 10 ** rng.uniform(-8, -1)
+        i, j = rng.integers(4, size=2)
+        if i < 3 and j == 3:
+            X[k, :3, :3] *= 1 + off
+        elif i < 3 and k % 2:
+            X[k, i, :3] = X[k, i - 1, :3]  # two equal rows
+        else:
+            X[k, i, j] += off
+    X[128, :3, 2] *= -1  # reflected
+    Q = jax.jit(jax.vmap(inverse_function(F)))(X, C)
+
+    def refused(x: np.ndarray, c: np.ndarray) -> bool:
+        try:
+            F.batch(x[None], leaf=c)
+        except rp.InputError:
+            return True
+        return False
+
+    wanted = np.array([refused(x, c) for x, c in zip(X, C, strict=True)])
+    assert np.array_equal(np.isnan(Q).all(axis=1), wanted)
+    assert np.array_equal(np.isfinite(Q).all(axis=1), ~wanted)
+    assert 20 < wanted[:128].sum() < 100 and 40 < wanted[128:].sum() < 120
+
+
 @pytest.mark.slow
 def test_a_sector_all_the_way_round_and_its_derivative() -> None:
     """The derivative is Python's; across the symmetry joint 1 alone turns, and q is NaN beyond."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from cell_functions import CELLS, function_of, middle, panda
@@ -86,10 +88,10 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
 def test_a_leaf_without_a_configuration_is_refused_by_number(
     function: rp.InverseFunction,
 ) -> None:
-    """Or with one beyond a joint limit, which is the one that F gives without limits."""
-    free, task = rp.InverseFunction(function.chart, keep_limits=False), function.task
-    x, U = [function.cell.at(u) for u in forms(function, 4)[0]], forms(function, 4)[0]
-    beyond = free(x[2], leaf=[5.0])
+    """Or with one beyond a joint limit, which is the one that the chart gives."""
+    U, task = forms(function, 4)[0], function.task
+    x = [function.cell.at(u) for u in U]
+    beyond = function.chart.solve(U[2:3], np.array([[5.0]])).Q[0]
     joint = int(np.argmin(task.limit_margin(beyond)))
     said = (
         f"{task.joint_names[joint]} = {beyond[joint]:.4g} would be outside its limits"
@@ -101,7 +103,52 @@ def test_a_leaf_without_a_configuration_is_refused_by_number(
         with pytest.raises(rp.InputError) as batch:
             function.batch(x, leaf=[[0.0], [0.0], [c], [0.0]])
         assert str(one.value) == words and str(batch.value) == f"target 2: {words}"
-    assert np.isfinite(free.batch(x, leaf=[5.0])).all()
+
+
+@pytest.mark.parametrize("written", [lambda F: F, rp.compiled], ids=["Python", "C"])
+def test_other_leaves_keep_the_limits_where_the_first_needs_no_check(
+    function: rp.InverseFunction, written: Callable[..., rp.InverseFunction]
+) -> None:
+    """Issue 37, item 1: F returned configurations beyond joint limits on leaves other than c = 0,
+    because the evaluation of c = 0 alone had found margins. The oracle is the chart."""
+    F = written(rp.InverseFunction(function.chart, keep_limits=False))
+    rng, count = np.random.default_rng(37), 400
+    U = 0.9 * function.cell.sample(count, seed=3)
+    C = rng.uniform(-6.0, 6.0, (count, 1)) * (np.arange(count) % 4 > 0)[:, None]
+    points = function.chart.solve(U, C)
+    inside = function.task.limit_margin(points.Q).min(axis=1) >= 0
+    wanted = points.found & (inside | (C[:, 0] == 0))
+    assert 50 < (points.found & ~inside).sum() and 100 < (wanted & inside).sum()
+    Q = F.batch(U, leaf=C, missing="nan")
+    assert np.array_equal(np.isfinite(Q).all(axis=1), wanted)
+    assert np.abs(Q - points.Q)[wanted].max() < 1e-8
+    for u, c, q, good in zip(U[:80], C, Q, wanted, strict=False):
+        x = function.cell.at(u)
+        if good:
+            assert np.abs(F(x, leaf=c) - q).max() < 1e-8
+        else:
+            with pytest.raises(rp.InputError, match="outside its limits|no configur"):
+                F(x, leaf=c)
+
+
+def test_one_row_that_is_no_rotation_is_named_among_missing_ones(
+    function: rp.InverseFunction,
+) -> None:
+    """Also in C, where the checks are part of the kernel (issue 37, item 11)."""
+    _, X, _ = forms(function, 6)
+    X[1, 0, 3] += 1.0  # outside
+    scaled, last = X.copy(), X.copy()
+    scaled[4, :3, :3] *= 1 + 1e-5
+    last[4, 3, 0] = 1e-5
+    for one in (function, rp.compiled(function)):
+        for wrong, words in (
+            (scaled, "rotation of target 4"),
+            (last, "row of target 4"),
+        ):
+            with pytest.raises(rp.InputError, match=words):
+                one.batch(wrong, missing="nan")
+            some = one.batch(np.delete(wrong, 4, axis=0), missing="nan")
+            assert np.array_equal(np.isnan(some).all(axis=1), [0, 1, 0, 0, 0])
 
 
 def test_rows_that_are_not_finite_are_not_checked(

@@ -4,8 +4,8 @@
 #include <math.h>
 #include <stddef.h>
 
-#ifdef __FAST_MATH__
-#error "compile without -ffast-math: the code tests whether numbers are finite"
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "compile without -ffast-math, -ffinite-math-only and /fp:fast: the code tests whether numbers are finite"
 #endif
 
 /* ---- the arm ----------------------------------------------------------------------------------------------- */

@@ -954,7 +954,8 @@ void arm_governor_limits(arm_limits *limits)
     limits->margin = 0.0;
 }
 
-arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], double dt, const arm_limits *limits)
+/* Begin at rest at q, if the arguments are right. */
+static arm_status arm_rest(arm_governor *governor, const double q[ARM_N], double dt, const arm_limits *limits)
 {
     static const double lower[ARM_N] = @lower;
     static const double upper[ARM_N] = @upper;
@@ -992,10 +993,18 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
     return ARM_OK;
 }
 
+arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], double dt, const arm_limits *limits)
+{
+    governor->status = arm_rest(governor, q, dt, limits);
+    governor->started = governor->status == ARM_OK;
+    return governor->status;
+}
+
 arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, const double *twist, double q_next[ARM_N])
 {
     arm_governor *g = governor;
     int i, usable = !(target && twist);
+    if (!g->started) return g->status == ARM_OK ? ARM_BAD_NUMBER : g->status;
     if (target && !(arm_small(target->p, 3) && arm_rotation(target->R))) usable = 0;
     if (twist && !arm_small(twist, 6)) usable = 0;
     if (usable && g->tick >= g->next) {

@@ -63,6 +63,7 @@ typedef struct {
     long long tick, next, ticks;
     int taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
     arm_status status, cause;
+    int started;
 } arm_governor;
 
 /* Fill limits: the speed limits of the URDF (HUGE_VAL if it has none: set them), no acceleration (set it), no jerk
@@ -71,12 +72,16 @@ void arm_governor_limits(arm_limits *limits);
 
 /*
  * Begin, or begin again, at rest at q, which the robot was commanded to or where it was measured; its leaf is kept from
- * now on. ARM_BAD_NUMBER: dt or a limit is not above 0 and finite; ARM_LIMIT: q is within the margin of a joint limit.
+ * now on. ARM_BAD_NUMBER: dt or a limit is not above 0 and finite; ARM_LIMIT: q is within the margin of a joint limit;
+ * ARM_OUTSIDE: q is outside the region of arm_inside(); ARM_SINGULAR: J_V is singular at q. After any of these the
+ * governor holds until a start succeeds.
  */
 arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], double dt, const arm_limits *limits);
 
 /*
- * Compute the next joints to command. q_next is always written, and always within the limits.
+ * Compute the next joints to command, which are always within the limits. Call arm_governor_start() first. If the last
+ * start was refused, the governor holds: q_next is not written, so it keeps the joints of the last command or of the
+ * measurement, and the status is that of the start.
  *
  * target   placement of the frame to move to, as fast as the limits allow; NULL: none
  * twist    velocity (v, omega) of the frame instead, base axes, m/s and rad/s; NULL: none. Without both it stops.

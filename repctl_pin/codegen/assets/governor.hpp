@@ -10,7 +10,7 @@ inline Limits governor_limits() noexcept
     return limits;
 }
 
-/* Begin at rest at q. */
+/* Begin at rest at q; if it is refused, governor_step() leaves q_next as it is. */
 inline Status governor_start(Governor& governor, const Joints& q, double dt, const Limits& limits) noexcept
 {
     return static_cast<Status>(arm_governor_start(&governor, q.data(), dt, &limits));

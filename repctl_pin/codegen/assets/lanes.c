@@ -35,19 +35,18 @@ static void arm_turns_on_@lanes(const double *was, const double *angle, double *
 }
 
 /*
- * Solve f(x) = goal and n_ref^T (x - q_ref) = leaf from a nearby x, by Newton's method without exchanges of rows. After
+ * Solve f(x) = goal and n_ref^T (x - q_ref) = level from a nearby x, by Newton's method without exchanges of rows. After
  * a step below @keep the factors are kept. Poses have no influence on each other. state is 1.0 where x is exact to
  * 3e-14, -1.0 where another method is needed.
  */
-static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], const double *leaf, double x[][@lanes],
+static void arm_settle_@lanes(double goal[][@lanes], double both[][@lanes], double level[][@lanes], double x[][@lanes],
                               double state[@lanes])
 {
     double A[ARM_N][ARM_N][@lanes] = {{{0.0}}}, b[ARM_N][@lanes], here[12][@lanes];
     double size[@lanes], before[@lanes], next[@lanes];
     double angle[@angles][@lanes] = {{0.0}}, was[@angles][@lanes], sine[@angles][@lanes], cosine[@angles][@lanes];
-    double level[ARM_R], longest = 1.0;
+    double longest = 1.0;
     int @counters, l, turn, fresh, left = 1;
-    for (i = 0; i < ARM_R; i++) level[i] = leaf ? leaf[i] : 0.0;
     for (l = 0; l < @lanes; l++) {
         before[l] = 1.0;
         state[l] = 0.0;
