@@ -17,6 +17,7 @@ from .given import (
     natural,
     numbers_of,
     positive,
+    proof_code,
     proved,
     save_control,
 )
@@ -159,11 +160,6 @@ def run(options: Options) -> int:
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
     cell, posture = _cell(options)
-    if options.prove and cell.task.kind != "pose":
-        kind = cell.task.kind
-        raise InputError(
-            f"--prove requires --task pose: nothing can be proved of a cell of {kind} tasks yet"
-        )
     try:
         design = rp.nearest_inverse_function(
             rp.Pseudoinverse(cell.task),
@@ -199,7 +195,8 @@ def run(options: Options) -> int:
             lines.append(f"{design.proof.summary()}\n")
         return fitted("\n".join(lines + [f"note: {note}\n"] * bool(note)))
 
-    return report(options, lambda: _as_dict(design), text, files)
+    report(options, lambda: _as_dict(design), text, files)
+    return proof_code(design.proof)
 
 
 def _remedy(error: rp.NoFunctionError, cell: rp.Cell) -> str:
@@ -269,10 +266,6 @@ def _require_one_shape(options: Options, around: bool) -> None:
         ):
             if there is not None:
                 raise InputError(f"--sector and {name} are mutually exclusive")
-        if options.prove:
-            raise InputError(
-                "--sector and --prove are mutually exclusive: nothing can be proved of a sector yet"
-            )
         if options.radius is None:
             raise InputError("--sector requires --radius")
         return
