@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,7 +86,7 @@ class Proof:
             array = np.array(getattr(self, name), float)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "excepted", tuple(self.excepted))
+        object.__setattr__(self, "excepted", tuple(map(str, self.excepted)))
         if self.seal and self.seal != self._fingerprint():
             raise InputError(
                 "a proof cannot be changed in part: its bounds hold together; "
@@ -102,7 +102,7 @@ class Proof:
         return replace(bound, seal=bound._fingerprint())
 
     def _fingerprint(self) -> str:
-        names = [field.name for field in fields(self) if field.name != "seal"]
+        names = [name for name in self.__dataclass_fields__ if name != "seal"]
         return fingerprint(*(getattr(self, name) for name in names))
 
     def summary(self) -> str:

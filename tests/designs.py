@@ -17,7 +17,7 @@ def over(design: rp.Design, region: Any, **changes: Any) -> rp.Design:
     return replace(design, region=region, inverse=inverse, **changes)
 
 
-def weighted(
+def with_potentials(
     design: rp.Design, potentials: Any, A: np.ndarray, **changes: Any
 ) -> rp.Design:
     """Other potentials over the same region."""

@@ -237,7 +237,7 @@ def proved(design: D, say: Callable[[str], None]) -> D:
 
 
 def proof_code(proof: rp.Proof | None) -> int:
-    """Return the exit code of a command with a proof: 0 if it was reached, or none was asked for."""
+    """Return the exit code of a command: 0 if a proof was reached, or none was asked for."""
     return 0 if proof is None or proof else NOT_PROVED
 
 

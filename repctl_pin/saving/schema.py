@@ -231,7 +231,7 @@ class ProofFile(Part):
     asked_limit_margin: float | None
     theorem: int
     seconds: float | msgspec.UnsetType = msgspec.UNSET
-    excepted: tuple[str, ...] = ()
+    excepted: list[str] = []
     subject: str = ""
     seal: str = ""
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from arms import Q_PANDA, planar_task
-from designs import over, weighted
+from designs import over, with_potentials
 from proofs import design_of
 
 import repctl_pin as rp
@@ -1075,7 +1075,7 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
         rows = potentials.exponents.tolist()
         A = np.zeros((potentials.size, 1))
         A[[rows.index([0, 0, 1]), rows.index((2 * np.eye(3)[slide]).tolist())]] = 1
-        bent = weighted(flat, potentials, A)
+        bent = with_potentials(flat, potentials, A)
         assert design_map(bent, points=3).joints == (
             slide,
             2,

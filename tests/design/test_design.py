@@ -14,7 +14,7 @@ import scipy.optimize
 import scipy.stats
 from arms import planar_task, planar_urdf, spatial_task
 from commands import main
-from designs import over, weighted
+from designs import over, with_potentials
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
@@ -156,7 +156,7 @@ def test_baselines_are_evaluated_on_the_nodes_of_the_design(
     task, center = small_design.task, small_design.region.center
     N = redundancy.nullspace(task.jacobian(center))
     for V in (N, -3 * N):  # the level of h and its sign are nothing to the controller
-        constant = weighted(small_design, rp.Polynomial(center, 1), V)
+        constant = with_potentials(small_design, rp.Polynomial(center, 1), V)
         alone = rp.compare(constant).evaluations[0]
         np.testing.assert_allclose(alone.replicates, rows.evaluation.replicates)
         assert alone.leaf_margin == pytest.approx(rows.evaluation.leaf_margin, rel=1e-6)
@@ -718,9 +718,9 @@ def test_every_design_is_compared_over_the_first_ones_region() -> None:
     )
     for one, two in ((first, other), (other, first)):
         here = rp.compare(one, two).evaluations[1]
-        alone = rp.compare(weighted(one, two.potentials, two.coefficients)).evaluations[
-            0
-        ]
+        alone = rp.compare(
+            with_potentials(one, two.potentials, two.coefficients)
+        ).evaluations[0]
         assert np.array_equal(here.replicates, alone.replicates)
         assert here.relative_distance == alone.relative_distance
         assert here.leaf_margin == alone.leaf_margin
@@ -738,7 +738,7 @@ def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
 ) -> None:
     """V spans a row of J at the centre: the margin there is 0, and no figure is given."""
     task, few = panda_design.task, replace(panda_design, held_out=64)
-    flat = weighted(few, rp.Polynomial(Q0, 1), task.jacobian(Q0)[:1].T)
+    flat = with_potentials(few, rp.Polynomial(Q0, 1), task.jacobian(Q0)[:1].T)
     comparison = rp.compare(few, flat)
     assert comparison.best == 0 and comparison.evaluations[1] is None
     assert comparison.differences[1][0] == np.inf

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from design_file import checksum
-from designs import weighted
+from designs import with_potentials
 from numpy.polynomial.chebyshev import chebval
 from scipy.spatial.transform import Rotation
 
@@ -158,7 +158,7 @@ def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) 
         with pytest.raises(rp.InputError, match=words):
             rp.save(dataclasses.replace(small, **change), tmp_path / "d.json")
     with pytest.raises(rp.InputError, match="user-defined functions"):
-        rp.save(weighted(small, own, np.ones((1, 1))), tmp_path / "d.json")
+        rp.save(with_potentials(small, own, np.ones((1, 1))), tmp_path / "d.json")
     with pytest.raises(rp.InputError, match="nearest_repeatable"):
         rp.save(small.inverse, tmp_path / "d.json")
     assert list(tmp_path.iterdir()) == []
