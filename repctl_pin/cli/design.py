@@ -214,7 +214,8 @@ def _unproved(design: rp.Design) -> list[str]:
         return []
     note = "the design is saved without a certificate: its leaf margin is not proved"
     degree = getattr(design.potentials, "degree", 0)
-    if degree > 2:
+    reason = "" if design.proof is None else design.proof.reason
+    if degree > 2 and reason.startswith("stopped"):
         note += (
             f"; potentials of a lower degree need far fewer boxes than those of degree {degree}: "
             "repeat with --degree 2"

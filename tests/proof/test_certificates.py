@@ -261,3 +261,26 @@ def test_the_commands_prove_sectors_and_cells_of_positions(
     for shape in (["--sector", "--radius", "0.05"], ["--half-width", "0.03"]):
         assert main([*arm, "--task", "xy", *shape, *more]) == 0
         assert json.loads(capsys.readouterr().out)["proof"]["proved"]
+
+
+def test_a_design_without_the_proof_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issue 37, item 5: the default degree was too high to be proved in a minute."""
+    real = rp.prove
+    monkeypatch.setattr(rp, "prove", lambda design, **_: real(design, seconds=1e-9))
+    arm = [
+        "design",
+        "planar3r",
+        "--region",
+        "0.2",
+        "--degree",
+        "3",
+        "--out",
+        str(tmp_path),
+    ]
+    few = ["--samples", "256", "--held-out", "64", "--prove"]
+    assert main([*arm, *few]) == 3
+    said = " ".join(capsys.readouterr().out.split())
+    assert "NOT proved" in said and "repeat with --degree 2" in said
+    assert rp.load_design(tmp_path / "design.json").proof is None
