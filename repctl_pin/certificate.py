@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from .arguments import Array, read_only
+from .errors import InputError, printable
 
 THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
@@ -17,7 +22,8 @@ THEOREM = 4
 class Proof:
     """Lower bounds that are proved over a whole region or cell, or the box that prevented a proof.
 
-    ``bool(proof)`` is :attr:`proved`.
+    ``bool(proof)`` is :attr:`proved`. A proof belongs to one design: to its chain, limits, region
+    or cell, potentials and coefficients. A design that is not the one drops it with a warning.
 
     Attributes
     ----------
@@ -28,7 +34,8 @@ class Proof:
     leaf_margin : float
         Lower bound of the leaf margin over the whole region or cell; 0 if none was found.
     limit_margin : float
-        Lower bound of every joint's distance to its limits, rad or m; infinite without limits.
+        Lower bound of every joint's distance to its limits, rad or m; infinite without limits, −∞
+        if none was found. Joints of :attr:`excepted` are left out.
     sigma_min : float
         Lower bound of the smallest singular value of J, in base axes, m and rad.
     boxes : int
@@ -43,6 +50,13 @@ class Proof:
         can be proved in the available time.
     theorem : int
         Version of the theorem (:data:`THEOREM`) that was used.
+    excepted : tuple of str
+        Joints left out of the limit margin: their limits end the range of a sector's angle or spin
+        that is ``"all"``, so they come as near to them as that range goes.
+    subject : str
+        Fingerprint of all that is proved: ``design.subject`` of the design.
+    seal : str
+        Fingerprint of the subject and all bounds. A proof that was changed in part is refused.
 
     Examples
     --------
@@ -63,15 +77,33 @@ class Proof:
     asked_leaf_margin: float | None = None
     asked_limit_margin: float | None = None
     theorem: int = THEOREM
+    excepted: tuple[str, ...] = ()
+    subject: str = ""
+    seal: str = ""
 
     def __post_init__(self) -> None:
         for name in ("worst", "half"):
             array = np.array(getattr(self, name), float)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "excepted", tuple(map(str, self.excepted)))
+        if self.seal and self.seal != self._fingerprint():
+            raise InputError(
+                "a proof cannot be changed in part: its bounds hold together; "
+                "prove again with rp.prove"
+            )
 
     def __bool__(self) -> bool:
         return self.proved
+
+    def sealed(self, subject: str) -> Proof:
+        """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable."""
+        bound = replace(self, subject=subject, seal="")
+        return replace(bound, seal=bound._fingerprint())
+
+    def _fingerprint(self) -> str:
+        names = [name for name in self.__dataclass_fields__ if name != "seal"]
+        return fingerprint(*(getattr(self, name) for name in names))
 
     def summary(self) -> str:
         """Describe in a few lines what is proved."""
@@ -82,9 +114,9 @@ class Proof:
         )
         lines = [
             f"{state}: {self.what}",
-            f"  leaf margin   > {below(self.leaf_margin)}{_asked(self.asked_leaf_margin)}",
-            f"  limit margin  > {below(self.limit_margin)}{_asked(self.asked_limit_margin)}",
-            f"  σ_min(J)      > {below(self.sigma_min)}",
+            f"  leaf margin   {self._leaf_words}{_asked(self.asked_leaf_margin)}",
+            f"  limit margin  {self._limit_words}{_asked(self.asked_limit_margin)}",
+            f"  σ_min(J)      {self._words(self.sigma_min)}",
             f"  boxes         {self.boxes} (theorem {self.theorem})",
             f"  least at      ({place}), in a box of half-widths {wide}",
         ]
@@ -92,8 +124,79 @@ class Proof:
 
     def __repr__(self) -> str:
         state = "proved" if self.proved else "not proved"
-        leaf = f"leaf margin > {below(self.leaf_margin)}"
-        return f"<Proof: {state}, {leaf}, limit margin > {below(self.limit_margin)}>"
+        leaf = f"leaf margin {self._leaf_words}"
+        return f"<Proof: {state}, {leaf}, limit margin {self._limit_words}>"
+
+    @property
+    def _leaf_words(self) -> str:
+        return self._words(self.leaf_margin)
+
+    @property
+    def _limit_words(self) -> str:
+        """Text of the bound of the limit margin, with the joints that it leaves out."""
+        words = (
+            "no bound"
+            if self.limit_margin == -np.inf
+            else self._above(self.limit_margin)
+        )
+        return (
+            f"{words} (without {', '.join(self.excepted)})" if self.excepted else words
+        )
+
+    def _words(self, value: float) -> str:
+        """Write a bound of a quantity that is never negative: 0 states nothing of it."""
+        return self._above(value) if self.proved or value > 0 else "no bound"
+
+    @staticmethod
+    def _above(value: float) -> str:
+        return f"> {below(value)}"
+
+
+def own_proof(proof: Proof | None, subject: Callable[[], str]) -> Proof | None:
+    """Return a proof of the subject; None, with a warning, if it proves something else.
+
+    ``subject`` computes the fingerprint of what the proof shall prove.
+    """
+    if proof is None or (proof.seal and proof.subject == subject()):
+        return proof
+    why = (
+        "its fingerprint is that of another design, arm or region"
+        if proof.seal
+        else "it has no fingerprint of what it proves"
+    )
+    warnings.warn(
+        f"the certificate “{proof.what}” was dropped: {why}; prove again with rp.prove or "
+        "repctl check --prove",
+        UserWarning,
+        stacklevel=6,
+    )
+    return None
+
+
+def fingerprint(*parts: Any) -> str:
+    """Hash nested plain data: numbers exactly, texts, arrays and sequences of them.
+
+    Numbers that are equal give the same hash, whether they are integers, floats or 0 and −0.
+    """
+    digest = hashlib.sha256()
+    for piece in _pieces(parts):
+        digest.update(piece.encode("utf-8", "surrogatepass") + b"\0")
+    return digest.hexdigest()
+
+
+def _pieces(part: Any) -> Iterator[str]:
+    """Yield the texts that describe a part, in order; brackets keep sequences apart."""
+    if isinstance(part, (np.ndarray, np.generic)):
+        part = part.tolist()
+    if isinstance(part, (list, tuple)):
+        yield "["
+        for one in part:
+            yield from _pieces(one)
+        yield "]"
+    elif isinstance(part, (int, float)) and not isinstance(part, bool):
+        yield repr(float(part) + 0.0)
+    else:
+        yield f'"{printable(part)}' if isinstance(part, str) else repr(part)
 
 
 def below(value: float) -> str:

@@ -27,13 +27,21 @@ def design_of(task: rp.Task, potentials: Any, region: object) -> rp.Design:
         0.0,
     )
     counts = dict.fromkeys(("steps", "samples", "held_out", "seed"), 0)
-    potentials = rp.Polynomial(task.reference, 1)
+    basis = rp.CustomPotentials(
+        [
+            (
+                lambda q, j=j: potentials.value(q)[j],
+                lambda q, j=j: potentials.gradient(q)[:, j],
+            )
+            for j in range(task.r)
+        ]
+    )
     return rp.Design(
         inverse,
         rp.Pseudoinverse(task),
-        potentials,
+        basis,
         region,
-        np.zeros((potentials.size, task.r)),
+        np.eye(task.r),
         leaf_margin_at=task.reference,
         converged=True,
         **nothing,

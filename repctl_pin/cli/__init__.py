@@ -80,8 +80,9 @@ _EXAMPLES = """examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code.
 
-    The code is 0 for done, 1 for an internal error, 2 for unusable input, and 128 plus the number
-    of the signal that ended the command.
+    The code is 0 for done, 1 for an internal error, 2 for unusable input, 3 if the proof that
+    ``--prove`` asks for is not reached, and 128 plus the number of the signal that ended the
+    command.
     """
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:

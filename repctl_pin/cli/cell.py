@@ -17,6 +17,7 @@ from .given import (
     natural,
     numbers_of,
     positive,
+    proof_code,
     proved,
     save_control,
 )
@@ -164,11 +165,6 @@ def run(options: Options) -> int:
         )
     asked = _asked(options)
     cell = asked.cell
-    if options.prove and cell.task.kind != "pose":
-        kind = cell.task.kind
-        raise InputError(
-            f"--prove requires --task pose: nothing can be proved of a cell of {kind} tasks yet"
-        )
     try:
         design = rp.nearest_inverse_function(
             rp.Pseudoinverse(cell.task),
@@ -211,7 +207,8 @@ def run(options: Options) -> int:
         return [*wrapped([*said.sentence, *sentences]), Span(fitted("\n".join(lines)))]
 
     said = {"start_is": asked.start_is, "notes": notes}
-    return report(options, lambda: _as_dict(design) | said, text, files)
+    report(options, lambda: _as_dict(design) | said, text, files)
+    return proof_code(design.proof)
 
 
 _MEANING = (
@@ -311,10 +308,6 @@ def _require_one_shape(options: Options, around: bool) -> None:
         ):
             if there is not None:
                 raise InputError(f"--sector and {name} are mutually exclusive")
-        if options.prove:
-            raise InputError(
-                "--sector and --prove are mutually exclusive: nothing can be proved of a sector yet"
-            )
         if options.radius is None:
             raise InputError("--sector requires --radius")
         return

@@ -19,6 +19,7 @@ from .given import (
     integer,
     natural,
     positive,
+    proof_code,
 )
 from .options import Parser
 from .terminal import in_percent, progress, report
@@ -37,6 +38,14 @@ EXAMPLE = """examples:
   repctl check repctl-out/my_arm/design.json --robot my_arm.urdf"""
 
 _Drift = dict[str, float]
+_REFUTED = (
+    "the leaf margin there is",
+    "the limit margin there is",
+    "J_V is singular",
+    "no configuration exists",
+)
+"""Beginnings of the reasons of a proof that found a counterexample, and did not only stop."""
+
 SMALL = 4
 """Maximum number of joints for which stable surfaces are searched."""
 
@@ -109,9 +118,12 @@ def run(options: Options) -> int:
 def _prove(options: Options, say: Callable[[str], None]) -> int:
     """Prove the margins of a saved design, and print the proof.
 
-    For a design that holds a certificate, the leaf margin of the certificate is proved again.
+    For a design that holds a certificate, its bounds are proved again. The exit code tells whether
+    the proof was reached.
     """
     from dataclasses import asdict
+
+    import numpy as np
 
     if not options.saved:
         raise InputError(
@@ -123,13 +135,33 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
             why = "a design is proved over its own region"
             raise InputError(f"--prove and --{option} are mutually exclusive: {why}")
     design = options.load_saved()
-    margin = design.proof.leaf_margin if design.proof else None
+    held = design.proof
+    of_cell = held is not None and isinstance(design, rp.CellDesign)
     proof = rp.prove(
         design,
-        margin=margin,
+        margin=None if held is None else held.leaf_margin,
+        limit_margin=held.limit_margin
+        if held is not None and of_cell and np.isfinite(held.limit_margin)
+        else None,
         progress=in_percent(say),
     )
-    return report(options, lambda: asdict(proof), lambda: fitted(proof.summary()))
+    against = "" if held is None or proof else _against(held, proof)
+    lines = [proof.summary(), *([f"note: {against}"] if against else [])]
+    report(
+        options,
+        lambda: asdict(proof) | {"notes": [against] if against else []},
+        lambda: fitted("\n".join(lines)),
+    )
+    return proof_code(proof)
+
+
+def _against(held: rp.Proof, proof: rp.Proof) -> str:
+    """Write how the certificate of a file stands to a proof of it that was not reached."""
+    says = f"the file's certificate says {held!r}"
+    if proof.reason.startswith(_REFUTED):
+        return f"{says}, which is false: {proof.reason}; do not rely on it"
+    why = f": {proof.reason}" if proof.reason else ""
+    return f"{says}, which was not reached again{why}"
 
 
 class _Case(NamedTuple):

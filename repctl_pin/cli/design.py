@@ -22,6 +22,7 @@ from .given import (
     integer,
     natural,
     positive,
+    proof_code,
     proved,
     save_control,
     with_options,
@@ -172,7 +173,9 @@ def run(options: Options) -> int:
     say("finding a cycle inside Ω")
     design, more = _with_cycle(design, problem)
     notes.extend(more)
-    design = proved(design, say) if options.prove else design
+    if options.prove:
+        design = proved(design, say)
+        notes.extend(_unproved(design))
     say("comparing and drawing")
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
@@ -196,12 +199,28 @@ def run(options: Options) -> int:
             lines += ["", design.proof.summary()]
         return fitted("\n".join([*lines, *(f"note: {note}" for note in notes), ""]))
 
-    return report(
+    report(
         options,
         lambda: _as_dict(design, degrees, baselines, name, problem, notes),
         text,
         files,
     )
+    return proof_code(design.proof)
+
+
+def _unproved(design: rp.Design) -> list[str]:
+    """Write a note on a proof that was not reached, with a remedy; an empty list if it was."""
+    if design.proof:
+        return []
+    note = "the design is saved without a certificate: its leaf margin is not proved"
+    degree = getattr(design.potentials, "degree", 0)
+    reason = "" if design.proof is None else design.proof.reason
+    if degree > 2 and reason.startswith("stopped"):
+        note += (
+            f"; potentials of a lower degree need far fewer boxes than those of degree {degree}: "
+            "repeat with --degree 2"
+        )
+    return [note]
 
 
 def _check(options: Options, degree: Any) -> None:

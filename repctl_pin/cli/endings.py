@@ -14,7 +14,7 @@ from typing import Any
 from ..errors import RepctlError
 from .terminal import clear_line, say_line
 
-REFUSED, FAULT, INTERRUPTED = 2, 1, 130
+REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3
 
 
 class Stopped(BaseException):

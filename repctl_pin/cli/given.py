@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import warnings
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,8 @@ import repctl_pin as rp
 
 from ..errors import InputError
 from ..files import check_folder, not_left_empty
-from .terminal import in_percent
+from .endings import NOT_PROVED
+from .terminal import in_percent, say_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -108,9 +110,13 @@ class Options(argparse.Namespace):
                 remedy="make one with repctl design, study or cell",
             )
         content = read_design(self.what)
-        return made_of(
-            content, task_of(content.task, self._robot_of(content.task)), self.what
-        )
+        task = task_of(content.task, self._robot_of(content.task))
+        with warnings.catch_warnings(record=True) as notes:
+            warnings.simplefilter("always")
+            design = made_of(content, task, self.what)
+        for note in notes:
+            say_line(f"note: {note.message}")
+        return design
 
     def load_design(self) -> rp.Design:
         """Load a design over joint space; raise an error for a function over a cell."""
@@ -222,9 +228,17 @@ def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
 
 
 def proved(design: D, say: Callable[[str], None]) -> D:
-    """Add to a design the proof with the largest bounds that are found in a minute."""
+    """Add to a design the proof with the largest bounds that are found in a minute.
+
+    A proof that was not reached is added, too; it says why.
+    """
     proof = rp.prove(design, progress=in_percent(say))
     return replace(design, proof=proof)
+
+
+def proof_code(proof: rp.Proof | None) -> int:
+    """Return the exit code of a command: 0 if a proof was reached, or none was asked for."""
+    return 0 if proof is None or proof else NOT_PROVED
 
 
 def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..arguments import Array, percentage, read_only
-from ..certificate import Proof, proved_words
+from ..certificate import Proof, own_proof, proved_words
+from ..errors import InputError
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
 from ..progress import Report, reporter
@@ -15,6 +16,7 @@ from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .evaluation import Baseline, baselines, spectral_cost
+from .subject import belong_together, subject_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,14 @@ class Design:
         Start, path and period of the motion that the design is for. It is saved with the design.
     proof : Proof, optional
         Certificate of the design, if one was added by ``dataclasses.replace(design,
-        proof=rp.prove(design))``. It is saved with the design.
+        proof=rp.prove(design))``. It is saved with the design. A certificate of something else is
+        dropped with a warning.
+
+    Raises
+    ------
+    InputError
+        If inverse, potentials, coefficients and region do not belong together, such as after
+        ``dataclasses.replace`` of one of them.
 
     Examples
     --------
@@ -103,6 +112,16 @@ class Design:
     cycle: Cycle | None = None
     proof: Proof | None = None
 
+    def __post_init__(self) -> None:
+        parts = self.inverse, self.potentials, self.coefficients, self.region
+        if not belong_together(*parts):
+            raise InputError(
+                "a design cannot be changed in part: its inverse, potentials, coefficients and "
+                "region belong together; design again"
+            )
+        proof = own_proof(self.proof, lambda: self.subject)
+        object.__setattr__(self, "proof", proof)
+
     def __repr__(self) -> str:
         task = self.task
         return (
@@ -116,6 +135,14 @@ class Design:
     def task(self) -> Task:
         """Task that the inverse controls."""
         return self.inverse.task
+
+    @property
+    def subject(self) -> str:
+        """Fingerprint of all that a certificate proves of the design; empty for user functions.
+
+        It covers the joint chain, its limits, potentials, coefficients and region.
+        """
+        return subject_of(self.task, self.potentials, self.coefficients, self.region)
 
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.

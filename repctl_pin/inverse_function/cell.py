@@ -521,6 +521,11 @@ class Cell:
         return []
 
     @property
+    def excepted(self) -> tuple[str, ...]:
+        """Joints that limit margins leave out; none in a box."""
+        return ()
+
+    @property
     def _active(self) -> NDArray[np.bool_]:
         """Mask (m,) of the task coordinates that belong to u."""
         active = np.array(self.widths > 0, bool)

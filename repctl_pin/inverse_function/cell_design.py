@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array, ratio_in_percent, read_only
-from ..certificate import Proof, proved_words
+from ..certificate import Proof, fingerprint, own_proof, proved_words
 from ..robot.task import Task
+from ..robot.task_parts import rounded, task_parts
 from ..strategies import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .cell import Cell
@@ -50,7 +51,8 @@ class CellDesign:
         Requested limit margin, rad or m, body distance, m, and σ_min of J.
     proof : Proof, optional
         Certificate, if one was added: ``dataclasses.replace(found,
-        proof=rp.prove(found))``. It is saved with the design.
+        proof=rp.prove(found))``. It is saved with the design. A certificate of something else is
+        dropped with a warning.
 
     Examples
     --------
@@ -74,6 +76,10 @@ class CellDesign:
     requested_sigma_min: float
     proof: Proof | None = None
 
+    def __post_init__(self) -> None:
+        proof = own_proof(self.proof, lambda: self.subject)
+        object.__setattr__(self, "proof", proof)
+
     @classmethod
     def of(
         cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any
@@ -91,6 +97,16 @@ class CellDesign:
     def task(self) -> Task:
         """Task that the function inverts."""
         return self.function.task
+
+    @property
+    def subject(self) -> str:
+        """Fingerprint of all that a certificate proves of the function.
+
+        It covers the joint chain, its limits, the cell and the polynomials.
+        """
+        chart = self.function.chart
+        parts = chart.monomials.degree, chart.coefficients, *_cell_parts(chart.cell)
+        return fingerprint("cell", task_parts(self.task), *parts)
 
     @property
     def cell(self) -> Cell:
@@ -150,7 +166,7 @@ class CellDesign:
     @property
     def body_distance(self) -> float:
         """Minimum distance between bodies of the robot and its surroundings, m; infinite if there
-        are no collision bodies."""
+        are no collision bodies, NaN if these have changed since the design was saved."""
         return self.evaluation.body_distance
 
     def figures(self) -> dict[str, str]:
@@ -169,6 +185,8 @@ class CellDesign:
             f"({most} {j.attainable_margin:.3g})"
             f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
         )
+        if left_out := self.function.chart.cell.excepted:
+            margin += f"\nwithout {', '.join(left_out)}, whose limits end the range"
         bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
         bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
@@ -189,7 +207,9 @@ class CellDesign:
             "extra joint speed": speed,
             "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
-            "body distance": bodies
+            "body distance": "not known: the bodies have changed since it was evaluated"
+            if np.isnan(j.body_distance)
+            else bodies
             if np.isfinite(j.body_distance)
             else "no collision bodies",
             "σ_min(J)": sigma,
@@ -238,6 +258,15 @@ def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
     """
     free = isinstance(chart.cell, Sector) and bool(chart.cell.free)
     return InverseFunction(chart, keep_limits=free or not evaluation.everywhere)
+
+
+def _cell_parts(cell: Cell) -> tuple[Any, ...]:
+    """Return the set of poses of a cell as plain data, with the symmetries that are used."""
+    box = rounded(cell.placement.homogeneous), cell.widths
+    if not isinstance(cell, Sector):
+        return "box", *box
+    used = [(one.coordinate, one.joint, one.sign) for one in cell.removed]
+    return "sector", *box, rounded(cell.axis), cell.free, used, cell.spin_middle
 
 
 def _unmet(found: float, asked: float) -> str:

@@ -257,6 +257,14 @@ class Sector(Cell):
             margin[..., one.joint] += beyond
         return margin
 
+    @property
+    def excepted(self) -> tuple[str, ...]:
+        """Joints that limit margins leave out: their limits end a range that is ``"all"``."""
+        lower, upper, _ = self.task.joint_limits
+        joints = [one.joint for one in self.removed if one.coordinate in self.free]
+        limited = np.isfinite(lower) | np.isfinite(upper)
+        return tuple(self.task.joint_names[j] for j in joints if limited[j])
+
     # ---- between placements and coordinates
     # -------------------------------------------------------
 

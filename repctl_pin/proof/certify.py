@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import progress as reporting
-from ..arguments import finite, flag, positive
+from ..arguments import finite, flag, positive, require_type
 from ..certificate import Proof
 from ..design import Design
+from ..design.subject import subject_of
 from ..errors import InputError
+from ..regions import Region
+from ..regions.region import A_REGION
 from .branch_and_bound import bound_leaf_margin
 from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
@@ -26,6 +29,7 @@ def prove(
     *,
     margin: float | None = None,
     limit_margin: float | None = None,
+    region: Region | None = None,
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Proof:
@@ -50,6 +54,9 @@ def prove(
     limit_margin
         Distance to the joint limits to prove, rad or m. By default, none for a region; for a cell,
         the smallest one of its evaluation, less a tenth and 0.01.
+    region
+        Region of joint space to prove a design over, by default its own one. A proof over another
+        region is no certificate of the design.
     seconds
         Processor time, s, after which the bounds found so far are taken.
     progress
@@ -63,7 +70,8 @@ def prove(
     Raises
     ------
     InputError
-        If the potentials or the region are functions of the user, of which no bounds are known.
+        If the potentials or the region are functions of the user, of which no bounds are known, or
+        a region is given for a cell.
 
     Examples
     --------
@@ -86,11 +94,20 @@ def prove(
         else finite(limit_margin, "limit_margin", "rad or m")
     )
     seconds = positive(seconds, "seconds", "s")
+    if region is not None:
+        require_type(region, Region, "region", A_REGION)
+        if not isinstance(what, Design):
+            raise InputError(
+                ": a function is proved over its own cell",
+                argument="region",
+                remedy="omit it",
+            )
     if not callable(progress):
         progress = flag(progress, "progress")
     with reporting.reporter(progress) as report:
         if isinstance(what, Design):
-            return _of_region(what, goal, least, seconds, report)
+            over = what.region if region is None else region
+            return _of_region(what, over, goal, least, seconds, report)
         return _of_cell(what, goal, least, seconds, report)
 
 
@@ -105,32 +122,34 @@ def _share(margin: float) -> float:
 
 def _of_region(
     design: Design,
+    region: Region,
     goal: float | None,
     least: float | None,
     seconds: float,
     report: reporting.Report,
 ) -> Proof:
-    """Prove the margins of a design over its region of joint space."""
+    """Prove the margins of a design over a region of joint space."""
     task = design.task
-    low, high = cover(design.region)
+    low, high = cover(region)
     limit_bound, nearest = limit_margin(task, low, high)
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
     proof = replace(
         found,
-        what=f"{task.robot.name} {task}, {design.region}",
+        what=f"{task.robot.name} {task}, {region}",
         limit_margin=limit_bound,
         asked_limit_margin=least,
     )
-    if least is None or limit_bound >= least:
-        return proof
-    return replace(
-        proof,
-        proved=False,
-        worst=(low[nearest] + high[nearest]) / 2,
-        half=(high[nearest] - low[nearest]) / 2,
-        reason=f"the limit margin there is {limit_bound:.4g}",
-    )
+    if least is not None and limit_bound < least:
+        proof = replace(
+            proof,
+            proved=False,
+            worst=(low[nearest] + high[nearest]) / 2,
+            half=(high[nearest] - low[nearest]) / 2,
+            reason=f"the limit margin there is {limit_bound:.4g}",
+        )
+    subject = subject_of(task, design.potentials, design.coefficients, region)
+    return proof.sealed(subject) if subject else proof
 
 
 def _of_cell(
@@ -155,7 +174,7 @@ def _of_cell(
     problem = CellProof(design.function.chart)
     proof = bound_cell(problem, leaf, limit, seconds, report)
     near = ", ".join(f"{v:.2g}" for v in problem.near)
-    return replace(
+    proof = replace(
         proof,
         what=(
             f"{design.task.robot.name} {design.task}, {design.cell!r}: "
@@ -164,4 +183,6 @@ def _of_cell(
         ),
         asked_leaf_margin=goal,
         asked_limit_margin=least,
+        excepted=design.function.chart.cell.excepted,
     )
+    return proof.sealed(design.subject)

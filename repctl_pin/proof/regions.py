@@ -35,7 +35,7 @@ def cover(region: Region) -> tuple[Array, Array]:
         return cover(region.within)
     raise InputError(
         f"nothing can be proved over a {type(region).__name__}: its shape is not known; prove the "
-        "design over a box or a tube that contains it: dataclasses.replace(design, region=...)"
+        "design over a box or a tube that contains it: rp.prove(design, region=...)"
     )
 
 

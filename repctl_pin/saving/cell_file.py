@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from math import comb
 
 import msgspec
@@ -17,7 +18,10 @@ from ..inverse_function.chart import Chart
 from ..inverse_function.monomials import Monomials
 from ..inverse_function.sector import SPIN
 from ..inverse_function.turning import Turn
+from ..robot.body_parts import bodies_at, shapes_fingerprint
 from ..robot.task import Task
+from ..robot.task_parts import check_configurations
+from .changes import configurations
 from .design_file import head
 from .schema import (
     Desired,
@@ -87,6 +91,16 @@ class SectorFile(Part):
     spin_middle: float | msgspec.UnsetType = msgspec.UNSET
 
 
+class BodiesFile(Part):
+    """Fingerprint of the collision bodies: of their shapes, and of their places.
+
+    ``places`` has one number per check configuration of the task, which changes with any placement.
+    """
+
+    shapes: str
+    places: Row
+
+
 class CellFigures(Part):
     """Evaluation of a function over a cell.
 
@@ -119,7 +133,8 @@ class CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
     ``coefficients`` are those of two polynomials of the cell's coordinates: the reference
-    configuration q_ref and the reference directions n_ref of its null space.
+    configuration q_ref and the reference directions n_ref of its null space. ``bodies`` are those
+    of the body distance; they are not in older files, nor where that distance is not known.
     """
 
     desired: Desired
@@ -139,6 +154,7 @@ class CellFile(Sealed):
     requested_sigma_min: float = 0.0
     proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
     sector: SectorFile | msgspec.UnsetType = msgspec.UNSET
+    bodies: BodiesFile | msgspec.UnsetType = msgspec.UNSET
 
 
 def cell_file(design: CellDesign) -> CellFile:
@@ -168,7 +184,41 @@ def cell_file(design: CellDesign) -> CellFile:
         figures=figures,
         proof=proof_file(design.proof),
         sector=_sector_file(chart.cell),
+        bodies=_bodies_file(design),
     )
+
+
+def _bodies_file(design: CellDesign) -> BodiesFile | msgspec.UnsetType:
+    """Convert the fingerprint of the bodies to plain data; UNSET if no distance is known."""
+    if np.isnan(design.body_distance):
+        return msgspec.UNSET
+    task = design.task
+    places = bodies_at(task, check_configurations(task)).tolist()
+    return BodiesFile(shapes_fingerprint(task), places)
+
+
+def _known_distance(content: CellFile, task: Task) -> float:
+    """Return the body distance of a file, m; NaN with a warning if the bodies have changed."""
+    distance, bodies = content.figures.body_distance, content.bodies
+    if isinstance(bodies, msgspec.UnsetType):
+        return np.nan if distance is None else distance
+    now = bodies_at(task, configurations(content.task))
+    changed = (
+        "their shapes or mesh files"
+        if bodies.shapes != shapes_fingerprint(task)
+        else "their places"
+        if not np.allclose(bodies.places, now, rtol=0, atol=1e-8)
+        else ""
+    )
+    if not changed:
+        return np.inf if distance is None else distance
+    warnings.warn(
+        f"the cell's body distance and collisions were dropped: the bodies of {task.robot.name} "
+        f"have changed since ({changed}); design the cell again to evaluate them",
+        UserWarning,
+        stacklevel=5,
+    )
+    return np.nan
 
 
 def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
@@ -262,10 +312,18 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         figures.limit_margin_worst = figures.limit_margin
     if figures.attainable_margin_worst is None:
         figures.attainable_margin_worst = figures.attainable_margin
+    distance = _known_distance(content, task)
+    failures = tuple(
+        made(FailureReason, reason)
+        for reason in figures.failures
+        if reason.cause != "collision" or not np.isnan(distance)
+    )
     evaluation = made(
         Evaluation,
         figures,
-        failures=tuple(made(FailureReason, reason) for reason in figures.failures),
+        body_distance=distance,
+        nearest_bodies=("", "") if np.isnan(distance) else figures.nearest_bodies,
+        failures=failures,
         turns=tuple(made(Turn, turn) for turn in figures.turns),
     )
     chart = Chart(cell, Monomials(cell.k, degree), C)

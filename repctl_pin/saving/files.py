@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from ..arguments import file_name, require_type
 from ..design import Design
 from ..errors import InputError, RepctlError
 from ..robot.robot import Robot
 from ..robot.task import Task, require_task
+from .changes import require_arm_angles, require_masses, require_ranges
 from .design_file import FORMAT, design_file, design_of, read, write
 from .schema import DesignFile
 from .task_identity import compare, task_of
@@ -23,7 +27,8 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     """Write a design to a file atomically.
 
     The file is JSON. It contains a schema version; the robot, frame, task kind and joints with a
-    fingerprint of the kinematics; the design with its evaluation; and a checksum. The output is
+    fingerprint of all that its numbers depend on: the kinematics, joint limits, the frames of arm
+    angles, masses and bodies; the design with its evaluation; and a checksum. The output is
     deterministic.
 
     Parameters
@@ -80,8 +85,14 @@ def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
     ------
     InputError
         If the file is not a design file, was changed after it was written, has another schema
-        version, or is for another robot, frame, task kind or joints; the message names the
-        difference.
+        version, or is for another robot, frame, task kind or joints, or for a robot that was
+        changed since; the message names the difference.
+
+    Warns
+    -----
+    UserWarning
+        If an older file lacks part of the fingerprint, if its certificate is dropped because it
+        proves something else, or if a cell's body distance is, because the bodies have changed.
 
     Examples
     --------
@@ -187,6 +198,14 @@ def made_of(
     """
     try:
         compare(content.task, task, where)
+        unchecked = _require_unchanged(content, task)
+        if unchecked:
+            warnings.warn(
+                f"{where} was written by repctl-pin {content.written_by}: it does not hold, so a "
+                f"change is not detected, of {' and '.join(unchecked)}",
+                UserWarning,
+                stacklevel=3,
+            )
         if isinstance(content, DesignFile):
             return design_of(content, task)
         from .cell_file import cell_of
@@ -196,3 +215,20 @@ def made_of(
         raise InputError(
             str(error) if where in str(error) else f"{where}: {error}"
         ) from None
+
+
+def _require_unchanged(content: DesignFile | CellFile, task: Task) -> list[str]:
+    """Check that everything is as it was that numbers of the file depend on, but for the bodies.
+
+    Returns the names of what an older file does not hold, so that it is not checked.
+    """
+    made_for = content.task
+    if isinstance(content, DesignFile):
+        timed = content.cycle is not None
+        unchecked = require_ranges(made_for, task, speeds=timed)
+        unchecked += require_arm_angles(content.potentials, made_for, task)
+    else:
+        unchecked = require_ranges(made_for, task, speeds=False)
+        known = content.bodies is not msgspec.UNSET
+        unchecked += [] if known else ["the collision bodies"]
+    return unchecked + require_masses(content.desired, made_for, task)

@@ -18,6 +18,7 @@ from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
 from ..potentials.arm_angle import ArmAngle
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..robot.task import Task
+from ..robot.task_parts import check_configurations, points_at
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
 if TYPE_CHECKING:
@@ -68,11 +69,16 @@ class FourierFile(Part, tag_field="kind", tag="fourier"):
 
 
 class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
-    """Arm angle of the task's frames shoulder, elbow and wrist; stereographic with ``singular``."""
+    """Arm angle of the task's frames shoulder, elbow and wrist; stereographic with ``singular``.
+
+    ``points`` are the origins of the frames, m, at each of the task's check configurations: by
+    them, a frame that was moved is detected. They are not in older files.
+    """
 
     frames: tuple[str, str, str]
     reference: Row
     singular: Row | None
+    points: list[Rows] | msgspec.UnsetType = msgspec.UNSET
 
 
 class JoinedFile(Part, tag_field="kind", tag="joined"):
@@ -108,9 +114,14 @@ class PseudoinverseFile(Part, tag_field="kind", tag="pseudoinverse"):
 
 
 class WeightedFile(Part, tag_field="kind", tag="weighted"):
-    """Desired inverse J⁺_M, weighted by M: ``inertia``, a diagonal, or a matrix."""
+    """Desired inverse J⁺_M, weighted by M: ``inertia``, a diagonal, or a matrix.
+
+    ``inertia`` is M at each of the task's check configurations, kg m² and kg, if M is the inertia:
+    by it, changed masses are detected. It is not in older files.
+    """
 
     weight: str | list[float | Row]
+    inertia: list[Rows] | msgspec.UnsetType = msgspec.UNSET
 
 
 class LimitsFile(Part, tag_field="kind", tag="limits"):
@@ -132,8 +143,19 @@ class Check(Part):
     placement: Rows
 
 
+class JointRange(Part):
+    """Limits of a joint, rad or m, and per s; null where there is none."""
+
+    lower: float | None
+    upper: float | None
+    velocity: float | None
+
+
 class TaskFile(Part):
-    """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ."""
+    """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ.
+
+    ``limits`` are those of ``joints``; they are not in older files.
+    """
 
     robot: str
     catalogue: bool
@@ -145,6 +167,7 @@ class TaskFile(Part):
     joints: list[str]
     coordinates: Rows | None
     fingerprint: list[Check]
+    limits: list[JointRange] | msgspec.UnsetType = msgspec.UNSET
 
 
 class PieceFile(Part):
@@ -191,7 +214,8 @@ class Figures(Part):
 class ProofFile(Part):
     """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required.
 
-    ``seconds`` stands in older files only: equal proofs are written alike.
+    ``seconds`` stands in older files only: equal proofs are written alike. ``subject`` and ``seal``
+    do not, and the proof of such a file is dropped.
     """
 
     what: str
@@ -207,6 +231,9 @@ class ProofFile(Part):
     asked_limit_margin: float | None
     theorem: int
     seconds: float | msgspec.UnsetType = msgspec.UNSET
+    excepted: list[str] = []
+    subject: str = ""
+    seal: str = ""
 
 
 class Sealed(Part):
@@ -273,12 +300,10 @@ def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
 
 
 def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
-    """Convert a proof to its part of a file; UNSET for None."""
-    return (
-        msgspec.UNSET
-        if proof is None
-        else described(ProofFile, proof, seconds=msgspec.UNSET)
-    )
+    """Convert a proof to its part of a file; UNSET if there is none, or nothing is proved."""
+    if not proof:
+        return msgspec.UNSET
+    return described(ProofFile, proof, seconds=msgspec.UNSET)
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
@@ -299,7 +324,9 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
     if isinstance(potentials, Fourier):
         return described(FourierFile, potentials)
     if isinstance(potentials, ArmAngle):
-        return described(ArmAngleFile, potentials)
+        task, frames = potentials.task, potentials.frames
+        points = points_at(task, frames, check_configurations(task)).tolist()
+        return described(ArmAngleFile, potentials, points=points)
     if isinstance(potentials, Joined):
         return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
@@ -329,7 +356,7 @@ def region_file(region: Region) -> RegionFile:
     if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
         raise InputError(
             "a region with a user-defined density cannot be saved, for a file holds no functions; "
-            "save dataclasses.replace(design, region=…) with one without"
+            "save dataclasses.replace(design, region=…) with the same one without it"
         )
     if isinstance(region, Box):
         return described(BoxFile, region)
@@ -373,8 +400,11 @@ def desired_file(desired: Inverse) -> Desired:
         ):
             return described(LimitsFile, weight)
         if not callable(weight):
+            if not isinstance(weight, str):
+                return WeightedFile(np.asarray(weight).tolist())
+            task = desired.task
             return WeightedFile(
-                weight if isinstance(weight, str) else np.asarray(weight).tolist()
+                weight, task.inertias(check_configurations(task)).tolist()
             )
     raise InputError(
         f"a design whose desired inverse is a user-defined {type(desired).__name__} cannot be "

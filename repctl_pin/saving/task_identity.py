@@ -1,4 +1,4 @@
-"""Identity of a task in a file: robot, frame, joints, and a fingerprint of the kinematics."""
+"""Identity of a task in a file: robot, frame, joints, their limits, and placements of the frame."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 from ..errors import InputError
 from ..robot.robot import Robot
 from ..robot.task import Kind, Task
+from ..robot.task_parts import check_configurations
+from .changes import ranges_of
 from .schema import Check, TaskFile
 
-_CHECKS = 4
 _TOLERANCE = 1e-9
 
 
@@ -22,12 +23,9 @@ def identity(task: Task) -> TaskFile:
     the locked joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
-    joints = np.arange(1, task.n + 1)
-    away = [0.7 * np.sin(joints * (k + 1.3)) for k in range(_CHECKS - 1)]
-    configurations = [task.reference, *(task.reference + d for d in away)]
     checks = [
         Check(q.tolist(), np.round(task.placement(q).homogeneous[:3], 12).tolist())
-        for q in configurations
+        for q in check_configurations(task)
     ]
     file = robot.description.path.name.encode("utf-8", "replace").decode()
     T = None if task.coordinates is None else task.coordinates.T.tolist()
@@ -42,6 +40,7 @@ def identity(task: Task) -> TaskFile:
         joints=list(task.robot_joints),
         coordinates=T,
         fingerprint=checks,
+        limits=ranges_of(task),
     )
 
 

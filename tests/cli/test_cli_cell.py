@@ -250,10 +250,6 @@ def test_what_cannot_be(
         (["--sector"], "--sector requires --radius"),
         (["--sector", "--radius", "0.1", "--half-width", "0.1"], "mutually exclusive"),
         (["--sector", "--radius", "0.1", "--path", "circle:0.1"], "mutually exclusive"),
-        (
-            ["--sector", "--radius", "0.1", "--prove"],
-            "nothing can be proved of a sector",
-        ),
         (["--half-width", "0.1", "--radius", "0.1"], "--radius requires --sector"),
         (["--half-width", "0.1", "--angle", "1"], "--angle requires --sector"),
         (["--radius", "0.1"], "--radius requires --sector"),

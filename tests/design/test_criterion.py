@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 import scipy.optimize
 from arms import Q_PANDA, planar_task
+from designs import over, with_potentials
+from proofs import design_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
@@ -964,7 +966,8 @@ def test_the_extended_jacobian_is_singular_in_the_wide_box_and_said_so(
     ]
     assert sides[0] == -sides[1]
     assert isinstance(free, rp.Box)
-    again = replace(design, inverse=inverse, region=free)
+    again = design_of(design.task, inverse.potentials, free)
+    again = replace(again, held_out=1024)
     assert rp.compare(again).evaluations[0].leaf_margin > 0
 
 
@@ -1066,7 +1069,7 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
         degree=1,
         options=rp.FitOptions(samples=512, held_out=64),
     )
-    wide = replace(design, region=rp.Box([0.3, 0.0, 0.0], 0.5))
+    wide = over(design, rp.Box([0.3, 0.0, 0.0], 0.5))
     found = design_map(wide, (1, 2), points=5)
     assert np.array_equal(np.argwhere(np.isnan(found.distance)), [[2, 2]])
     assert np.array_equal(np.isnan(found.reference), np.isnan(found.distance))
@@ -1092,8 +1095,8 @@ def test_maps_are_nan_at_singularities_and_over_the_joints_that_matter() -> None
         rows = potentials.exponents.tolist()
         A = np.zeros((potentials.size, 1))
         A[[rows.index([0, 0, 1]), rows.index((2 * np.eye(3)[slide]).tolist())]] = 1
-        bent = rp.RepeatableInverse(flat.task, potentials.weighted(A))
-        assert design_map(replace(flat, inverse=bent), points=3).joints == (
+        bent = with_potentials(flat, potentials, A)
+        assert design_map(bent, points=3).joints == (
             slide,
             2,
         )

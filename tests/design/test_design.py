@@ -14,6 +14,7 @@ import scipy.optimize
 import scipy.stats
 from arms import planar_task, planar_urdf, spatial_task
 from commands import main
+from designs import over, with_potentials
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
@@ -180,8 +181,8 @@ def test_baselines_are_evaluated_on_the_nodes_of_the_design(
     task, center = small_design.task, small_design.region.center
     N = redundancy.nullspace(task.jacobian(center))
     for V in (N, -3 * N):  # the level of h and its sign are nothing to the controller
-        constant = rp.RepeatableInverse(task, rp.Polynomial(center, 1).weighted(V))
-        alone = rp.compare(replace(small_design, inverse=constant)).evaluations[0]
+        constant = with_potentials(small_design, rp.Polynomial(center, 1), V)
+        alone = rp.compare(constant).evaluations[0]
         np.testing.assert_allclose(alone.replicates, rows.evaluation.replicates)
         assert alone.leaf_margin == pytest.approx(rows.evaluation.leaf_margin, rel=1e-6)
 
@@ -194,7 +195,7 @@ def test_a_baseline_is_refused_where_it_is_singular_or_beyond(
     centre."""
     task, center = small_design.task, small_design.region.center
     wide = rp.Box(center, half_width)
-    refused = replace(small_design, region=wide).evaluate_baselines()
+    refused = over(small_design, wide).evaluate_baselines()
     rows = rp.Polynomial(center, 1).weighted(
         redundancy.nullspace(task.jacobian(center))
     )
@@ -227,11 +228,11 @@ def test_a_singularity_in_a_corner_between_the_held_out_nodes_is_found(
         )
 
     assert (side(box.random(4096, 0)) == 1).all()
-    rows, _ = replace(small_design, region=box, held_out=64).evaluate_baselines()
+    rows, _ = over(small_design, box, held_out=64).evaluate_baselines()
     assert rows.evaluation is None
     at = np.array(re.findall(r"theta\d = ([-.\d]+)", rows.text), float)
     assert side(at[None])[0] == -1 and box.ratio(at[None])[0] < 1.01
-    smaller = replace(small_design, region=box.shrunk(0.9), held_out=64)
+    smaller = over(small_design, box.shrunk(0.9), held_out=64)
     rows, _ = smaller.evaluate_baselines()
     assert rows.evaluation is not None and rows.evaluation.leaf_margin > 0.5
 
@@ -252,7 +253,7 @@ def test_held_out_nodes_are_divided_among_32_sets(
     seen: set[int] = set()
     for seed in range(3):
         box = Asked(small_design.region.center, 0.2)
-        rp.compare(replace(small_design, region=box, held_out=held_out, seed=seed))
+        rp.compare(over(small_design, box, held_out=held_out, seed=seed))
         counts, seeds = zip(*box.__dict__["asked"], strict=True)
         assert counts[:32] == (each,) * 32 and seen.isdisjoint(seeds)
         assert sum(counts[32:]) >= 2048 - 64 * each  # of the search alone
@@ -743,7 +744,9 @@ def test_every_design_is_compared_over_the_first_ones_region() -> None:
     )
     for one, two in ((first, other), (other, first)):
         here = rp.compare(one, two).evaluations[1]
-        alone = rp.compare(replace(one, inverse=two.inverse)).evaluations[0]
+        alone = rp.compare(
+            with_potentials(one, two.potentials, two.coefficients)
+        ).evaluations[0]
         assert np.array_equal(here.replicates, alone.replicates)
         assert here.relative_distance == alone.relative_distance
         assert here.leaf_margin == alone.leaf_margin
@@ -761,8 +764,7 @@ def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
 ) -> None:
     """V spans a row of J at the centre: the margin there is 0, and no figure is given."""
     task, few = panda_design.task, replace(panda_design, held_out=64)
-    row = rp.Polynomial(Q0, 1).weighted(task.jacobian(Q0)[:1].T)
-    flat = replace(few, inverse=rp.RepeatableInverse(task, row))
+    flat = with_potentials(few, rp.Polynomial(Q0, 1), task.jacobian(Q0)[:1].T)
     comparison = rp.compare(few, flat)
     assert comparison.best == 0 and comparison.evaluations[1] is None
     assert comparison.differences[1][0] == np.inf

@@ -75,7 +75,7 @@ def test_a_tube_is_proved_with_all_that_lies_between_its_samples(
     tube = rp.Tube(
         samples, 0.01
     )  # the samples are farther from each other than the radius
-    proof = rp.prove(replace(panda_design, region=tube))
+    proof = rp.prove(panda_design, region=tube)
     between = (samples[1:] + samples[:-1]) / 2
     assert proof and not tube.contains(between).any()
     assert proof.leaf_margin < margins(panda_design, between).min()
@@ -92,11 +92,9 @@ def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(
     region = rp.WorkspaceBox(
         task, task.placement(box.center).translation, 0.05, within=box
     )
-    proof = rp.prove(replace(panda_design, region=region), margin=0.8)
-    assert (
-        proof
-        and proof.boxes == rp.prove(replace(panda_design, region=box), margin=0.8).boxes
-    )
+    proof = rp.prove(panda_design, region=region, margin=0.8)
+    assert proof
+    assert proof.boxes == rp.prove(panda_design, region=box, margin=0.8).boxes
 
 
 def test_what_has_no_bounds_is_refused_by_name(panda_design: rp.Design) -> None:
@@ -105,11 +103,13 @@ def test_what_has_no_bounds_is_refused_by_name(panda_design: rp.Design) -> None:
     with pytest.raises(rp.InputError, match="given as functions.*use polynomials"):
         rp.prove(design_of(task, own.weighted(np.ones((1, 1))), panda_design.region))
 
-    class Ball:
-        center = bounds = nodes = random = weights = ratio = clip = shrunk = None
+    class Ball(rp.Box.__base__):
+        center = bounds = random = ratio = clip = shrunk = None
 
     with pytest.raises(rp.InputError, match="a Ball: its shape is not known"):
-        rp.prove(replace(panda_design, region=Ball()))
+        rp.prove(panda_design, region=Ball())
+    with pytest.raises(rp.InputError, match="region must be a region of joint space"):
+        rp.prove(panda_design, region="all")
     with pytest.raises(rp.InputError, match="must be a design"):
         rp.prove(center)
     with pytest.raises(rp.InputError, match="margin must be from 0 to 1"):

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from design_file import checksum
+from designs import with_potentials
 from numpy.polynomial.chebyshev import chebval
 from scipy.spatial.transform import Rotation
 
@@ -85,7 +86,6 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
         q_panda, 2, np.linspace(0.2, 0.8, 7), variables=[1, 3], cross=False
     )
     A = np.random.default_rng(1).normal(size=(family.size, 1))
-    inverse = rp.RepeatableInverse(panda_pose, family.weighted(A))
     tube = rp.Tube(
         q_panda + 0.01 * np.arange(21).reshape(3, 7), np.linspace(0.1, 0.7, 7)
     )
@@ -104,7 +104,9 @@ def test_every_kind_of_field_region_desired_inverse_and_task(
         for desired in (*weights, rp.Pseudoinverse(panda_pose)):
             design = dataclasses.replace(
                 small,
-                inverse=inverse,
+                inverse=rp.RepeatableInverse(
+                    panda_pose, family.weighted(A), region=region
+                ),
                 potentials=family,
                 coefficients=A,
                 region=region,
@@ -150,12 +152,13 @@ def test_what_no_file_can_hold_is_refused(tmp_path, panda_pose, q_panda, small) 
     )
     for change, words in (
         ({"region": density}, "density"),
-        ({"potentials": own}, "user-defined functions"),
         ({"desired": custom}, "CustomInverse"),
         ({"cost_error": float("nan")}, "cost_error"),
     ):
         with pytest.raises(rp.InputError, match=words):
             rp.save(dataclasses.replace(small, **change), tmp_path / "d.json")
+    with pytest.raises(rp.InputError, match="user-defined functions"):
+        rp.save(with_potentials(small, own, np.ones((1, 1))), tmp_path / "d.json")
     with pytest.raises(rp.InputError, match="nearest_repeatable"):
         rp.save(small.inverse, tmp_path / "d.json")
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,96 @@
+"""Fingerprint of what a certificate of a design proves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array
+from ..certificate import fingerprint
+from ..errors import SingularityError
+from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
+from ..potentials.arm_angle import ArmAngle
+from ..regions import Box, Region, Tube, WorkspaceBox
+from ..robot.task import Task
+from ..robot.task_parts import check_configurations, points_at, rounded, task_parts
+from ..strategies.repeatable import RepeatableInverse
+
+
+def subject_of(
+    task: Task, potentials: PotentialBasis, coefficients: Array, region: Region
+) -> str:
+    """Compute the fingerprint of a repeatable inverse over a region.
+
+    It covers the joint chain with its limits, the potentials, their coefficients and the region.
+    The text is empty for user-defined potentials and regions, of which nothing can be proved.
+    """
+    basis, shape = basis_parts(potentials), region_parts(region)
+    if basis is None or shape is None:
+        return ""
+    return fingerprint("region", task_parts(task), basis, coefficients, shape)
+
+
+def region_parts(region: object) -> tuple[Any, ...] | None:
+    """Return the shape of a region as plain data; None if its shape is not known.
+
+    A density has no effect on the shape.
+    """
+    if isinstance(region, Box):
+        return "box", region.center, region.half_width
+    if isinstance(region, Tube):
+        return "tube", region.samples, region.radius
+    if isinstance(region, WorkspaceBox):
+        within = region_parts(region.within)
+        return "workspace", region.position, region.half_width, within
+    return None
+
+
+def basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
+    """Return a basis of potentials as plain data; None if it has user-defined functions."""
+    if isinstance(potentials, Polynomial):
+        box = potentials.center, potentials.scale
+        kind = potentials.degree, potentials.variables, potentials.cross
+        return "polynomial", *box, *kind
+    if isinstance(potentials, Fourier):
+        kind = potentials.order, potentials.variables, potentials.cross
+        return "fourier", potentials.n, potentials.period, *kind
+    if isinstance(potentials, ArmAngle):
+        task, directions = potentials.task, (potentials.reference, potentials.singular)
+        points = points_at(task, potentials.frames, check_configurations(task))
+        return "arm angle", rounded(points), *directions
+    if isinstance(potentials, Joined):
+        parts = [basis_parts(part) for part in potentials.parts]
+        return None if None in parts else ("joined", *parts)
+    return None
+
+
+def belong_together(
+    inverse: RepeatableInverse,
+    potentials: PotentialBasis,
+    coefficients: Array,
+    region: Region,
+) -> bool:
+    """Test whether an inverse is that of the potentials and coefficients, over the region.
+
+    The gradients of the potentials are compared at one configuration of the region. Where they are
+    not defined there, nothing can be compared.
+    """
+    if inverse.region is not region:
+        shapes = region_parts(inverse.region), region_parts(region)
+        if None in shapes or fingerprint(shapes[0]) != fingerprint(shapes[1]):
+            return False
+    A = np.asarray(coefficients, float)
+    if A.shape != (potentials.size, inverse.task.r):
+        return False
+    half = region.bounds.half_width
+    q = region.clip(
+        (region.center + 0.3 * half * np.sin(1 + np.arange(len(half))))[None]
+    )
+    try:
+        V = inverse.potentials.gradients(q)
+    except SingularityError:
+        return True
+    return np.allclose(
+        V, potentials.gradients(q) @ A, rtol=0, atol=1e-6 * np.abs(V).max()
+    )

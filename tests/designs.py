@@ -1,0 +1,28 @@
+"""Designs with another region or other potentials: their parts are changed together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import repctl_pin as rp
+
+
+def over(design: rp.Design, region: Any, **changes: Any) -> rp.Design:
+    """The same potentials over another region."""
+    potentials = design.inverse.potentials
+    inverse = rp.RepeatableInverse(design.task, potentials, region=region)
+    return replace(design, region=region, inverse=inverse, **changes)
+
+
+def with_potentials(
+    design: rp.Design, potentials: Any, A: np.ndarray, **changes: Any
+) -> rp.Design:
+    """Other potentials over the same region."""
+    inverse = rp.RepeatableInverse(
+        design.task, potentials.weighted(A), region=design.region
+    )
+    parts = {"inverse": inverse, "potentials": potentials, "coefficients": A}
+    return replace(design, **parts, **changes)
