@@ -31,7 +31,7 @@ def winding(task: Task, path: TaskPath) -> int:
     s = np.union1d(np.linspace(0, 1, _POINTS), path.breaks)
     around = np.cross(axis, np.array([path.point(float(k)) for k in s]) - origin)
     one = around[np.argmax(np.linalg.norm(around, axis=1))]
-    x, y = around @ one, np.cross(axis, around) @ one
+    x, y = around @ one, around @ np.cross(axis, one)
     return int(
         np.rint(
             (np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)

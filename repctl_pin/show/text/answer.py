@@ -112,9 +112,20 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
             out += [Span(line[at:begin]), cell]
             at = begin + len(cell.text)
         out.append(Span(line[at:]))
-    if unchecked := len(bodies_of(study.task).unchecked):
-        out.append(Span(f"not checked: {without_shape(unchecked)}\n", "near"))
+    if unchecked := _unchecked(study):
+        meshes = bodies_of(study.task).missing
+        lost = (
+            "; meshes missing: --package-dir DIR"
+            if any("/" in m for m in meshes)
+            else ""
+        )
+        out.append(Span(f"not checked: {without_shape(unchecked)}{lost}\n", "near"))
     return out
+
+
+def _unchecked(study: Study) -> int:
+    """Count the bodies that are not checked for collisions."""
+    return len(bodies_of(study.task).unchecked)
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
@@ -134,11 +145,13 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     ends = ends_off(known)
     if ends:
         names.insert(2, f"{end_name(ends[0])} off at the end")
-    names.append("closest links")
+    checked = any(one.body_distance is not None for one in known)
+    if checked or not _unchecked(study):
+        names.append("closest links")
     columns = [
         [Span("stopped", "bad")] * len(names)
         if row.motion is None or one is None
-        else _column(row.motion, one, summaries[0], ends[:1])
+        else _column(row.motion, one, summaries[0], ends[:1])[: len(names)]
         for row, one in zip(rows, summaries, strict=True)
     ]
     return [
