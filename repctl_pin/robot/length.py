@@ -80,8 +80,8 @@ def joint_scale(task: Task, q: Array) -> Array:
 def elbow(task: Task, q: Array) -> int:
     """Find the index of the elbow joint.
 
-    Of the revolute joints in the middle of the arm, it is the one whose origin moves most in
-    self-motions q̇ = N ż: it maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all
+    It is the revolute joint in the middle of the arm whose origin moves most in self-motions
+    q̇ = N ż: among these joints, it maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all
     directions z_i weighted equally. Without a self-motion it is the joint nearest to the middle. An
     arm without a joint in its middle has no elbow: then all joints are candidates.
 

@@ -172,8 +172,8 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
     for one in summaries:
         for link, off in one.ends.items():
             most[link] = max(off, most.get(link, 0.0))
-    off = [end for end in most if most[end] >= SMALL]
-    return sorted(off, key=lambda end: (end_name(end) != "other hand", -most[end]))
+    away = [end for end in most if most[end] >= SMALL]
+    return sorted(away, key=lambda end: (end_name(end) != "other hand", -most[end]))
 
 
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
