@@ -334,16 +334,17 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
 def test_a_path_around_the_base_winds(
     sign: int, study: rp.Study, tmp_path: Path
 ) -> None:
-    """Issue 37, awkward studies: the answer begins with the reason why such a path need not close,
-    one turn either way; a path beside the base does not wind."""
+    """Issue 37, awkward studies: above the table stands why such a path need not close, one turn
+    either way; a path beside the base does not wind."""
     turn = sign * np.pi / 18 * np.append(np.arange(36), 0)
     ring = np.c_[2.6 * np.cos(turn), 2.6 * np.sin(turn), 0 * turn]
     np.savetxt(tmp_path / "ring.csv", ring, delimiter=",")
     problem = rp.Problem("planar3r", path=str(tmp_path / "ring.csv"))
-    wound = rp.study(problem, cycles=1, steps=72, degree=1)
+    wound = rp.study(problem, cycles=1, steps=500)
     assert wound.as_dict()["winding"] == sign
     assert study.as_dict()["winding"] == 0
     text = " ".join(printed(wound, tmp_path / "out")[0].split())
-    assert text.startswith(
-        "The path winds once around the axis of theta1, so it need not close "
+    before = text.partition("planar3r tool")[0]
+    assert (
+        "The path winds once around the axis of theta1, so it need not close " in before
     )
