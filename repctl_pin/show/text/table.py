@@ -162,7 +162,11 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
             ),
         ),
         (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
-        *distances,
+        *(
+            distances
+            if any(row.body_distance is not None for row in study.rows)
+            else []
+        ),
         *_unchecked(study),
         ("fastest first cycle, s", [_time(row) for row in study.rows]),
         (
