@@ -18,7 +18,7 @@ from typing import Any
 
 from .._version import __version__
 from ..errors import RepctlError
-from ..show.text.lines import capital
+from ..show.text.lines import capital, with_options
 from . import (
     animate,
     audit,
@@ -123,6 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 error.argument = options.option_names.get(
                     error.argument, error.argument
                 )
+                error.args = tuple(with_options(str(part)) for part in error.args)
                 raise
 
     code = exit_code(

@@ -1,14 +1,23 @@
 """Displacement of bodies between two placements, and prediction of when a drifting joint leaves its
-range."""
+range.
+
+The **part that is off most** is the link of the arm whose drawn body has the point that is
+displaced most, and its displacement is that of this point. Every text, table, page and figure means
+this."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array
+from ..arguments import Array, read_only
+from ..robot.arm_links import arm_links, link_origins, other_ends
+from ..robot.body_corners import corners
+from ..robot.task import Task
+from ..robot.visuals import Shape, Visuals
 from .joint_motion import JointMotion
 
 MOST_CYCLES = 100
@@ -49,6 +58,101 @@ def displacements(
         which[:, s] = np.argmax(G[:, upper[0], upper[1]] @ squares.T, axis=1)
         way[:, s] = np.linalg.norm((D[:, s] @ p[which[:, s], :, None])[..., 0], axis=1)
     return way, which
+
+
+def farthest(
+    shapes: Sequence[Shape], off: Array, links: Collection[str]
+) -> tuple[str, float]:
+    """Find the link of the shape that is displaced most, and how far, m.
+
+    Parameters
+    ----------
+    shapes : sequence of S shapes
+        Shapes of a robot.
+    off : (S,) array
+        Displacement of each, m.
+    links
+        Links that count, see :func:`.arm_links`.
+    """
+    own = [k for k, shape in enumerate(shapes) if shape.link in links]
+    which = max(own, key=lambda k: off[k], default=-1)
+    return ("", 0.0) if which < 0 else (shapes[which].link, float(off[which]))
+
+
+def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
+    """Find the part that is off most after a motion, as its link, and how far it is off, m.
+
+    Parameters
+    ----------
+    task
+        Task of the arm.
+    ends : (2, n) array
+        Configurations at the start and at the end of the motion.
+    """
+    visuals = Visuals.of(task.robot)
+    placements = visuals.placements(task.to_robot(ends))
+    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
+    return farthest(visuals.shapes, off[0], arm_links(task))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class LinkPoints:
+    """The point of each link of an arm that is displaced most. Create it with :meth:`of`.
+
+    Attributes
+    ----------
+    task : Task
+        Task of the arm.
+    links : tuple of str
+        The L links that are drawn.
+    """
+
+    task: Task
+    links: tuple[str, ...]
+    _visuals: Visuals
+    _shape: NDArray[np.intp]  # (L,)
+    _point: Array  # (L, 4), in the shape's own frame
+
+    @classmethod
+    def of(cls, task: Task, Q: Array) -> LinkPoints:
+        """Choose the points that are displaced most from the first to any other of Q (K, n)."""
+        visuals, own = Visuals.of(task.robot), arm_links(task)
+        bodies = corners(visuals.shapes)
+        placements = visuals.placements(task.to_robot(Q))
+        off, which = displacements(placements[:1], placements, bodies)
+        when = off.argmax(axis=0)  # (S,)
+        most = off.max(axis=0)
+        best: dict[str, int] = {}
+        for s, shape in enumerate(visuals.shapes):
+            if shape.link in own and most[s] >= most[best.get(shape.link, s)]:
+                best[shape.link] = s
+        points = [[*bodies[s][which[when[s], s]], 1.0] for s in best.values()]
+        return cls(
+            task, tuple(best), visuals, np.array([*best.values()]), np.array(points)
+        )
+
+    def at(self, Q: Array) -> Array:
+        """Compute the points at configurations Q (K, n): (K, L, 3), m, base axes."""
+        placements = self._visuals.placements(self.task.to_robot(Q))
+        return np.einsum("KLij,Lj->KLi", placements[:, self._shape, :3], self._point)
+
+
+def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
+    """Compute how far other end effectors are from where they began: (T,) each, m, by link.
+
+    Parameters
+    ----------
+    task
+        Task of the arm.
+    Q : (T, n) array
+        Configurations, of which the first is the start.
+    """
+    ends = other_ends(task)
+    if not ends:
+        return {}
+    places = link_origins(task, ends, Q)
+    return dict(zip(ends, np.linalg.norm(places - places[0], axis=2).T, strict=True))
 
 
 def leaves_range(motion: JointMotion) -> tuple[int, str] | None:

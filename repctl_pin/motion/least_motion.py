@@ -13,7 +13,7 @@ from ..robot.task import Task, require_task
 from .closed_motion_cost import LONGEST, ClosedMotionCost, on_path, within_limits
 from .follow import path_grid
 from .motion import Motion, motion_along
-from .solve_ik import solve_ik
+from .solve_ik import solve_ik, solve_near
 
 _STAGES = 100
 """Maximum number of stages in which the motion of J⁺ is deformed until it closes."""
@@ -109,7 +109,7 @@ def _plain(cost: ClosedMotionCost, start: Array) -> Array:
     """Follow the path with J⁺: configurations (K + 1, n), in general not closed."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
-        Q.append(solve_ik(cost.task, Q[-1], target, tolerance=1e-10, limits=False))
+        Q.append(solve_near(cost.task, Q[-1], target, tolerance=1e-10))
     return np.array(Q)
 
 

@@ -12,7 +12,7 @@ from ..redundancy import nullspace
 from ..robot.chain_formulas import Placement
 from ..robot.length import joint_scale
 from ..robot.task import Task
-from .solve_ik import solve_ik
+from .solve_ik import solve_near
 
 
 def self_motions(
@@ -74,6 +74,6 @@ def self_moved(
     None if there is none near q + step, or it is outside the joint limits and ``limits`` is True.
     """
     try:
-        return solve_ik(task, q + step, target, tolerance=1e-11, limits=limits)
+        return solve_near(task, q + step, target, tolerance=1e-11, limits=limits)
     except (InputError, SingularityError):
         return None

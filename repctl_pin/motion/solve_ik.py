@@ -1,6 +1,9 @@
-"""Inverse kinematics of one placement, for the start of a path."""
+"""Inverse kinematics of one placement: from several starts, or near one configuration."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +14,8 @@ from ..errors import InputError, SingularityError
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
 from ..robot.chain_formulas import Placement, as_placement
-from ..robot.length import arm_length
+from ..robot.length import arm_length, longest_reach
+from ..robot.random_configurations import random_configurations
 from ..robot.task import Task, require_task
 from ..solvers import newton
 
@@ -21,11 +25,29 @@ _THERE = 1e-9
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
 
+_ITERATIONS = 200
+"""Maximum number of Newton steps from one start."""
+
+_STARTS = 41
+"""Number of starts of Newton's method before a target counts as not found."""
+
 _POINTS = 48
 """Number of points of a path that are tested beside its corners."""
 
 _FAR = 10
 """Distance of points, in arm lengths, above which they are presumed to be in mm instead of m."""
+
+
+class _Attempt(NamedTuple):
+    """Result of Newton's method from one start: the last configuration, and its task error (m,)."""
+
+    q: Array
+    error: Array
+
+    @property
+    def size(self) -> float:
+        """Norm of the task error, m and rad."""
+        return float(np.linalg.norm(self.error))
 
 
 def solve_ik(
@@ -34,10 +56,14 @@ def solve_ik(
     target: Placement,
     *,
     tolerance: float = 1e-12,
-    iterations: int = 200,
+    iterations: int = _ITERATIONS,
     limits: bool = True,
 ) -> Array:
-    """Find q near q0 with f(q) at the target, by Newton's method with J⁺ and bounded steps.
+    """Find q with f(q) at the target, by Newton's method with J⁺ and bounded steps.
+
+    The first start is q0. If it does not lead there, 40 more starts follow: they lie on the way
+    from q0 to random configurations inside the joint limits, each nearer to its own end than the
+    one before. The first solution is returned; the random numbers are the same in each call.
 
     Parameters
     ----------
@@ -48,7 +74,7 @@ def solve_ik(
     target : pinocchio.SE3 or (4, 4) array
         Desired placement of the frame.
     tolerance, iterations
-        Maximum task error (m and rad), and maximum number of Newton steps.
+        Maximum task error (m and rad), and maximum number of Newton steps per start.
     limits
         Refuse a configuration outside the joint limits.
 
@@ -59,7 +85,8 @@ def solve_ik(
     Raises
     ------
     InputError
-        If the target cannot be reached from there, or only outside the joint limits.
+        If the target is farther away than the arm is long, or no start leads to a solution, or all
+        solutions found are outside the joint limits; the message says which.
 
     Examples
     --------
@@ -71,12 +98,76 @@ def solve_ik(
     target = as_placement(target)
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
-    q = vector(q0, require_task(task).n, "q0")
+    q0 = vector(q0, require_task(task).n, "q0")
     tolerance = positive(tolerance, "the tolerance")
     iterations = as_int(iterations, "iterations", 1, MOST_STEPS)
     limits = flag(limits, "limits")
-    where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
-    error = task.error(q, target)
+    _require_reach(task, target, limits=limits)
+    outside: InputError | None = None
+    nearest: _Attempt | None = None
+    for start in _starts(task, q0):
+        attempt = _newton(task, start, target, tolerance, iterations)
+        if not attempt.size < max(tolerance, _THERE):
+            if nearest is None or attempt.size < nearest.size:
+                nearest = attempt
+            continue
+        try:
+            return task.check(attempt.q, "a solution") if limits else attempt.q
+        except InputError as error:
+            outside = outside or error
+    if outside is not None:
+        raise InputError(
+            f"{task.frame!r} at {_where(target)} m: from {_STARTS} starts no solution inside the "
+            f"joint limits was found; {outside}"
+        )
+    assert nearest is not None
+    raise InputError(
+        f"{task.frame!r} at {_where(target)} m: no solution found from {_STARTS} starts, "
+        f"the nearest ends {_amount(nearest.error)} away; "
+        "move the path nearer or choose another start"
+    )
+
+
+def solve_near(
+    task: Task,
+    q0: Array,
+    target: Placement,
+    *,
+    tolerance: float,
+    limits: bool = False,
+) -> Array:
+    """Find q with f(q) at the target near q0: as :func:`solve_ik`, but from q0 only.
+
+    Raises
+    ------
+    InputError
+        If q0 does not lead there, or only outside the joint limits.
+    """
+    target = as_placement(target)
+    attempt = _newton(task, q0, target, tolerance, _ITERATIONS)
+    if not attempt.size < max(tolerance, _THERE):
+        _require_reach(task, target, limits=limits)
+        raise InputError(
+            f"{task.frame!r} does not get to {_where(target)} m from the configuration before it: "
+            f"it stays {_amount(attempt.error)} away; move the path nearer or choose another start"
+        )
+    return task.check(attempt.q, "a solution") if limits else attempt.q
+
+
+def _starts(task: Task, q0: Array) -> Iterator[Array]:
+    """Yield q0, and configurations on the way from there to random ones, the nearest first."""
+    yield q0
+    count = _STARTS - 1
+    ends = random_configurations(task, count, np.random.default_rng(0))
+    for k, end in enumerate(ends, 1):
+        yield q0 + k / count * (end - q0)
+
+
+def _newton(
+    task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations: int
+) -> _Attempt:
+    """Solve for the target from one start."""
+    error = task.error(q0, target)
 
     def residual(q: Array) -> float:
         nonlocal error
@@ -87,28 +178,52 @@ def solve_ik(
         return pseudoinverse(task.jacobian(q)) @ error
 
     try:
-        found = newton(
+        q = newton(
             correction,
-            q,
+            q0,
             longest=_STEP,
             tolerance=tolerance,
             iterations=iterations,
             residual=residual,
         )
     except SingularityError:
+        return _Attempt(q0, error)  # the error where J lost its rank
+    assert q is not None  # with a residual there is always a last q
+    return _Attempt(q, task.error(q, target))
+
+
+def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
+    """Raise InputError if the target is farther from the first joint than the arm is long.
+
+    Parameters
+    ----------
+    task
+        Task that places the frame.
+    target
+        Placement of the frame.
+    limits
+        True if prismatic joints stay within their limits.
+    """
+    center, length = longest_reach(task, limits=limits)
+    rows = [row for row in task.rows if row < 3]
+    away = float(np.linalg.norm((target.translation - center)[rows]))
+    if away > length * (1 + 1e-12):
         raise InputError(
-            f"{task.frame!r} cannot reach {where} m: the arm ends stretched or folded at a "
-            "singularity; move the path nearer"
-        ) from None
-    assert found is not None  # with a residual there is always a last q
-    q, error = found, task.error(found, target)
-    if not np.linalg.norm(error) < max(tolerance, _THERE):
-        short = np.linalg.norm(error[: min(3, task.m)])
-        raise InputError(
-            f"{task.frame!r} cannot reach {where} m: it stays {short:.3g} m short; "
-            "move the path nearer or choose another start"
+            f"{task.frame!r} cannot reach {_where(target)} m: it is {away:.3g} m from joint "
+            f"{task.joint_names[0]!r}, and the arm is at most {length:.3g} m long; "
+            "move the path nearer"
         )
-    return task.check(q, f"the start that reaches {where} m") if limits else q
+
+
+def _where(target: pin.SE3) -> str:
+    return np.array2string(np.asarray(target.translation), precision=3, separator=", ")
+
+
+def _amount(error: Array) -> str:
+    """Format a task error (m,): the distance and, if it is the larger part, the angle."""
+    way = float(np.linalg.norm(error[: min(3, len(error))]))
+    angle = float(np.linalg.norm(error[3:]))
+    return f"{way:.3g} m" if way >= angle else f"{way:.3g} m and {angle:.3g} rad"
 
 
 def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
@@ -142,9 +257,7 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
     q = start = np.asarray(q0, float)
     for s in np.union1d(np.linspace(0, 1, _POINTS), path.breaks):
         try:
-            q = solve_ik(
-                task, q, path.placement(float(s)), tolerance=_THERE, limits=False
-            )
+            q = solve_near(task, q, path.placement(float(s)), tolerance=_THERE)
         except InputError as error:
             raise _with_corner(error, task, start, q, path, float(s)) from None
 
@@ -192,7 +305,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
     """Explain in text why a target cannot be reached from q; empty if it can."""
     try:
-        solve_ik(task, q, target, tolerance=_THERE, limits=False)
+        solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:
         return str(error)
     return ""

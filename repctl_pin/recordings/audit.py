@@ -15,6 +15,7 @@ from scipy.stats import t as student
 
 from ..arguments import Array, flag, positive, read_only
 from ..errors import InputError
+from ..motion.displacement import LinkPoints
 from ..motion.motion import CLOSED
 from ..problem.task_choice import choose_task
 from ..robot.length import elbow, joint_scale
@@ -73,19 +74,21 @@ class Audit:
         Visits of the hand pose that was visited most often.
     joints : Trend or None
         Creep of every joint, rad/s or m/s; None if the hand does not return.
-    origins : (N, n, 3) array
-        Origins of the joints at each visit, m.
+    points : (N, L, 3) array
+        The point of each link's body that is displaced most, at each visit, m.
+    links : tuple of str
+        These L links.
     part : int
-        Index of the joint whose origin creeps fastest.
+        Index of the link that is off most, see :mod:`.displacement`.
     rate : float
-        Speed at which that origin creeps, m/s; 0 if the hand does not return.
+        Speed at which its point creeps, m/s; 0 if the hand does not return.
     error : float
         Half-width of the 95 % confidence interval of ``rate``, m/s.
     creeps : bool
         True if the creep of some joint is larger than the half-width of its confidence interval,
         which is corrected for the number of joints (Bonferroni).
     scatter : float
-        Robust standard deviation of that origin about its trend, m; 0 if the hand does not return.
+        Robust standard deviation of that point about its trend, m; 0 if the hand does not return.
     scatters : bool
         True if visits differ, but not steadily: a joint's scatter is over 10 times its noise, or
         10 times the tolerance of a closed cycle if that is larger.
@@ -104,7 +107,8 @@ class Audit:
     log: JointLog
     visits: Visits
     joints: Trend | None
-    origins: Array
+    points: Array
+    links: tuple[str, ...] = ()
     part: int = 0
     rate: float = 0.0
     error: float = 0.0
@@ -133,11 +137,11 @@ class Audit:
 
     @property
     def along(self) -> Array:
-        """Displacement of the origin of joint ``part`` since the first visit: (N,), m.
+        """Displacement of the point of link ``part`` since the first visit: (N,), m.
 
-        It is measured along the straight line to the origin's position at the last visit.
+        It is measured along the straight line to the point's position at the last visit.
         """
-        place = self.origins[:, self.part] - self.origins[0, self.part]
+        place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
         size = float(np.linalg.norm(way))
         return place @ way / size if size > 0 else np.zeros(len(place))
@@ -183,8 +187,7 @@ class Audit:
         if not self.creeps:
             return f"{name}: no creep above {error} in {times}"
         rate = f"{100 * self.rate * seconds:.3g} ± {error}"
-        joint = self.task.robot_joints[self.part]
-        return f"{name}: the origin of {joint} creeps {rate} in {times}"
+        return f"{name}: {self.links[self.part]} creeps {rate} in {times}"
 
     def as_dict(self) -> dict[str, Any]:
         """Convert the result to plain Python types, in s, m and rad, for JSON."""
@@ -207,7 +210,7 @@ class Audit:
             "configurations": self.visits.q,
             "joint_rate": self.joints.rate,
             "joint_rate_error": self.joints.error,
-            "part": self.task.robot_joints[self.part],
+            "part": self.links[self.part],
             "rate": self.rate,
             "rate_error": self.error,
             "scatter": self.scatter,
@@ -291,9 +294,7 @@ def audit(
     every = -(-len(given.t) // _MOST_ROWS)
     visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
     if len(visits.t) < FEWEST:
-        return Audit(
-            task, given, visits, None, np.empty((0, task.n, 3)), notes=tuple(notes)
-        )
+        return Audit(task, given, visits, None, np.empty((0, 0, 3)), notes=tuple(notes))
     # full turns of a joint without limits do not count
     same = np.where(endless, np.unwrap(visits.q, axis=0), visits.q)
     return _measured(task, given, replace(visits, q=same), tuple(notes))
@@ -377,23 +378,25 @@ def _beyond(q: Array, lower: Array, upper: Array) -> Array:
 def _measured(
     task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
 ) -> Audit:
-    """Fit the creep of the joints, and of their origins, to the visits; return the audit."""
+    """Fit the creep of the joints, and of the links, to the visits; return the audit."""
     floor = np.maximum(visits.noise, CLOSED * joint_scale(task, visits.q[0]))
     joints = trend(visits.t, visits.q, floor, 1 - (1 - CONFIDENCE) / task.n)
-    origins = np.array([task.joint_origins(q) for q in visits.q])
-    through = trend(visits.t, origins.reshape(len(origins), -1))
+    bodies = LinkPoints.of(task, visits.q)
+    points = bodies.at(visits.q)
+    through = trend(visits.t, points.reshape(len(points), -1))
     rates = np.linalg.norm(through.rate.reshape(-1, 3), axis=1)
-    part = int(np.argmax(rates))
+    part = int(np.argmax(np.linalg.norm(points - points[0], axis=2).max(axis=0)))
     creeps = bool((np.abs(joints.rate) > joints.error).any())
     return Audit(
         task,
         log,
         visits,
         joints,
-        origins,
+        points,
+        bodies.links,
         part,
         float(rates[part]),
-        _error_of(task, visits, origins, part, floor),
+        _error_of(bodies, visits, part, floor),
         creeps,
         float(np.linalg.norm(through.scatter.reshape(-1, 3)[part])),
         not creeps and bool((joints.scatter > _MANY * floor).any()),
@@ -401,20 +404,18 @@ def _measured(
     )
 
 
-def _error_of(
-    task: Task, visits: Visits, origins: Array, part: int, floor: Array
-) -> float:
-    """Compute the half-width of the confidence interval of the speed of a joint's origin, m/s.
+def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
+    """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
 
-    The scatter of the origin counts as at least what the joints' ``floor`` causes.
+    The scatter of the point counts as at least what the joints' ``floor`` causes.
     """
-    joint = np.zeros((task.n, 3))
     q, step = visits.q[0], 1e-6
-    for i in range(task.n):
-        moved = task.joint_origins(q + step * np.eye(task.n)[i])[part]
-        joint[i] = (moved - task.joint_origins(q)[part]) / step
+    around = np.vstack([q, q + step * np.eye(len(q))])
+    here, *moved = bodies.at(around)[:, part]
+    joint = (np.array(moved) - here) / step  # (n, 3)
     noise = np.sqrt(np.sum((joint * floor[:, None]) ** 2, axis=0))
-    return float(np.linalg.norm(trend(visits.t, origins[:, part], noise).error))
+    points = bodies.at(visits.q)[:, part]
+    return float(np.linalg.norm(trend(visits.t, points, noise).error))
 
 
 def trend(

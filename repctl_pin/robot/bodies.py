@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, as_configurations, require_type, vector
 from ..urdf.validate import MAX_SHAPES
 from .collision_model import Pair, collision_model
+from .model import link_frames
 from .task import Task
 
 _NAMED = 3
@@ -77,6 +78,10 @@ class Bodies:
     missing : tuple of str
         Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
         and shapes without a size. Those links have no body.
+    unchecked : tuple of str
+        Links of the robot that are drawn, or have an unusable shape, but have no body, so that
+        their collisions are not detected; one link for each set of links that no joint moves
+        against each other. All such sets count if the URDF has no collision geometry.
     standing : frozenset of str
         Links of the surroundings, called ``surroundings/name`` if the robot has a link of the same
         name.
@@ -110,6 +115,7 @@ class Bodies:
         )
         self.standing = model.standing
         self.missing = tuple(model.unusable)
+        self.unchecked = _without_shape(task, set(model.links))
 
     def __reduce__(self) -> tuple[type[Bodies], tuple[Task]]:
         """Pickle the task only; the bodies are created again."""
@@ -199,6 +205,19 @@ class Bodies:
         return self._model.least(
             Q if self._drive is None else self._drive.joints(Q), hulls=hulls
         )
+
+
+def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
+    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`."""
+    description, frames = task.robot.description, link_frames(task.robot.model)
+    joint = {link: frames[link].parentJoint for link in description.links}
+    found = {joint[link] for link in with_body if link in joint}
+    meant = [solid.link for solid in (*description.collisions, *description.shapes)]
+    first: dict[int, str] = {}
+    for link in meant if description.collisions else description.links:
+        if joint[link] not in found:
+            first.setdefault(joint[link], link)
+    return tuple(first.values())
 
 
 def _listed(pairs: list[Pair]) -> str:

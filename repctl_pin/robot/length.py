@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..redundancy import nullspace
 from .task import Task
+
+_MIDDLE = (0.3, 0.7)
+"""Range along the arm, as fractions of its length, in which a joint can be the elbow."""
 
 
 def arm_length(task: Task, q: Array) -> float:
@@ -28,6 +32,40 @@ def arm_length(task: Task, q: Array) -> float:
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
 
 
+def longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
+    """Bound how far the frame can get from the origin of the chain's first joint.
+
+    The bound is the sum of the distances between successive joints and from the last one to the
+    frame, which the joints do not change, and of the largest strokes of prismatic joints.
+
+    Parameters
+    ----------
+    task
+        Task of the chain.
+    limits
+        True if prismatic joints stay within their limits; else their stroke is infinite.
+
+    Returns
+    -------
+    center : (3,) array
+        Origin of the first joint at stroke 0, m, base axes.
+    length : float
+        Bound on the distance from there, m; infinite with a prismatic joint without limits.
+    """
+    model = task.model
+    frame = model.frames[task._frame_id]
+    chain = [j for j in model.supports[frame.parentJoint] if j > 0]
+    offsets = [model.jointPlacements[j].translation for j in chain]
+    length = float(
+        np.linalg.norm([*offsets[1:], frame.placement.translation], axis=1).sum()
+    )
+    for name in (model.names[j] for j in chain):
+        joint = task.robot.joints[name]
+        if joint.kind == "prismatic":
+            length += max(-joint.lower, joint.upper, 0.0) if limits else np.inf
+    return np.array(offsets[0]), length
+
+
 def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
@@ -40,10 +78,12 @@ def joint_scale(task: Task, q: Array) -> Array:
 
 
 def elbow(task: Task, q: Array) -> int:
-    """Find the index of the elbow: the joint whose origin moves most in self-motions q̇ = N ż.
+    """Find the index of the elbow joint.
 
-    It maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all directions z_i weighted
-    equally.
+    It is the revolute joint in the middle of the arm whose origin moves most in self-motions
+    q̇ = N ż: among these joints, it maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all
+    directions z_i weighted equally. Without a self-motion it is the joint nearest to the middle. An
+    arm without a joint in its middle has no elbow: then all joints are candidates.
 
     Parameters
     ----------
@@ -53,6 +93,23 @@ def elbow(task: Task, q: Array) -> int:
         Configuration.
     """
     step = 1e-4
-    here = task.joint_origins(q)
+    here, share = task.joint_origins(q), along_arm(task, q)
     moved = [task.joint_origins(q + step * n) for n in nullspace(task.jacobian(q)).T]
-    return int(np.argmax(sum(np.linalg.norm(p - here, axis=1) ** 2 for p in moved)))
+    speed = np.sum([np.linalg.norm(p - here, axis=1) ** 2 for p in moved], axis=0)
+    middle = in_the_middle(task, q)
+    key = np.where(middle, speed, -1.0) if middle.any() else speed
+    best = key >= key.max() * (1 - 1e-6)
+    return int(np.argmin(np.where(best, np.abs(share - 0.5), np.inf)))
+
+
+def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
+    """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow."""
+    share = along_arm(task, q)
+    return (_MIDDLE[0] <= share) & (share <= _MIDDLE[1]) & task.revolute
+
+
+def along_arm(task: Task, q: Array) -> Array:
+    """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame."""
+    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stations, axis=0), axis=1)))
+    return along[:-1] / (along[-1] or 1.0)

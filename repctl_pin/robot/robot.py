@@ -160,8 +160,8 @@ class Robot(Mechanism):
         name_or_path
             A catalogue name (``repctl robots`` lists them) or a path to a ``.urdf``.
         package_dirs
-            Folders in which ``package://`` names are looked up, before the parent folders of the
-            file.
+            Folders in which ``package://`` names, and ``$(find …)`` in xacro, are looked up, before
+            the parent folders of the file.
         lock
             Joints to hold at the reference pose.
         base
@@ -216,9 +216,10 @@ class Robot(Mechanism):
             beside = Path(
                 os.path.expanduser(str(file_name(surroundings, "surroundings")))
             )
-            around = check_surroundings(read_urdf(beside))
-            folders += default_package_dirs(beside)
-        description = read_urdf(path)
+            near = default_package_dirs(beside)
+            around = check_surroundings(read_urdf(beside, [*own, *near]))
+            folders += near
+        description = read_urdf(path, folders)
         return cls(
             description,
             entry=entry,
@@ -315,7 +316,7 @@ class Robot(Mechanism):
         which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
         return [
             f"{len(missing)} of {len(names)} meshes are missing ({which}); "
-            "those links are drawn as tubes; give the folders of their packages"
+            "those links are drawn as tubes; give the folders of their packages by package_dirs"
         ]
 
     def _frame_id(self, frame: str) -> int:

@@ -97,7 +97,7 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def audit_figure(audit: Audit) -> Figure:
-    """Draw the figure ``audit.png``: creep of a joint origin, and of the joints, over time."""
+    """Draw ``audit.png``: creep of the part that is off most, and of the joints, over time."""
     task, visits, joints = audit.task, audit.visits, audit.joints
     assert joints is not None
     seconds, unit = audit.clock

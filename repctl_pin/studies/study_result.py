@@ -12,10 +12,13 @@ from ..certificate import proved_words
 from ..design import Design
 from ..errors import InputError
 from ..motion import Motion, elbow, timed
+from ..motion.displacement import end_displacements, farthest_link
 from ..motion.joint_motion import Violation, violations_of
 from ..motion.limits import Limits, presumed_acceleration
 from ..paths import TaskPath
+from ..paths.winding import winding
 from ..regions import Region
+from ..robot.bodies import bodies_of
 from ..robot.mechanism import Mechanism
 from ..robot.task import Task
 
@@ -179,7 +182,7 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """Index of the joint whose origin moves fastest in the self-motion at the start."""
+        """Index of the elbow joint, whose trace is drawn."""
         return elbow(self.task, self.q0)
 
     def row(self, key: str) -> Row:
@@ -232,6 +235,8 @@ class Study:
                 else None,
                 "potentials": design.potentials.size,
             },
+            "winding": winding(self.task, self.path),
+            "not_checked": list(bodies_of(self.task).unchecked),
             "strategies": {row.key: _row_dict(row) for row in self.rows},
             "notes": list(self.notes),
         }
@@ -282,9 +287,14 @@ def _row_dict(row: Row) -> dict[str, Any]:
     motion = row.motion
     if motion is None:
         return {"label": row.label, "stopped": row.stopped}
-    loss = motion.path_loss
+    loss, ends = motion.path_loss, motion.q[[0, -1]]
+    link, off = farthest_link(motion.task, ends)
     return {
         "label": row.label,
+        "farthest": {"link": link, "displacement": off},
+        "other_ends": {
+            end: float(d[-1]) for end, d in end_displacements(motion.task, ends).items()
+        },
         "drift_first": float(motion.drift[0]),
         "drift_last": float(motion.drift[-1]),
         "drift": motion.drift.tolist(),

@@ -7,7 +7,7 @@ line, the fact and the remedy."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,8 +89,15 @@ class Description:
     xml: str
 
 
-def read_urdf(path: str | Path) -> Description:
+def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description:
     """Read and check a URDF.
+
+    Parameters
+    ----------
+    path
+        The file; a ``.xacro`` file is expanded.
+    package_dirs
+        Folders in which the ``$(find package)`` of a xacro file is looked up.
 
     Raises
     ------
@@ -101,7 +108,7 @@ def read_urdf(path: str | Path) -> Description:
     path = Path(path)
     notes: list[str] = []
     try:
-        robot = parse(_read(path), notes)
+        robot = parse(_read(path, package_dirs), notes)
         _drop_colors(robot, notes)
         root = check(robot)
         split_joints(robot, notes)
@@ -155,7 +162,7 @@ def check_surroundings(description: Description) -> Description:
     return description
 
 
-def _read(path: Path) -> bytes:
+def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
     """Read a regular file of limited size; a .xacro file is expanded."""
     try:
         if path.is_dir():
@@ -167,7 +174,7 @@ def _read(path: Path) -> bytes:
         if not path.is_file():
             raise UrdfError("is not a regular file; give a .urdf file")
         if path.suffix == ".xacro":
-            data = expand(path, MAX_BYTES)
+            data = expand(path, MAX_BYTES, package_dirs)
         else:
             with path.open("rb") as file:
                 data = file.read(MAX_BYTES + 1)

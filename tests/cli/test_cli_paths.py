@@ -219,7 +219,7 @@ UNREACHABLE = {
     "the first point": (
         ["3,0,0.25", "3.1,0,0.25", "3.1,0.1,0.25", "3,0,0.25"],
         "loop.csv, line 1: ",
-        "short; move",
+        "long; move",
     ),
     "millimetres": (
         ["450,0,250", "500,0,250", "500,50,250", "450,0,250"],
@@ -229,7 +229,7 @@ UNREACHABLE = {
     "millimetres of an arm too short": (
         ["4500,0,250", "5000,0,250", "5000,50,250", "4500,0,250"],
         "line 1",
-        "another",
+        "and the arm is at most 1.02 m long",
     ),
     "counted from the start": (
         ["0,0,0", "0.05,0,0", "0.05,0.05,0", "0,0,0"],
@@ -269,7 +269,7 @@ def test_a_way_out_of_reach_between_two_points_is_named_by_both(
         "--path",
         "loop.csv",
     )
-    assert "loop.csv, between line 2 and line 3: 'tool' cannot reach [" in error
+    assert "loop.csv, between line 2 and line 3: 'tool' does not get to [" in error
 
 
 MISWRITTEN = {

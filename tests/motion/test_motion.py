@@ -71,6 +71,57 @@ def test_reach_finds_the_target_and_says_when_it_cannot(panda_pose, q_panda) -> 
         rp.solve_ik(panda_pose, q_panda, target)
 
 
+@pytest.mark.parametrize(
+    ("name", "kind", "most"),
+    [
+        ("panda", "pose", 3),
+        ("xarm7", "pose", 1),
+        ("ur5", "pose", 1),
+        ("kinova", "pose", 1),
+        ("prr", "xy", 0),
+        ("panda", "position", 0),
+    ],
+)
+def test_poses_of_the_arm_are_found(name: str, kind: str, most: int) -> None:
+    """Issue 37, item 20: no pose of an arm within its limits is said to be out of reach.
+
+    40 random ones, of which q0 alone leads to none (xarm7: its reference pose is singular) or some
+    to half; from several starts nearly all are found.
+    """
+    task = rp.Robot.load(name).task(kind=kind)
+    low, high = np.maximum(task.lower, -np.pi), np.minimum(task.upper, np.pi)
+    refused = []
+    for q in np.random.default_rng(37).uniform(low, high, (40, task.n)):
+        target = task.placement(q)
+        try:
+            found = rp.solve_ik(task, task.reference, target)
+        except rp.InputError as error:
+            refused.append(str(error))
+            continue
+        assert np.linalg.norm(task.error(found, target)) < 1e-9
+        assert task.limit_margin(found).min() > -1e-9
+    assert len(refused) <= most
+    assert all("cannot" not in said and "41 starts" in said for said in refused)
+
+
+def test_out_of_reach_is_said_where_it_is_proved() -> None:
+    """Issue 37, item 20: links of 1 m each reach 3 m from joint 1; a rail adds its stroke; and the
+    hole of an arm round its base is not proved, so that it says what was tried."""
+    arm = rp.Robot.load("planar3r").task("tool", "xy")
+    rail = rp.Robot.load("prr").task("tool", "xy")
+    x = pin.SE3(np.eye(3), np.array([3.001, 0.0, 0.0]))
+    with pytest.raises(
+        rp.InputError, match=r"cannot reach .* 3 m from .*most 3 m long"
+    ):
+        rp.solve_ik(arm, arm.reference, x)
+    rp.solve_ik(rail, rail.reference, x)  # the rail goes there
+    uneven = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
+    long = rp.Robot.load("ur5").task("tool0", "pose")
+    with pytest.raises(rp.InputError, match="no solution found from 41 starts"):
+        rp.solve_ik(long, long.reference, pin.SE3(np.eye(3), np.zeros(3)))
+    rp.solve_ik(arm, arm.reference, uneven)
+
+
 @pytest.mark.parametrize("integrator, order", [("euler", 1), ("rk4", 4)])
 def test_integrators_converge_at_their_order(
     panda_pose, q_panda, integrator: str, order: int

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import main, refused, told
+from page_file import Drawn
 from terminals import fit_terminals
 
 import repctl_pin as rp
@@ -63,15 +64,25 @@ class Log:
         return np.interp(t, self._clock, self.motion.t)
 
     def creep(self, found: rp.Audit) -> tuple[np.ndarray, float]:
-        """The true rates, of the joints and of the origin that the audit names: by the same places
+        """The true rates, of the joints and of the part that the audit names: by the same places
         of all cycles of the noise-free motion, at the times at which the log has them."""
         near = self._when(found.visits.t - 1e9) / self.period
         share = np.angle(np.mean(np.exp(2j * np.pi * near))) / (2 * np.pi)
         when = (np.round(near - share) + share) * self.period
         q = self.at(when)
-        origins = [self.motion.task.joint_origins(row)[found.part] for row in q]
+        task, drawn = self.motion.task, Drawn(self.motion.task.robot)
+        placed = drawn.placements(task.to_robot(q))
+        ways = [
+            np.einsum(
+                "Nij,Pj->PNi", placed[:, s, :3], np.c_[points, np.ones(len(points))]
+            )
+            for s, points in enumerate(drawn.points)
+            if drawn.links[s] == found.links[found.part]
+        ]
+        every = np.concatenate(ways)
+        far = np.linalg.norm(every - every[:, :1], axis=2).max(axis=1)
         return slopes(found.visits.t, q), float(
-            np.linalg.norm(slopes(found.visits.t, np.array(origins)))
+            np.linalg.norm(slopes(found.visits.t, every[far.argmax()]))
         )
 
 

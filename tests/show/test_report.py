@@ -158,7 +158,7 @@ def test_it_says_what_was_found_and_how_to_repeat_it(
     )
     lines = re.findall(r"<tr>(.*?)</tr>", page)
     said = re.search(r"cycles, rad</th><td>(\S+?)</td>", lines[2])
-    assert len(lines) == 13 and reads(said[1], plain.drift[-1], 3)
+    assert len(lines) == 14 and reads(said[1], plain.drift[-1], 3)
 
 
 @pytest.mark.usefixtures("blank_pictures")

@@ -79,21 +79,18 @@ def test_a_coloured_piece_controls_no_terminal(monkeypatch: pytest.MonkeyPatch) 
 
 # ---- headlines: what is wrong, what is right, and its price -------------------------------------
 
-USUAL = MotionSummary(
-    "J⁺", 0.3, 1.0, body_distance=0.13, part="elbow", link="link4", off=0.321
-)
+USUAL = MotionSummary("J⁺", 0.321, 1.0, body_distance=0.13, part="elbow", link="link4")
 CLOSED = MotionSummary(
     "nearest repeatable",
-    0.0,
+    1e-12,
     1.003,
     body_distance=0.2,
     part="elbow",
     link="link4",
-    off=1e-12,
 )
 
 
-BACK = "After 10 cycles both hands are back. "
+BACK = "After 10 cycles the hand is back under either control. "
 
 
 def words(told: Any) -> tuple[str, str]:
@@ -107,7 +104,7 @@ def words(told: Any) -> tuple[str, str]:
 def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     sentence, notes = words(headline_of([USUAL, CLOSED], 10))
     assert sentence == (
-        BACK + "One elbow is not: 32 cm off under the usual control, "
+        BACK + "The elbow is not: 32 cm off under the usual control, "
         "0 under the repeatable one."
     )
     assert (
@@ -139,17 +136,17 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         ([USUAL], "After 10 cycles the hand is back. The elbow is not: 32 cm off."),
         (
             [replace(USUAL, part="head"), CLOSED],
-            BACK + "The head of one robot is not: 32 cm off under the usual control, "
+            BACK + "The head is not: 32 cm off under the usual control, "
             "0 under the repeatable one.",
         ),
         (
             [replace(USUAL, part="link 3"), CLOSED],
-            BACK + "Link 3 of one arm is not: 32 cm off under the usual control, "
+            BACK + "Link 3 of the arm is not: 32 cm off under the usual control, "
             "0 under the repeatable one.",
         ),
         (
             [CLOSED, CLOSED],
-            BACK + "So is every part of the arms: 0 off.",
+            BACK + "So is every part of the arm: 0 off.",
         ),
         (
             [
@@ -171,6 +168,68 @@ def test_every_summary_has_its_sentence(
     assert words(headline_of(summaries, 10))[0] == expected
 
 
+def test_no_sentence_of_one_arm_speaks_of_two_hands() -> None:
+    """Issue 37, item 15: one hand under either control; hands of two arms are two hands."""
+    outcomes = [USUAL, CLOSED, replace(USUAL, off=0.0017)]
+    for first in outcomes:
+        for motions in ([first], [first, CLOSED], [first, USUAL, CLOSED]):
+            for stopped in ([], ["Usual control stopped: why."]):
+                told = words(headline_of(motions, 10, stopped))[0]
+                assert "hands" not in told and "one arm" not in told
+    three = words(headline_of([USUAL, replace(USUAL, label="mine"), CLOSED], 10))[0]
+    assert three.startswith("After 10 cycles the hand is back under every control. ")
+    two = words(headline_of([USUAL, CLOSED], 10, hands=2))[0]
+    assert two.startswith("After 10 cycles both hands are back under either control. ")
+
+
+def test_another_hand_that_moves_with_the_arm_is_named() -> None:
+    """Issue 37, item 15: with its name and its distance; a hand comes before a head, and what is
+    back is not said."""
+    ends = {"head_2_link": 0.4, "right_gripper": 0.298, "left_foot": 0.0}
+    told = words(
+        headline_of(
+            [replace(USUAL, ends=ends), replace(CLOSED, ends=dict.fromkeys(ends, 0.0))],
+            10,
+        )
+    )
+    assert told[0] == (
+        BACK
+        + "The elbow is not: 32 cm off under the usual control, 0 under the repeatable one. "
+        "The other hand, right_gripper, is 30 cm off under the usual control, 0 under the "
+        "repeatable one. The head, head_2_link, is up to 40 cm off, too."
+    )
+
+
+def test_a_hand_that_is_not_back_is_said() -> None:
+    """Issue 37, item 15: in a motion without a path, such as one from a file."""
+    told = words(headline_of([replace(USUAL, hand_off=0.12), CLOSED], 10))[0]
+    assert told == (
+        "Under the usual control the hand is not back after 10 cycles: 12 cm off. After 10 cycles "
+        "the elbow is not back: 32 cm off under the usual control, 0 under the repeatable one."
+    )
+
+
+def test_a_winding_path_is_said_first() -> None:
+    """Issue 37, awkward studies: why neither motion closes; nothing, where every part is back."""
+    wound = [replace(one, winding=(-1, "theta1")) for one in (USUAL, CLOSED)]
+    told = words(headline_of(wound, 10, ["Repeatable stopped: why."]))[0]
+    assert told.startswith(
+        "The path winds once around the axis of theta1, so it need not close under any control. "
+    )
+    assert "winds" not in words(headline_of(wound[1:], 10))[0]
+
+
+def test_what_is_not_checked_for_collisions_is_said() -> None:
+    """Issue 37, item 16."""
+    blind = replace(USUAL, unchecked=8)
+    assert words(headline_of([blind, CLOSED], 10))[1].endswith(
+        "Collisions not checked: 8 bodies without a shape."
+    )
+    assert verdict([replace(J, unchecked=1), OURS], 10).endswith(
+        "Collisions not checked: 1 body without a shape."
+    )
+
+
 def test_a_lost_path_is_not_called_back() -> None:
     lost = replace(USUAL, path_loss=(3, 0.02, 0.0))
     sentence, notes = words(headline_of([lost, CLOSED], 10))
@@ -178,7 +237,7 @@ def test_a_lost_path_is_not_called_back() -> None:
         "Under the usual control the hand leaves its path in cycle 3: 2 cm"
     )
     assert sentence.endswith(
-        "After 10 cycles one elbow is not back: 32 cm off under the usual control, "
+        "After 10 cycles the elbow is not back: 32 cm off under the usual control, "
         "0 under the repeatable one."
     )
     assert "hands" not in sentence and "joint speed" not in notes
@@ -196,7 +255,7 @@ def test_a_stopped_motion_is_said_first() -> None:
     told = words(headline_of([CLOSED], 10, [why]))[0]
     assert told.startswith(
         "Usual control stopped: the Jacobian loses rank. After 10 cycles the hand is "
-        "back."
+        "back under the repeatable control. So is every part of the arm: 0 off."
     )
     assert words(headline_of([], 0, [why]))[0] == f"{why} "
 
@@ -246,8 +305,8 @@ def test_links_are_named_in_words() -> None:
 
 # ---- verdicts -----------------------------------------------------------------------------------
 
-J = MotionSummary("J⁺", 0.4512, 0.464)
-OURS = MotionSummary("nearest repeatable", 0.0, 0.464)
+J = MotionSummary("J⁺", 0.4512, 0.464, part="elbow")
+OURS = MotionSummary("nearest repeatable", 0.0, 0.464, part="elbow")
 ELBOW = "Elbow displacement after 10 cycles: 45 cm (J⁺) → 0 (repeatable)."
 SPEED = "Joint speed, relative to J⁺: 0 %."
 LIMITS = "Joint limits respected."
@@ -266,19 +325,23 @@ LIMITS = "Joint limits respected."
             "Joint limits: violated in cycle 7 by left_s0 (J⁺) → respected (repeatable).",
         ),
         ([J], f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}"),
+        (  # different parts
+            [J, replace(OURS, off=0.002, part="wrist")],
+            "Farthest part displacement after 10 cycles: 45 cm (elbow) (J⁺) → 2 mm (wrist) "
+            f"(repeatable). {SPEED} {LIMITS}",
+        ),
         (
             [MotionSummary("a", 0, 1.0), MotionSummary("b", 0, 1.0)],
-            f"Elbow displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. {LIMITS}",
+            "Farthest part displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. "
+            f"{LIMITS}",
         ),
         (  # what is small is said, if the motion is not closed
-            [replace(J, elbow_displacement=9e-5), OURS],
+            [replace(J, off=9e-5), OURS],
             f"Elbow displacement after 10 cycles: 0.09 mm (J⁺) → 0 (repeatable). {SPEED} {LIMITS}",
         ),
         (  # a wrist that has turned while the elbow hardly moved
             [
-                replace(
-                    J, elbow_displacement=0.043, joint_displacement=(3.72, "left_w0")
-                ),
+                replace(J, off=0.043, joint_displacement=(3.72, "left_w0")),
                 OURS,
             ],
             "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 0 "
@@ -287,12 +350,8 @@ LIMITS = "Joint limits respected."
         ),
         (
             [
-                replace(
-                    J, elbow_displacement=0.043, joint_displacement=(3.72, "left_w0")
-                ),
-                replace(
-                    OURS, elbow_displacement=0.002, joint_displacement=(0.02, "left_w1")
-                ),
+                replace(J, off=0.043, joint_displacement=(3.72, "left_w0")),
+                replace(OURS, off=0.002, joint_displacement=(0.02, "left_w1")),
             ],
             "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 2 mm, "
             "left_w1 0.02 rad "
@@ -303,7 +362,7 @@ LIMITS = "Joint limits respected."
             f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}",
         ),
         (
-            [replace(J, elbow_displacement=0.002, joint_displacement=(0.09, "joint1"))],
+            [replace(J, off=0.002, joint_displacement=(0.09, "joint1"))],
             f"Elbow displacement after 10 cycles: 2 mm. {LIMITS}",
         ),
         ([J, J], f"Elbow displacement after 10 cycles: 45 cm. {SPEED} {LIMITS}"),
@@ -348,21 +407,20 @@ def test_joint_speed_is_of_the_first_cycle_and_of_all() -> None:
 
 def test_the_scale_of_an_arm_decides_what_is_small() -> None:
     """An arm of 0.1 mm links whose joints are off by 0.1 rad is not back."""
-    tiny = replace(
-        J, elbow_displacement=9e-6, size=3e-4, joint_displacement=(0.097, "theta2")
-    )
+    tiny = replace(J, off=9e-6, size=3e-4, joint_displacement=(0.097, "theta2"))
     assert verdict([tiny, OURS], 10).startswith(
         "Elbow displacement after 10 cycles: 9 µm (J⁺) → 0"
     )
     still = verdict(
         [
-            replace(J, elbow_displacement=1e-12, joint_displacement=(3e-5, "wrist")),
+            replace(J, off=1e-12, joint_displacement=(3e-5, "wrist")),
             OURS,
         ],
         10,
     )
     assert still.startswith(
-        "Elbow and joint displacement after 10 cycles: 0, wrist 3e-5 rad (J⁺) → 0 (repeatable)."
+        "Farthest part and joint displacement after 10 cycles: 0, wrist 3e-5 rad (J⁺) → 0 "
+        "(repeatable)."
     )
 
 

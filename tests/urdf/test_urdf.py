@@ -835,6 +835,40 @@ def test_xacro_is_expanded_where_it_is_installed(
     assert "pip install xacro" in refusal(path)
 
 
+@pytest.mark.parametrize("place", ["package_dirs", "itself", "ROS", "AMENT", "beside"])
+def test_xacro_finds_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """Issue 37, item 20: $(find arm) is looked up where package://arm is; else the remedy says
+    where to put it."""
+    pytest.importorskip("xacro")
+    package = tmp_path / "ws" / "share" / "arm"
+    package.mkdir(parents=True)
+    (package / "macro.xacro").write_text(XACRO)
+    path = tmp_path / "elsewhere" / "r.xacro"
+    path.parent.mkdir()
+    path.write_text(
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:property name="there" value="$(find arm)"/>'
+        '<xacro:include filename="${there}/macro.xacro"/></robot>'
+    )
+    told = refusal(path)
+    assert "'arm' not found" in told and told.endswith(
+        "give the folder that contains it by package_dirs"
+    )
+    folders: list[Path] = []
+    if place == "ROS":
+        monkeypatch.setenv("ROS_PACKAGE_PATH", str(package.parent))
+    elif place == "AMENT":
+        monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ws"))
+    elif place == "beside":
+        package.rename(path.parent / "arm")
+    else:
+        folders = [package if place == "itself" else package.parent]
+    robot = rp.Robot.load(path, package_dirs=folders)
+    assert robot.joint_names == ("j1", "j2")
+
+
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 def test_other_encodings(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "r.urdf"

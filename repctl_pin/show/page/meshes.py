@@ -17,8 +17,8 @@ import umsgpack
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
+from ...robot.surfaces import Surface, Surfaces
 from ...robot.visuals import Shape
-from .surfaces import Surface, Surfaces
 
 Key = tuple[Any, ...]
 """Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""

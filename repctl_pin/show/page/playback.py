@@ -13,9 +13,13 @@ from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion import Motion
 from ...motion.csv_file import read_motions
+from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
+from ...robot.arm_links import arm_links
+from ...robot.body_corners import corners
 from ...robot.model import frame_id
 from ...robot.robot import Robot
+from ...robot.surfaces import read_surfaces
 from ...robot.task import Task, unit_of
 from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
@@ -23,7 +27,7 @@ from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.parts import controlled, part_name
 from ..text.verdict import MotionSummary, motion_summary
-from .body_points import body_drift, corners, farthest
+from .body_points import body_drift
 from .scene import (
     Arm,
     FirstViolation,
@@ -33,7 +37,6 @@ from .scene import (
     is_planar,
 )
 from .summaries import for_headline
-from .surfaces import read_surfaces
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -189,13 +192,15 @@ def playback_page(
         for track, done in zip(tracks, played, strict=True)
     ]
     task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
-    link, _ = farthest(visuals.shapes, np.max([arm.off[-1] for arm in arms], axis=0))
+    own = frozenset().union(*(arm_links(chain.task) for chain in chains))
+    most = np.max([arm.off[-1] for arm in arms], axis=0)
+    link, _ = farthest(visuals.shapes, most, own)
     if headline is None:
         summaries = [
-            _summary(chains, done, track, arm)
+            _summary(chains, done, track, farthest(arm.shapes, arm.off[-1], own))
             for done, track, arm in zip(played, tracks, arms, strict=True)
         ]
-        headline = headline_of(summaries, cycles, stopped)
+        headline = headline_of(summaries, cycles, stopped, hands=len(chains))
     lines = (
         list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))
         if paths is None
@@ -324,16 +329,17 @@ def _summary(
     chains: Sequence[TracedChain],
     played: Sequence[JointMotion],
     track: Playback,
-    arm: Arm,
+    moved: tuple[str, float],
 ) -> MotionSummary:
     """Summarise a motion for the headline.
 
-    With several chains, each quantity is the worst one, except the joint speed, which is that of
-    all joints together. Body distances are left out, because the chains move each other's bodies.
+    ``moved`` is the link that is off most, and how far, m. With several chains, each quantity is
+    the worst one, except the joint speed, which is that of all joints together. Body distances and
+    other end effectors are left out, because the chains move each other's bodies.
     """
+    alone = len(chains) == 1
     summaries = [
-        motion_summary(track.label, one, chain.elbow, bodies=len(chains) == 1)
-        for chain, one in zip(chains, played, strict=True)
+        motion_summary(track.label, one, moved, bodies=alone) for one in played
     ]
     overall = [
         summary.overall_speed
@@ -346,7 +352,8 @@ def _summary(
     loss = None if track.motion is None else track.motion.path_loss
     worst = replace(
         summaries[0],
-        elbow_displacement=max(summary.elbow_displacement for summary in summaries),
+        hand_off=max(summary.hand_off for summary in summaries),
+        ends=summaries[0].ends if alone else {},
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
         overall_speed=float(np.linalg.norm(overall)) if overall else None,
         path_loss=None
@@ -358,9 +365,7 @@ def _summary(
         else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
-    moved = farthest(arm.shapes, arm.off[-1])
-    task = chains[0].task
-    return for_headline(worst, task, task.from_robot(track.Q[0]), moved, played)
+    return for_headline(worst, played)
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from ...arguments import Array, read_only
 from ...errors import InputError
+from ...robot.surfaces import Surfaces
 from ...robot.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of
 from .html import page
 from .meshes import Key, key, lifted, record
-from .surfaces import Surfaces
 
 _PER_CYCLE = (61, 126, 251, 501)
 """Maximum numbers of samples per cycle that are tried one after the other."""

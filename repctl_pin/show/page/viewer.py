@@ -35,15 +35,18 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...motion import elbow
+from ...motion.displacement import farthest
 from ...paths import TaskPath
+from ...robot.arm_links import arm_links
+from ...robot.body_corners import corners
 from ...robot.length import arm_length
+from ...robot.surfaces import read_surfaces
 from ...robot.task import Task, require_task
 from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from ..text.parts import controlled, part_name
-from .body_points import body_drift, corners, farthest
+from .body_points import body_drift
 from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
-from .surfaces import read_surfaces
 
 HOST = "127.0.0.1"
 
@@ -245,7 +248,7 @@ class Viewer:
         self._moving = moving_of(placements)
         surfaces, frames = read_surfaces(shapes), Frames(np.arange(3), (1,), 3)
         outer, off = body_drift(corners(shapes, surfaces), placements, frames.per_cycle)
-        link, _ = farthest(shapes, off[-1])
+        link, _ = farthest(shapes, off[-1], arm_links(task))
         points = task.positions(Q)
         tips = points[:, None]
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)

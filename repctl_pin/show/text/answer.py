@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ...certificate import proved_words
 from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
+from ...robot.bodies import bodies_of
 from ...studies import Row, Study
 from ...studies.study_notes import violation_texts
 from ..page.summaries import row_summary, study_headline
-from .headline import off_of
-from .lines import Span, fitted, wrapped
+from .headline import end_name, ends_off, off_of
+from .lines import Span, fitted, with_options, wrapped
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import MotionSummary
+from .verdict import MotionSummary, without_shape
 
 ROWS, COLUMNS = 24, 80
 """Size of the terminal into which the answer fits."""
@@ -28,6 +30,9 @@ _TITLES = {
     "posture": "+ posture",
     "repeatable": "repeatable",
 }
+_FIRST = ("collisions of ", "the URDF has no collision geometry")
+"""Beginnings of the notes on bodies that are not checked, which come first."""
+
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
 
@@ -64,7 +69,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     ]
     if proof := study.design.proof:
         notes.append(f"leaf margin in Ω: {proved_words(proof)}")
-    notes += [f"note: {note}" for note in _notes(study, rows)]
+    notes += [f"note: {with_options(note)}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
     left = ROWS - 2 - above - _height_of(below)  # without command and next prompt
@@ -107,7 +112,20 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
             out += [Span(line[at:begin]), cell]
             at = begin + len(cell.text)
         out.append(Span(line[at:]))
+    if unchecked := _unchecked(study):
+        meshes = bodies_of(study.task).missing
+        lost = (
+            "; meshes missing: --package-dir DIR"
+            if any("/" in m for m in meshes)
+            else ""
+        )
+        out.append(Span(f"not checked: {without_shape(unchecked)}{lost}\n", "near"))
     return out
+
+
+def _unchecked(study: Study) -> int:
+    """Count the bodies that are not checked for collisions."""
+    return len(bodies_of(study.task).unchecked)
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
@@ -123,12 +141,17 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
         "extra joint speed, cycle 1",
         "limits",
     ]
-    if any(one is not None and one.body_distance is not None for one in summaries):
+    known = [one for one in summaries if one is not None]
+    ends = ends_off(known)
+    if ends:
+        names.insert(2, f"{end_name(ends[0])} off at the end")
+    checked = any(one.body_distance is not None for one in known)
+    if checked or not _unchecked(study):
         names.append("closest links")
     columns = [
         [Span("stopped", "bad")] * len(names)
         if row.motion is None or one is None
-        else _column(row.motion, one, summaries[0])[: len(names)]
+        else _column(row.motion, one, summaries[0], ends[:1])[: len(names)]
         for row, one in zip(rows, summaries, strict=True)
     ]
     return [
@@ -138,7 +161,10 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
 
 
 def _column(
-    motion: Motion, summary: MotionSummary, usual: MotionSummary | None
+    motion: Motion,
+    summary: MotionSummary,
+    usual: MotionSummary | None,
+    ends: Sequence[str],
 ) -> list[Span]:
     """Format the values of one strategy, in the order of the rows of the short table."""
     off = float(motion.tracking_error.max())
@@ -146,6 +172,7 @@ def _column(
     return [
         Span(displacement(off), "bad" if summary.path_loss else ""),
         off_of(summary),
+        *(off_of(replace(summary, off=summary.ends[end], link=end)) for end in ends),
         Span("0", "good") if motion.closes else Span(drift, "bad"),
         Span("yes", "good") if motion.first_closes else Span("no", "bad"),
         _speed(summary, usual),
@@ -179,7 +206,7 @@ def _limits(summary: MotionSummary) -> Span:
 
 def _links(summary: MotionSummary) -> Span:
     if summary.body_distance is None:
-        return Span("–")
+        return Span("not checked", "near")
     if summary.collision_cycle:
         return Span("collide!", "bad")
     return Span(metres(summary.body_distance))
@@ -198,9 +225,10 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
         for row in rows
         if row.motion is None and row.key not in ("pseudoinverse", "repeatable")
     ]
-    first = [note for note in notes if not note.startswith(_LAST)]
+    blind = [note for note in notes if note.startswith(_FIRST)]
+    first = [note for note in notes if not note.startswith((*_FIRST, *_LAST))]
     last = [note for note in notes if note.startswith(_LAST)]
-    return [*stopped, *first, *_meanings(study), *last]
+    return [*stopped, *blind, *first, *_meanings(study), *last]
 
 
 def _meanings(study: Study) -> list[str]:

@@ -12,6 +12,7 @@ from ...robot.task import unit_of
 from .headline import Headline
 from .lines import Span, capital, fitted, wrapped
 from .numbers import metres, number
+from .parts import part_name
 from .table import table
 
 _JOINTS = 8
@@ -95,7 +96,7 @@ def _distance(audit: Audit) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Name the fastest creep: that of a joint's origin or, if no origin creeps, that of a joint.
+    """Name the creep of the part that is off most or, if it does not creep, of the fastest joint.
 
     Return the name, the rate and the confidence interval, as text.
     """
@@ -124,10 +125,8 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def part_of(audit: Audit) -> str:
-    """Name the point that creeps fastest: the elbow joint, or the origin of another joint."""
-    if audit.part == audit.elbow:
-        return "elbow joint"
-    return f"origin of {audit.task.joint_names[audit.part]}"
+    """Name the part that is off most."""
+    return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 
 def _about(audit: Audit) -> str:
@@ -149,12 +148,12 @@ def _number(value: float) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of creep: the fastest origin, then the joints, the fastest first."""
+    """Format the table of creep: the part that is off most, then the joints, the fastest first."""
     joints, visits = audit.joints, audit.visits
     assert joints is not None
     seconds, unit = audit.clock
     each = float(visits.t[-1] - visits.t[0]) / audit.returns
-    place = audit.origins[:, audit.part]
+    place = audit.points[:, audit.part]
     moved = float(np.linalg.norm(place[-1] - place[0]))
     values = (moved, audit.rate * each, audit.rate * seconds, audit.error * seconds)
     rows = [[part_of(audit), *map(metres, values)]]

@@ -7,10 +7,12 @@ import numpy as np
 
 from ...arguments import ratio_in_percent
 from ...motion import Motion
+from ...robot.bodies import bodies_of
 from ...studies import Row, Study
 from ...studies.study_maps import StudyMaps
 from ..palette import COLOURS
 from .numbers import counted, number, percent
+from .verdict import without_shape
 
 GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
@@ -89,6 +91,8 @@ def summary(study: Study) -> list[str]:
         ", and no two bodies collide." if known else "."
     )
     out.append(f"{'; '.join(broken)}." if broken else kept)
+    if unchecked := len(bodies_of(task).unchecked):
+        out.append(f"Collisions not checked: {without_shape(unchecked)}.")
     near = [
         f"{row.label} {row.body_distance:.3f} m "
         f"({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"

@@ -6,13 +6,14 @@ Its notes give the extra joint speed of the repeatable controller, the limits an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
+from ...urdf.end_effectors import words as link_words
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
-from .verdict import SMALL, TURNED, MotionSummary
+from .verdict import SMALL, TURNED, MotionSummary, without_shape
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
@@ -29,6 +30,17 @@ _ABOUT = {
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
 _HANDS = {1: "the hand is", 2: "both hands are"}
+_EITHER = {1: "", 2: " under either control"}
+
+_END_NAMES = (
+    (
+        "hand",
+        {"hand", "gripper", "palm", "grasping", "tool", "tcp", "wrist", "eef", "ee"},
+    ),
+    ("foot", {"foot", "feet", "ankle", "sole", "toe"}),
+    ("head", {"head", "gaze", "neck", "eyes", "stereo", "xtion", "rgbd"}),
+)
+"""Words in the names of links at the ends of other branches, by what a sentence calls them."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +79,11 @@ def stopped_words(label: str, why: str) -> str:
 
 
 def headline_of(
-    summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = ()
+    summaries: Sequence[MotionSummary],
+    cycles: int,
+    stopped: Sequence[str] = (),
+    *,
+    hands: int = 1,
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
@@ -79,52 +95,120 @@ def headline_of(
         Number of cycles of each.
     stopped
         Sentences about motions that stopped.
+    hands
+        Number of arms that follow paths in each motion.
     """
     times = counted(cycles, "cycle")
-    said = tuple(Span(f"{text} ", "bad") for text in stopped)
+    said = [*_winds(summaries), *(Span(f"{text} ", "bad") for text in stopped)]
     if not summaries:
-        return Headline(said, ())
+        return Headline(tuple(said), ())
     worst = max(summaries, key=lambda one: one.off)
-    lost = _lost(summaries)
-    hands = _HANDS.get(len(summaries), "all hands are")
-    words = lost or [Span(f"After {times} {hands} back. ")]
+    lost = _lost(summaries, times)
+    whose = _EITHER.get(len(summaries), " under every control")
+    if stopped and len(summaries) == 1:
+        whose = f" under {_alone(summaries[0])}"
+    back = _HANDS.get(hands, f"all {hands} hands are")
+    words = lost or [Span(f"After {times} {back} back{whose}. ")]
     if all(one.back and not one.turned for one in summaries):
-        every = f"every part of the {'arm' if len(summaries) == 1 else 'arms'}"
+        every = f"every part of the {'arm' if hands == 1 else 'arms'}"
         also = f"After {times} {every} is back: " if lost else f"So is {every}: "
         words += [Span(also), Span("0", "good", _exact(worst)), Span(" off.")]
-        return Headline((*said, *words), tuple(_notes(summaries)))
-    if worst.off >= SMALL:
-        one = "one" if len(summaries) == 2 and any(o.back for o in summaries) else "the"
-        subject, offs = _subject(worst.part, one), _offs(summaries, " off")
-        verb = "is not back" if lost else "is not"
-    elif any(one.turned for one in summaries):
-        subject, offs = _turned(summaries)
-        verb = "is not back" if lost else "is not"
     else:
-        subject, offs = _subject(worst.part, "the"), _offs(summaries, "")
-        verb = "has hardly drifted"
-    start = f"After {times} {subject}" if lost else capital(subject)
-    words += [Span(f"{start} {verb}: "), *offs, Span(".")]
-    return Headline((*said, *words), tuple(_notes(summaries)))
+        subject, verb, offs = _drifted(summaries, worst)
+        if lost and verb == "is not":
+            verb = "is not back"
+        start = f"After {times} {subject}" if lost else capital(subject)
+        words += [Span(f"{start} {verb}: "), *offs, Span(".")]
+    return Headline((*said, *words, *_ends(summaries)), tuple(_notes(summaries)))
 
 
-def _subject(part: str, article: str) -> str:
-    """Write the subject of a sentence about a part: "one elbow", or "link 3 of one arm".
+def _drifted(
+    summaries: Sequence[MotionSummary], worst: MotionSummary
+) -> tuple[str, str, list[Span]]:
+    """Write which part or joint is off, the verb, and by how much it is off under each."""
+    subject = f"{worst.part} of the arm"
+    if not any(letter.isdigit() for letter in worst.part):
+        subject = f"the {worst.part}"
+    if worst.off >= SMALL:
+        return subject, "is not", _offs(summaries, " off")
+    if any(one.turned for one in summaries):
+        joint, offs = _turned(summaries)
+        return joint, "is not", offs
+    return subject, "has hardly drifted", _offs(summaries, "")
 
-    A robot has only one head and one torso: "the head of one robot".
+
+def _alone(one: MotionSummary) -> str:
+    """Name a controller without one to compare it with: the repeatable *control*, not *one*."""
+    return under(one.label).replace("repeatable one", "repeatable control")
+
+
+def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write that the path winds around the first joint's axis, if a motion along it is not back."""
+    turns, joint = summaries[-1].winding if summaries else (0, "")
+    if not turns or all(one.back and not one.turned for one in summaries):
+        return []
+    times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
+    return [
+        Span(
+            f"The path winds {times} around the axis of {joint}, so it need not close under "
+            "any control. "
+        )
+    ]
+
+
+def end_name(link: str) -> str:
+    """Name what a link at the end of another branch is: other hand, foot, head, or other end."""
+    spoken = set(link_words(link))
+    found = next((name for name, known in _END_NAMES if spoken & known), "end")
+    return f"other {found}" if found in ("hand", "end") else found
+
+
+def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
+    """List the other end effectors that are not back under some controller.
+
+    Hands come first, then those that are off most.
     """
-    if part in ("head", "torso"):
-        return f"the {part} of one robot" if article == "one" else f"the {part}"
-    if any(letter.isdigit() for letter in part):
-        return f"{part} of {article} arm"
-    return f"{article} {part}"
+    most: dict[str, float] = {}
+    for one in summaries:
+        for link, off in one.ends.items():
+            most[link] = max(off, most.get(link, 0.0))
+    away = [end for end in most if most[end] >= SMALL]
+    return sorted(away, key=lambda end: (end_name(end) != "other hand", -most[end]))
 
 
-def _lost(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write under which controllers the hand leaves its path; empty if it never does."""
+def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write which other end effectors are not back, and how far they are off."""
+    ends = ends_off(summaries)
+    if not ends:
+        return []
+    first, *rest = ends
+    offs = [
+        replace(one, off=one.ends[first], part=first, link=first) for one in summaries
+    ]
+    said = [
+        Span(f" The {end_name(first)}, {first}, is "),
+        *_offs(offs, " off"),
+        Span("."),
+    ]
+    for end in rest:
+        most = metres(max(one.ends[end] for one in summaries))
+        said.append(Span(f" The {end_name(end)}, {end}, is up to {most} off, too."))
+    return said
+
+
+def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
+    """Write under which controllers the hand leaves its path or is not back; empty without any."""
     said = []
     for one in summaries:
         if one.path_loss is None:
+            if one.hand_off > ON_PATH * one.size:
+                said += [
+                    Span(
+                        f"Under {under(one.label)} the hand is not back after {times}: "
+                    ),
+                    Span(f"{metres(one.hand_off)} off".replace(" ", "\u00a0"), "bad"),
+                    Span(". "),
+                ]
             continue
         cycle, way, angle = one.path_loss
         by = metres(way) if way > ON_PATH * one.size else radians(angle)
@@ -153,12 +237,15 @@ def _exact(one: MotionSummary) -> str:
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """List the displacement under each controller, as part of a sentence.
 
-    ``unit`` follows each value, except a 0 that is not the first.
+    ``unit`` follows each value, except a 0 that is not the first. Where the controllers differ in
+    the part that is off most, the smaller values name theirs.
     """
     said: list[Span] = []
+    worst = max(summaries, key=lambda one: one.off).part
     for k, one in enumerate(summaries):
         value, tone, exact = off_of(one)
         word = "" if one.back and k else unit
+        word += "" if one.back or one.part == worst else f" ({one.part})"
         said += [Span(", ")] if said else []
         said.append(Span(f"{value}{word}".replace(" ", "\u00a0"), tone, exact))
         said += [Span(f" under {under(one.label)}")] if len(summaries) > 1 else []
@@ -198,7 +285,13 @@ def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
                 f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed."
             )
         )
-    return [*said, *_limits(summaries), *_leads(summaries), *_bodies(summaries)]
+    return [
+        *said,
+        *_limits(summaries),
+        *_leads(summaries),
+        *_bodies(summaries),
+        *_unchecked(summaries),
+    ]
 
 
 def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
@@ -229,6 +322,16 @@ def _leads(summaries: Sequence[MotionSummary]) -> list[Span]:
         )
         for leaves, one in found
     ]
+
+
+def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write how many bodies are not checked for collisions; empty without any."""
+    count = max(one.unchecked for one in summaries)
+    return (
+        [Span(f"Collisions not checked: {without_shape(count)}.", "near")]
+        if count
+        else []
+    )
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:

@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-import numpy as np
-
 from ...arguments import Array
+from ...robot.length import elbow, in_the_middle
 from ...robot.task import Task
 
 _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripper", "hand", "head",
           "torso")  # fmt: skip
-_MIDDLE = (0.35, 0.65)
-"""Range along the arm, as fractions of its length, in which a joint counts as the elbow."""
-
 
 _CONTROLLED = {
     "pose": "position and orientation",
@@ -32,9 +28,9 @@ def part_name(task: Task, q: Array, link: str) -> str:
     """Find a readable name for a link.
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
-    returned. A link next to the joint nearest to the middle of the arm is the ``elbow``, if that
-    joint is near the middle. Else the link's name without the robot's name, and without a
-    prefix that most links share, is returned: ``link 4``.
+    returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Else the
+    link's name without the robot's name, and without a prefix that most links share, is returned:
+    ``link 4``.
 
     Parameters
     ----------
@@ -73,16 +69,11 @@ def _without_prefix(link: str, links: Sequence[str]) -> str:
 
 
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
-    """Find the links before and after the joint at the middle of the arm; empty without one."""
-    stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
-    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stations, axis=0), axis=1)))
-    if not along[-1] > 0:
+    """Find the links before and after the elbow joint; empty without one."""
+    joint = elbow(task, q)
+    if not in_the_middle(task, q)[joint]:
         return ()
-    share = along[:-1] / along[-1]
-    joint = int(np.argmin(np.abs(share - 0.5)))
-    if not _MIDDLE[0] <= share[joint] <= _MIDDLE[1] or joint >= len(task.joint_names):
-        return ()
-    name = task.joint_names[joint]
+    name = task.robot_joints[joint]
     return next(
         ((j.parent, j.child) for j in task.robot.description.joints if j.name == name),
         (),

@@ -11,10 +11,11 @@ import numpy as np
 from ...arguments import percentage, ratio_in_percent
 from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
+from ...robot.bodies import bodies_of
 from ...strategies import Pseudoinverse
-from .lines import fitted, terminal_width
+from ..page.summaries import study_verdict
+from .lines import fitted, terminal_width, with_options
 from .numbers import number
-from .verdict import study_verdict
 
 if TYPE_CHECKING:
     from ...studies import Row, Study
@@ -74,7 +75,7 @@ def study_table(study: Study) -> str:
     header = ["", *("\n".join(textwrap.wrap(row.label, NARROW)) for row in study.rows)]
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
     legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
-    notes = [f"note: {note}" for note in study_notes(study)]
+    notes = [f"note: {with_options(note)}" for note in study_notes(study)]
     before = fitted("\n".join([*loud, study_verdict(study), "", *head]))
     return "\n".join(
         [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]
@@ -176,6 +177,7 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
             if any(row.body_distance is not None for row in study.rows)
             else []
         ),
+        *_unchecked(study),
         ("fastest first cycle, s", [_time(row) for row in study.rows]),
         (
             "leaf margin",
@@ -231,8 +233,16 @@ def _marked(value: float, bad: object) -> str:
     return f"{number(value)}{'!' if bad else ''}"
 
 
+def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
+    """Make a row on the bodies that are not checked for collisions; an empty list without any."""
+    count = len(bodies_of(study.task).unchecked)
+    return [("bodies without a shape", [f"{count}"] * len(study.rows))] * (count > 0)
+
+
 def _apart(motion: Motion, cycles: int) -> str:
     least = float(motion.coarse.body_distance[: cycles * motion.coarse.steps + 1].min())
+    if not np.isfinite(least):
+        return "not checked"
     return _marked(least, least < 0)
 
 

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...motion.displacement import end_displacements
 from ...motion.joint_motion import TOO_FAST, JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
+from ...paths.winding import winding
+from ...robot.bodies import bodies_of
 from ...robot.length import arm_length
+from .lines import capital
 from .numbers import NOTHING, counted, metres, percent, radians
-
-if TYPE_CHECKING:
-    from ...studies import Study
+from .parts import part_name
 
 STILL = 1e-5
-"""Displacement of an elbow, in arm lengths, below which it counts as back at its start."""
+"""Displacement of a part, in arm lengths, below which it counts as back at its start."""
 
 SMALL = 0.01
 """Displacement of a part, m, below which it has hardly drifted."""
@@ -31,14 +31,14 @@ TURNED = 0.1
 class MotionSummary:
     """The quantities of one motion that verdicts and headlines report.
 
-    A verdict does not use the last five, from ``part`` on.
+    A verdict does not use the last three, from ``leaves`` on.
 
     Attributes
     ----------
     label : str
         Name of the controller.
-    elbow_displacement : float
-        Elbow displacement at the end, m; 0 if the motion is closed.
+    off : float
+        Displacement at the end of the part that is off most, m, see :mod:`.displacement`.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms.
     limit_violation : (int, str) or None
@@ -63,16 +63,23 @@ class MotionSummary:
         Display name of the part that is displaced most at the end.
     link : str
         That part's link in the URDF.
-    off : float
-        Displacement of that part, m; NaN if unknown.
+    hand_off : float
+        Distance of the frame from its start at the end, m, in the coordinates that the task
+        controls.
+    ends : dict of str to float
+        Displacement at the end of each other end effector that moves with the arm, m, by link.
+    unchecked : int
+        Number of bodies without a collision shape, which are not checked for collisions.
     leaves : (int, str) or None
         The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
     near : tuple of str
         The two links with the minimum body distance; empty without bodies.
+    winding : (int, str)
+        Number of turns of the path around the axis of the first joint, and that joint.
     """
 
     label: str
-    elbow_displacement: float
+    off: float
     speed: float
     limit_violation: tuple[int, str] | None = None
     body_distance: float | None = None
@@ -84,14 +91,22 @@ class MotionSummary:
     size: float = 1.0
     part: str = ""
     link: str = ""
-    off: float = math.nan
+    hand_off: float = 0.0
+    ends: Mapping[str, float] = field(default_factory=dict)
+    unchecked: int = 0
     leaves: tuple[int, str] | None = None
     near: tuple[str, ...] = ()
+    winding: tuple[int, str] = (0, "")
 
     @property
     def back(self) -> bool:
         """True if every part of the arm is back where it began, within a tenth of a millimetre."""
         return self.off < NOTHING
+
+    @property
+    def still(self) -> bool:
+        """True if every part is back where it began, within a hundred-thousandth of the arm."""
+        return self.off < STILL * self.size
 
     @property
     def turned(self) -> bool:
@@ -100,17 +115,17 @@ class MotionSummary:
 
     @property
     def twists(self) -> bool:
-        """True if a joint turned far although the elbow hardly moved.
+        """True if a joint turned far although no part moved far.
 
         The joint turned by at least 0.1 rad, and by more than 1 rad for each tenth of the arm's
-        length that the elbow moved. Or the joint turned and the elbow did not move."""
-        angle, elbow = self.joint_displacement[0], self.elbow_displacement
-        far = angle >= TURNED and angle * self.size > 10 * elbow
-        return far or (angle > 0 and elbow < STILL * self.size)
+        length that the farthest part moved. Or the joint turned and no part moved."""
+        angle = self.joint_displacement[0]
+        far = angle >= TURNED and angle * self.size > 10 * self.off
+        return far or (angle > 0 and self.off < STILL * self.size)
 
 
 def motion_summary(
-    label: str, motion: JointMotion, elbow: int, *, bodies: bool = True
+    label: str, motion: JointMotion, moved: tuple[str, float], *, bodies: bool = True
 ) -> MotionSummary:
     """Extract the quantities of a motion that the verdict reports.
 
@@ -120,13 +135,14 @@ def motion_summary(
         Name of the controller.
     motion
         The motion.
-    elbow
-        Index of the joint whose origin is the elbow.
+    moved : (str, float)
+        The part that is off most at the end, as its link, and how far it is off, m.
     bodies
         True to evaluate body distances. They are wrong if joints outside the task move.
     """
     task, closes = motion.task, motion.closes
-    start, end = (task.joint_origins(q)[elbow] for q in (motion.q[0], motion.q[-1]))
+    (link, off), first, last = moved, motion.q[0], motion.q[-1]
+    hand = task.error(last, task.placement(first))[task.rows < 3]
     violation, coarse = motion.first_violation, motion.coarse
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
@@ -137,7 +153,7 @@ def motion_summary(
     )
     return MotionSummary(
         label,
-        0.0 if closes else float(np.linalg.norm(end - start)),
+        off,
         motion.first_rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
         body_distance if np.isfinite(body_distance) else None,
@@ -146,8 +162,24 @@ def motion_summary(
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
         motion.rms_speed if motion.cycles > 1 else None,
         None if loss is None else (cycle_of(loss[0], motion.cycles), *loss[1:]),
-        arm_length(task, motion.q[0]) or 1.0,
+        arm_length(task, first) or 1.0,
+        part_name(task, first, link),
+        link,
+        float(np.linalg.norm(hand)),
+        {
+            link: float(d[-1])
+            for link, d in end_displacements(task, motion.q[[0, -1]]).items()
+        },
+        len(bodies_of(task).unchecked) if bodies else 0,
+        winding=(winding(task, motion.path), task.joint_names[0])
+        if isinstance(motion, Motion)
+        else (0, ""),
     )
+
+
+def without_shape(count: int) -> str:
+    """Write how many bodies have no collision shape."""
+    return f"{count} {'body' if count == 1 else 'bodies'} without a shape"
 
 
 def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
@@ -166,11 +198,11 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
         said = _compared(summaries, [_loss(summary) for summary in summaries])
         words.append(f"End effector: {said}.")
     twists = any(summary.twists for summary in summaries)
-    name = f"{'Elbow and joint' if twists else 'Elbow'} displacement after {times}"
-    said = _compared(
-        summaries, [_displacement(summary, twists) for summary in summaries]
-    )
-    words.append(f"{name}: {said}.")
+    parts = {one.part for one in summaries if not one.still}
+    part = parts.pop() if len(parts) == 1 else "" if parts else "farthest part"
+    name = f"{capital(part or 'farthest part')}{' and joint' if twists else ''}"
+    texts = [_displacement(one, twists, named=not part) for one in summaries]
+    words.append(f"{name} displacement after {times}: {_compared(summaries, texts)}.")
     if len(summaries) > 1:
         said = _speeds(summaries[0], summaries[-1], times)
         words.append(f"Joint speed, relative to {_short(summaries[0])}: {said}.")
@@ -199,6 +231,8 @@ def verdict(summaries: Sequence[MotionSummary], cycles: int) -> str:
         words.append(
             f"Body distance: {said}." if collides else f"Minimum body distance: {said}."
         )
+    if unchecked := max(summary.unchecked for summary in summaries):
+        words.append(f"Collisions not checked: {without_shape(unchecked)}.")
     return " ".join(words)
 
 
@@ -242,10 +276,13 @@ def _speeds(first: MotionSummary, last: MotionSummary, times: str) -> str:
     return once if once == overall else f"{once} in cycle 1, {overall} over {times}"
 
 
-def _displacement(summary: MotionSummary, twists: bool) -> str:
-    """Format the elbow displacement at the end and, if ``twists``, the joint that turned most."""
-    elbow = summary.elbow_displacement
-    moved = "0" if elbow < STILL * summary.size else metres(elbow)
+def _displacement(summary: MotionSummary, twists: bool, *, named: bool) -> str:
+    """Format how far the farthest part is off and, if ``twists``, the joint that turned most.
+
+    ``named`` tells whether to name the part.
+    """
+    moved = "0" if summary.still else metres(summary.off)
+    moved += f" ({summary.part})" if named and not summary.still else ""
     angle, name = summary.joint_displacement
     return f"{moved}, {name} {radians(angle)}" if twists and angle > 0 else moved
 
@@ -255,19 +292,3 @@ def _bodies(summary: MotionSummary, collides: bool) -> str:
         return f"collision in cycle {summary.collision_cycle}"
     distance = metres(summary.body_distance or 0.0)
     return f"minimum {distance}" if collides else distance
-
-
-def study_verdict(study: Study) -> str:
-    """Write the verdict that compares J⁺ and the nearest repeatable inverse of a study."""
-    rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stopped = [
-        f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None
-    ]
-    moved = [(row.label, row.motion) for row in rows if row.motion is not None]
-    if not moved:
-        return " ".join(stopped)
-    text = verdict(
-        [motion_summary(label, motion, study.elbow) for label, motion in moved],
-        moved[0][1].cycles,
-    )
-    return " ".join([*stopped, text])

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import read_only
-from ...errors import InputError
-from ...robot.visuals import Shape
+from ..arguments import read_only
+from ..errors import InputError
+from .visuals import Shape
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""

@@ -1,0 +1,39 @@
+"""Number of turns of a path around the first joint of an arm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..robot.task import Task
+from .task_path import TaskPath
+
+_POINTS = 2000
+"""Number of points at which the angle of the path is taken, beside the corners."""
+
+
+def winding(task: Task, path: TaskPath) -> int:
+    """Count the turns of a path around the axis of the chain's first joint; 0 if it is prismatic.
+
+    The joints of an arm that follows such a path can end a full turn from their start, so that not
+    even a repeatable controller closes it: repeatability is a property of loops that can be shrunk
+    to a point inside Ω.
+
+    Parameters
+    ----------
+    task
+        Task of the arm.
+    path
+        Path of its frame.
+    """
+    if not task.revolute[0]:
+        return 0
+    axis, origin = task.axes(task.reference)[0], task.joint_origins(task.reference)[0]
+    s = np.union1d(np.linspace(0, 1, _POINTS), path.breaks)
+    around = np.cross(axis, np.array([path.point(float(k)) for k in s]) - origin)
+    one = around[np.argmax(np.linalg.norm(around, axis=1))]
+    x, y = around @ one, around @ np.cross(axis, one)
+    return int(
+        np.rint(
+            (np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)
+        )
+    )
