@@ -58,8 +58,9 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: a temporary folder whose files replace those in ``folder``, all or none.
 
-    One process at a time moves its files, so that a folder never holds files of two runs. After an
-    exception the files in ``folder`` are unchanged.
+    One process at a time moves its files, so that a folder never holds files of two runs. A
+    symbolic link in ``folder`` is replaced; its target, which the user did not name, is not
+    written. After an exception the files in ``folder`` are unchanged.
 
     Raises
     ------
@@ -70,9 +71,12 @@ def written_together(folder: Path) -> Iterator[Path]:
     staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
     try:
         yield staged
-        moves = [
-            (file, _target(folder / file.name)) for file in sorted(staged.iterdir())
-        ]
+        moves = [(file, folder / file.name) for file in sorted(staged.iterdir())]
+        for _, target in moves:
+            if target.is_dir() and not target.is_symlink():
+                raise InputError(
+                    f"cannot write {target}: the path is a folder; give a file name"
+                )
         with _one_at_a_time(folder):
             for file, target in moves:
                 _move(file, target)
@@ -81,17 +85,19 @@ def written_together(folder: Path) -> Iterator[Path]:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Move a file to a target: rename it, or write the target again if that fails."""
-    old = target.stat() if target.exists() else None
+    """Move a file to a target, which keeps its mode; write through a device, replace a link."""
+    old = target.lstat() if os.path.lexists(target) else None
+    if old is not None and not stat.S_ISREG(old.st_mode) and not target.is_symlink():
+        write_whole(target, file.read_bytes())
+        return
+    if old is not None and stat.S_ISREG(old.st_mode):
+        os.chmod(file, stat.S_IMODE(old.st_mode))
     try:
-        if old is None or stat.S_ISREG(old.st_mode):
-            if old is not None:
-                os.chmod(file, stat.S_IMODE(old.st_mode))
-            os.replace(file, target)
-            return
-    except OSError:  # on another disk
-        pass
-    write_whole(target, file.read_bytes())
+        os.replace(file, target)
+    except OSError as error:
+        if target.is_symlink():
+            raise InputError(f"cannot write {target}: {error.strerror}") from None
+        write_whole(target, file.read_bytes())  # a mounted file cannot be renamed
 
 
 @contextlib.contextmanager

@@ -77,7 +77,7 @@ def run(options: Options) -> int:
         raise
     say("drawing the page and the figure")
     files: list[Path] = []
-    if found.repeats:
+    if found.found is not None:
         with written_together(folder) as staged:
             files = [folder / file.name for file in write_audit(found, staged)]
 

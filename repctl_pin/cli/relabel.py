@@ -9,7 +9,7 @@ from typing import Any
 import repctl_pin as rp
 
 from ..errors import InputError, needed
-from ..files import prepare_folder, write_whole
+from ..files import write_whole, written_together
 from ..show.text.lines import fitted
 from .given import Options, integer, natural, numbers_of, save_control
 from .options import Parser
@@ -89,12 +89,13 @@ def run(options: Options) -> int:
 
     say("drawing")
     page = relabel_page(relabeled, command=options.command_line)
-    prepare_folder(folder)
-    files = [
-        relabeled.save(folder / file.name),
-        save_control(relabeled.design, folder / "cell.json"),
-        write_whole(folder / "report.html", page),
-    ]
+    with written_together(folder) as staged:
+        made = [
+            relabeled.save(staged / file.name),
+            save_control(relabeled.design, staged / "cell.json"),
+            write_whole(staged / "report.html", page),
+        ]
+        files = [folder / one.name for one in made]
 
     def text() -> str:
         return fitted(f"{relabel_sentence(relabeled)}\n\n{relabeled.summary()}\n")
@@ -122,5 +123,7 @@ def _as_dict(relabeled: rp.Relabeled) -> dict[str, Any]:
         "moved": np.sqrt(np.mean(moved**2)),
         "cell": relabeled.design.cell.size(),
         "leaf": relabeled.leaf,
+        "removed": relabeled.removed,
+        "recomputed": relabeled.recomputed,
         "not_relabelled": [asdict(gap) for gap in relabeled.gaps],
     }

@@ -1,4 +1,4 @@
-"""Audit of a recorded joint motion: how far the arm creeps between visits of one hand pose.
+"""Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
 
 Creep is a steady drift: the configuration at the pose changes from visit to visit. The hand is the
 frame that the task controls.
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from ..arguments import Array, flag, positive, read_only
 from ..errors import InputError
@@ -21,48 +20,25 @@ from ..problem.task_choice import choose_task
 from ..robot.length import elbow, joint_scale
 from ..robot.robot import Robot
 from ..robot.task import Task
-from .joint_log import JointLog, joint_log, read_joint_log
+from .joint_log import JointLog, in_seconds, joint_log, read_joint_log
+from .verdict import CREEPS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
 from .visits import Visits, find_visits
 
-FEWEST = 3
-"""Minimum number of visits of a pose for a log to count as repeating."""
-
-CONFIDENCE = 0.95
+_FEWEST = 3
+"""Minimum number of visits of a pose for differences to be measured."""
 
 _MOST_ROWS = 200_000
-_MOST_VISITS = 400
 _DEGREE = np.pi / 180
 _SLIGHT = 0.01
 _SOME = 0.3
 _TOO_FAST = 5.0
-_MANY = 10.0
 _CLOCKS = ((3600.0, "hour"), (60.0, "minute"), (1.0, "second"))
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Trend:
-    """Robust lines through columns of values over time: medians of the slopes between all pairs.
-
-    Attributes
-    ----------
-    rate : (k,) array
-        Slope of each column, per s.
-    error : (k,) array
-        Half-width of the confidence interval of each slope, per s.
-    scatter : (k,) array
-        Robust standard deviation of each column about its line.
-    """
-
-    rate: Array
-    error: Array
-    scatter: Array
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
 class Audit:
-    """Result of :func:`audit`; True if the hand returns to a pose and the arm does not creep.
+    """Result of :func:`audit`; True if the arm repeats.
 
     Attributes
     ----------
@@ -72,26 +48,20 @@ class Audit:
         The log, in rad and m.
     visits : Visits
         Visits of the hand pose that was visited most often.
-    joints : Trend or None
-        Creep of every joint, rad/s or m/s; None if the hand does not return.
     points : (N, L, 3) array
         The point of each link's body that is displaced most, at each visit, m.
     links : tuple of str
         These L links.
+    found : Verdict or None
+        Verdict on the configurations at the visits; None with fewer than two returns.
     part : int
         Index of the link that is off most, see :mod:`.displacement`.
     rate : float
-        Speed at which its point creeps, m/s; 0 if the hand does not return.
+        Speed at which its point creeps, m/s; 0 with fewer than two returns.
     error : float
         Half-width of the 95 % confidence interval of ``rate``, m/s.
-    creeps : bool
-        True if the creep of some joint is larger than the half-width of its confidence interval,
-        which is corrected for the number of joints (Bonferroni).
-    scatter : float
-        Robust standard deviation of that point about its trend, m; 0 if the hand does not return.
-    scatters : bool
-        True if visits differ, but not steadily: a joint's scatter is over 10 times its noise, or
-        10 times the tolerance of a closed cycle if that is larger.
+    difference : float
+        Largest distance of that point between two visits, m.
     notes : tuple of str
         Remarks on the log.
 
@@ -99,36 +69,71 @@ class Audit:
     --------
     >>> t, q = np.arange(101) * 0.1, motion.q  # a log of the arm
     >>> found = rp.audit((t, q), motion.task)
-    >>> bool(found), found.returns
-    (True, 2)
+    >>> bool(found), found.verdict, found.returns
+    (False, 'inconclusive', 2)
     """
 
     task: Task
     log: JointLog
     visits: Visits
-    joints: Trend | None
     points: Array
     links: tuple[str, ...] = ()
+    found: Verdict | None = None
     part: int = 0
     rate: float = 0.0
     error: float = 0.0
-    creeps: bool = False
-    scatter: float = 0.0
-    scatters: bool = False
+    difference: float = 0.0
     notes: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
-        return self.repeats and not self.creeps
+        return self.repeats
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in one word or two.
+
+        - ``repeats``: the largest difference between two visits is within the noise, and no slope
+          is significant.
+        - ``creeps``: the joints change steadily.
+        - ``creeps later``: they are the same at first, and change steadily later.
+        - ``jumps``: they are in one of a few configurations.
+        - ``scatters``: they differ, without a steady change.
+        - ``inconclusive``: there are two to four returns.
+        - ``no return``: there are fewer.
+        """
+        return NO_RETURN if self.found is None else self.found.kind
 
     @property
     def repeats(self) -> bool:
-        """True if the hand was at one pose at least three times."""
-        return self.joints is not None
+        """True if the largest difference of the configurations at the pose is within the noise."""
+        return self.verdict == REPEATS
+
+    @property
+    def creeps(self) -> bool:
+        """True if some joint changes steadily, from the first visit or from a later one on."""
+        return self.verdict in (CREEPS, LATER)
+
+    @property
+    def joints(self) -> Trend | None:
+        """Creep of every joint, rad/s or m/s; None with fewer than two returns."""
+        return None if self.found is None else self.found.trend
+
+    @property
+    def differences(self) -> Array:
+        """Largest difference of each joint between two visits: (n,), rad or m."""
+        return np.ptp(self.visits.q, axis=0)
 
     @property
     def returns(self) -> int:
         """Number of times that the hand came back to the pose."""
         return len(self.visits.t) - 1
+
+    @property
+    def begins(self) -> float | None:
+        """Time of the log, s, at which a later creep begins; None for any other verdict."""
+        if self.found is None or self.verdict != LATER:
+            return None
+        return float(self.visits.t[self.found.begins - 1] - self.log.t[0])
 
     @property
     def elbow(self) -> int:
@@ -178,16 +183,23 @@ class Audit:
         return float(left[joint]), self.task.robot_joints[joint]
 
     def summary(self) -> str:
-        """Summarise in one line whether the arm returns, and how fast it creeps if not."""
+        """Summarise in one line whether the arm repeats, and how it differs if not."""
         name, times = self.log.name, f"{self.returns} returns to one hand pose"
-        if not self.repeats:
-            return f"{name}: the hand does not return to a pose; nothing can be said about creep"
+        if self.found is None:
+            return (
+                f"{name}: the hand does not return to a pose often enough for a verdict"
+            )
         seconds, unit = self.clock
         error = f"{100 * self.error * seconds:.2g} cm per {unit}"
-        if not self.creeps:
-            return f"{name}: no creep above {error} in {times}"
-        rate = f"{100 * self.rate * seconds:.3g} ± {error}"
-        return f"{name}: {self.links[self.part]} creeps {rate} in {times}"
+        name_of = self.links[self.part]
+        if self.creeps:
+            rate = f"{100 * self.rate * seconds:.3g} ± {error}"
+            late = "" if self.verdict == CREEPS else f" after {self.begins:.4g} s"
+            return f"{name}: {name_of} creeps {rate}{late} in {times}"
+        off = f"{name_of} differs by up to {100 * self.difference:.3g} cm in {times}"
+        if self.repeats:
+            return f"{name}: repeats, no creep above {error}; {off}, within the noise"
+        return f"{name}: {self.verdict}; {off}"
 
     def as_dict(self) -> dict[str, Any]:
         """Convert the result to plain Python types, in s, m and rad, for JSON."""
@@ -196,6 +208,7 @@ class Audit:
             "log": self.log.name,
             "rows": len(self.log.t),
             "seconds": float(self.log.t[-1] - self.log.t[0]),
+            "verdict": self.verdict,
             "repeats": self.repeats,
             "creeps": self.creeps,
             "returns": max(self.returns, 0),
@@ -203,17 +216,21 @@ class Audit:
             "noise": self.visits.noise,
             "notes": self.notes,
         }
-        if self.joints is None:
+        if self.found is None:
             return found
         return found | {
             "times": self.visits.t,
             "configurations": self.visits.q,
-            "joint_rate": self.joints.rate,
-            "joint_rate_error": self.joints.error,
+            "groups": self.found.groups,
+            "within_noise": self.found.within,
+            "joint_differences": self.differences,
+            "joint_rate": self.found.trend.rate,
+            "joint_rate_error": self.found.trend.error,
             "part": self.links[self.part],
+            "difference": self.difference,
             "rate": self.rate,
             "rate_error": self.error,
-            "scatter": self.scatter,
+            "begins": self.begins,
             "leaves_range": self.leaves_range,
         }
 
@@ -233,7 +250,8 @@ def audit(
     """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
 
     The end-effector poses of the log, f(q) of (1), are searched for the one that is visited most
-    often. A joint's creep is the median of the slopes between all pairs of visits (Theil and Sen),
+    often. The arm repeats if the largest difference of its configurations there is within the
+    noise. A joint's creep is the median of the slopes between all pairs of visits (Theil and Sen),
     so an outlier, a gap or a pause does not change it. Its confidence interval is that of a
     straight line with the robust scatter of the visits, at least the noise of the log.
 
@@ -271,10 +289,10 @@ def audit(
 
     Examples
     --------
-    >>> motion = rp.follow(control, path, q0, cycles=4, steps=100)  # J⁺
+    >>> motion = rp.follow(control, path, q0, cycles=6, steps=100)  # J⁺
     >>> found = rp.audit((motion.t, motion.q), task)
-    >>> found.creeps, found.returns, bool(found.rate > 1e-4)  # m/s
-    (True, 4, True)
+    >>> found.verdict, found.returns, bool(found.rate > 1e-4)  # m/s
+    ('creeps', 6, True)
     """
     degrees = flag(degrees, "degrees")
     if tolerance is not None:
@@ -286,15 +304,19 @@ def audit(
         given = read_joint_log(log, task.robot_joints)
     units = np.where(task.revolute & degrees, _DEGREE, 1.0)
     given = replace(given, q=units * given.q)
-    notes = _units(task, given)
+    notes = []
+    if given.clock:
+        given = in_seconds(given, task.joint_limits[2])
+        notes.append(given.read)
+    notes += _units(task, given)
     if given.dropped:
         notes.append(f"{given.dropped} rows without new numbers were left out")
     endless = np.isinf(task.joint_limits[1])
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)
     visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
-    if len(visits.t) < FEWEST:
-        return Audit(task, given, visits, None, np.empty((0, 0, 3)), notes=tuple(notes))
+    if len(visits.t) < _FEWEST:
+        return Audit(task, given, visits, np.empty((0, 0, 3)), notes=tuple(notes))
     # full turns of a joint without limits do not count
     same = np.where(endless, np.unwrap(visits.q, axis=0), visits.q)
     return _measured(task, given, replace(visits, q=same), tuple(notes))
@@ -378,28 +400,28 @@ def _beyond(q: Array, lower: Array, upper: Array) -> Array:
 def _measured(
     task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
 ) -> Audit:
-    """Fit the creep of the joints, and of the links, to the visits; return the audit."""
-    floor = np.maximum(visits.noise, CLOSED * joint_scale(task, visits.q[0]))
-    joints = trend(visits.t, visits.q, floor, 1 - (1 - CONFIDENCE) / task.n)
+    """Judge the configurations at the visits, and measure the links; return the audit."""
+    scale = joint_scale(task, visits.q[0])
+    found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)
     bodies = LinkPoints.of(task, visits.q)
     points = bodies.at(visits.q)
-    through = trend(visits.t, points.reshape(len(points), -1))
-    rates = np.linalg.norm(through.rate.reshape(-1, 3), axis=1)
     part = int(np.argmax(np.linalg.norm(points - points[0], axis=2).max(axis=0)))
-    creeps = bool((np.abs(joints.rate) > joints.error).any())
+    place = points[:, part]
+    later = replace(visits, t=visits.t[found.begins :], q=visits.q[found.begins :])
+    rate = trend(later.t, place[found.begins :]).rate
+    floor = np.maximum(visits.noise, CLOSED * scale)
+    farthest = max(float(np.linalg.norm(place - one, axis=1).max()) for one in place)
     return Audit(
         task,
         log,
         visits,
-        joints,
         points,
         bodies.links,
+        found,
         part,
-        float(rates[part]),
-        _error_of(bodies, visits, part, floor),
-        creeps,
-        float(np.linalg.norm(through.scatter.reshape(-1, 3)[part])),
-        not creeps and bool((joints.scatter > _MANY * floor).any()),
+        float(np.linalg.norm(rate)),
+        _error_of(bodies, later, part, floor),
+        farthest,
         notes,
     )
 
@@ -416,34 +438,3 @@ def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> fl
     noise = np.sqrt(np.sum((joint * floor[:, None]) ** 2, axis=0))
     points = bodies.at(visits.q)[:, part]
     return float(np.linalg.norm(trend(visits.t, points, noise).error))
-
-
-def trend(
-    t: Array, values: Array, floor: Array | float = 0.0, confidence: float = CONFIDENCE
-) -> Trend:
-    """Fit a line to each column of values (N, k) by the median of the slopes of all pairs.
-
-    Parameters
-    ----------
-    t : (N,) array
-        Times, s.
-    values : (N, k) array
-        Values at these times.
-    floor : (k,) array or float
-        Lower bound on the standard deviation of each column, for the confidence intervals.
-    confidence
-        Confidence level of the intervals.
-    """
-    rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), _MOST_VISITS)).astype(int))
-    i, k = np.triu_indices(len(rows), 1)
-    some, times = values[rows], t[rows]
-    rate = np.median((some[k] - some[i]) / (times[k] - times[i])[:, None], axis=0)
-    line = values - t[:, None] * rate
-    off = line - np.median(line, axis=0)
-    if len(t) < 8:
-        scatter = np.sqrt(np.sum(off**2, axis=0) / (len(t) - 2))
-    else:
-        scatter = np.median(np.abs(off), axis=0) / 0.6745
-    quantile = student.ppf((1 + confidence) / 2, len(t) - 2)
-    spread = np.sqrt(np.sum((t - t.mean()) ** 2))
-    return Trend(rate, quantile * np.maximum(scatter, floor) / spread, scatter)

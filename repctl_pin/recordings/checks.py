@@ -19,6 +19,15 @@ _SOME = 256
 _APART_M, _APART_RAD = 0.05, 0.2
 """Median difference between forward kinematics and recorded poses above which they are refused."""
 
+_CALIBRATED_M, _CALIBRATED_RAD = 3e-3, 0.01
+"""Constant offsets of poses that are taken for the calibration of the arm, and not refused."""
+
+_EXPLAINED = 1.5
+"""Ratio of the misses without and with an offset from which the offset is not noise."""
+
+_FEWEST = 4
+"""Minimum number of frames at which an offset is distinguished from noise."""
+
 _ALIKE_M, _ALIKE_RAD = 0.01, 0.05
 """Median difference below which a corrected reading of the numbers explains the poses."""
 
@@ -82,7 +91,10 @@ def require_agreement(
 ) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
-    The message names the mistake in the numbers that would explain it, if one is found.
+    A constant offset of the tool or of the base is refused if it is larger than the misses that
+    remain without it, which are the noise of the data, and than the calibration of an arm. Other
+    differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the numbers
+    that would explain it, if one is found.
 
     Parameters
     ----------
@@ -95,10 +107,12 @@ def require_agreement(
     """
     some = np.linspace(0, len(Q) - 1, min(_SOME, len(Q))).astype(int)
     Q, p, R = Q[some], p[some], R[some]
-    by = _distance(task, Q, p, R)
-    if by[0] <= _APART_M and by[1] <= _APART_RAD:
+    by, offset = _distance(task, Q, p, R), _offset(task, Q, p, R)
+    if by[0] <= _APART_M and by[1] <= _APART_RAD and offset is None:
         return
     why, remedy = _explanation(task, Q, p, R, quaternions=quaternions)
+    if offset is not None and not why:
+        why, remedy = offset
     angle = f" and {by[1]:.2g} rad" if _turns(task) else ""
     raise InputError(
         f"forward kinematics of the joints misses the poses by {by[0]:.2g} m{angle} in the "
@@ -121,24 +135,81 @@ def _explanation(
     turned = _first_is_w(R)
     if quaternions and _alike(_distance(task, Q, p, turned)):
         return ": the quaternions begin with qw", "give qx, qy, qz, qw"
-    p_own, R_own, _ = placed(task, Q)
-    back = np.swapaxes(R_own, 1, 2)
-    tool = np.einsum("Kab,Kb->Ka", back, p - p_own)
-    if _turns(task) and _constant(tool, back @ R):
-        by = row(np.round(tool.mean(axis=0), 3) + 0.0)
-        return (
-            f": the poses are of a frame at {by} m in {task.frame}",
-            "name that frame",
-        )
-    turn = R @ back
-    base = p - np.einsum("Kab,Kb->Ka", turn, p_own)
-    if _turns(task) and _constant(base, turn):
-        by = row(np.round(base.mean(axis=0), 3) + 0.0)
-        return (
-            f": the poses are in another base frame, shifted by {by} m",
-            "name that base",
-        )
     return "", "check the frame, the units and the order of the joints"
+
+
+def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
+    """Find a constant offset of the tool or of the base, and describe it with its remedy.
+
+    None if there is none that stands out from the noise. Another frame of the tool, a shift of the
+    base, and a shift with a rotation are tried; the first of equally good ones is taken.
+    """
+    if len(Q) < _FEWEST:
+        return None
+    p_own, R_own, _ = placed(task, Q)
+    rows = list(task.rows[: min(3, task.m)])
+    without = _miss(task, p, R, p_own, R_own)
+    back = np.swapaxes(R_own, 1, 2)
+    # another frame of the tool: p = p_own + R_own d, R = R_own D
+    d = np.linalg.lstsq(
+        R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6
+    )[0]
+    D = _mean_rotation(back @ R) if _turns(task) else np.eye(3)
+    at = row(np.round(d, 3) + 0.0)
+    tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
+    moved = p_own + R_own @ d
+    found = [(tool, "name that frame", _miss(task, p, R, moved, R_own @ D))]
+    # another base: p = B p_own + t, R = B R_own
+    for B in (np.eye(3), _base_rotation(task, p, R, p_own, R_own, rows)):
+        t = np.zeros(3)
+        t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]
+        at = row(np.round(t, 3) + 0.0)
+        base = f": the poses are in another base frame, shifted by {at} m{_turned(B)}"
+        left = _miss(task, p, R, p_own @ B.T + t, B @ R_own)
+        found.append((base, "name that base", left))
+    best = found[0]
+    for other in found[1:]:
+        if 1.05 * _size(other[2]) + 1e-3 < _size(best[2]):
+            best = other
+    free = len(Q) * len(rows)
+    least = _EXPLAINED * np.sqrt(
+        free / (free - min(6, 2 * len(rows)))
+    )  # an offset fits noise
+    shifted = without[0] > max(_CALIBRATED_M, least * best[2][0])
+    turned = without[1] > max(_CALIBRATED_RAD, least * best[2][1])
+    return best[:2] if shifted or turned else None
+
+
+def _size(miss: tuple[float, float]) -> float:
+    """Add misses in m and rad, in units of the calibration of an arm."""
+    return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
+
+
+def _turned(R: Array) -> str:
+    angle = float(np.linalg.norm(log3(R[None])))
+    return f", turned by {angle:.2g} rad" if angle > _CALIBRATED_RAD else ""
+
+
+def _mean_rotation(R: Array) -> Array:
+    """Average rotations (K, 3, 3): the rotation nearest to their mean."""
+    U, _, Vt = np.linalg.svd(R.mean(axis=0))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def _base_rotation(
+    task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
+) -> Array:
+    """Find the rotation B of the base, from the rotations or, if they are free, the positions."""
+    if task.kind == "pose":
+        return _mean_rotation(R @ np.swapaxes(R_own, 1, 2))
+    a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    signs = np.ones(len(rows))
+    signs[-1] = np.linalg.det(U @ Vt)
+    B = np.eye(3)
+    if len(rows) > 1:
+        B[np.ix_(rows, rows)] = U @ np.diag(signs) @ Vt
+    return B
 
 
 def _orders(n: int) -> list[list[int]]:
@@ -164,6 +235,13 @@ def _first_is_w(R: Array) -> Array:
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
     """Compute the median differences between forward kinematics and poses, m and rad."""
     p_own, R_own, _ = placed(task, Q)
+    return _miss(task, p, R, p_own, R_own)
+
+
+def _miss(
+    task: Task, p: Array, R: Array, p_own: Array, R_own: Array
+) -> tuple[float, float]:
+    """Compute the median differences between two series of poses, m and rad."""
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
     if not _turns(task):
@@ -181,16 +259,6 @@ def _turns(task: Task) -> bool:
 
 def _alike(by: tuple[float, float]) -> bool:
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
-
-
-def _constant(p: Array, R: Array) -> bool:
-    """Check whether rigid transforms (p, R) are equal at all frames, within a tolerance."""
-    turn = log3(R @ R[0].T)
-    return bool(
-        len(p) > 2
-        and np.ptp(p, axis=0).max() < _ALIKE_M
-        and np.linalg.norm(turn, axis=1).max() < _ALIKE_RAD
-    )
 
 
 def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:

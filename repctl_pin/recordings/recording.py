@@ -41,9 +41,10 @@ They may deviate from 1 by this much; both are normalised.
 
 POSITION, QUATERNION = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
 JOINTS = ("joints", "q", "qpos", "observation.state")
+POSES = ("poses", "pose")
 _NAMES = {
     "joints": JOINTS,
-    "poses": ("poses", "pose"),
+    "poses": POSES,
     "times": ("time", "t", "timestamp", "times"),
     "sessions": ("session", "episode", "episode_index", "strategy", "sessions"),
 }

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +24,15 @@ from ..fit_options import FitOptions, fit_options
 from ..inverse_function import CellDesign, InverseFunction
 from .ambiguity import Ambiguity, ambiguity
 from .choose_cell import design_for
+from .joint_log import words_of
 from .recording import (
     JOINTS,
+    POSES,
     POSITION,
     QUATERNION,
     Recording,
     blocks,
+    forward,
     matrices,
     thinned,
 )
@@ -43,6 +47,29 @@ _MARGIN = 0.05
 
 _LISTED = 3
 """Maximum number of time ranges that a summary lists."""
+
+
+_OF_JOINTS = frozenset(
+    """
+    joint joints qpos qvel qacc q dq ddq qd qdd qdot vel velocity velocities acc acceleration
+    accelerations effort efforts torque torques tau action actions command commands cmd state
+    """.split()  # noqa: SIM905
+)
+"""Words in the name of a column that depends on the joints."""
+
+_OF_HAND = frozenset(
+    """
+    gripper finger fingers hand ee eef tcp tool cartesian twist image
+    """.split()  # noqa: SIM905
+)
+"""Words in the name of a column that does not depend on the joints of the arm."""
+
+
+class _Changes(NamedTuple):
+    """Names of columns that were removed, and of columns computed from the new joints."""
+
+    removed: tuple[str, ...] = ()
+    recomputed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -154,6 +181,8 @@ class Relabeled:
             "middle": self.design.cell.where(np.zeros(self.design.cell.k)),
             "leaf": self._leaf(),
             **({"not relabelled": self._missing()} if self.gaps else {}),
+            **({"removed": ", ".join(self.removed)} if self.removed else {}),
+            **({"recomputed": ", ".join(self.recomputed)} if self.recomputed else {}),
         }
 
     def summary(self) -> str:
@@ -168,15 +197,25 @@ class Relabeled:
     def save(self, file: str | Path) -> Path:
         """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
-        Other columns of a file that was read are kept, except velocities and accelerations of the
-        joints. Frames that could not be relabelled have NaN as their configuration.
+        Other columns of a file that was read are kept, except ``removed`` and ``recomputed``.
+        Frames that could not be relabelled have NaN as their configuration.
 
         Raises
         ------
         InputError
             If the file has another suffix, or cannot be written.
         """
-        return write_table(file_name(file), _columns(self))
+        return write_table(file_name(file), _columns(self)[0])
+
+    @property
+    def removed(self) -> tuple[str, ...]:
+        """Names of the columns that are not written, because they belong to the old joints."""
+        return _columns(self)[1].removed
+
+    @property
+    def recomputed(self) -> tuple[str, ...]:
+        """Names of the columns of the pose that are computed from the new joints."""
+        return _columns(self)[1].recomputed
 
     def _moved(self) -> str:
         task, away = self.recording.task, np.abs(self.moved[self.found])
@@ -434,22 +473,79 @@ def _gaps(
     )  # fmt: skip
 
 
-def _columns(relabeled: Relabeled) -> dict[str, Column]:
-    """Make the columns of the file with the new configurations, by name."""
+def _columns(relabeled: Relabeled) -> tuple[dict[str, Column], _Changes]:
+    """Make the columns of the file with the new configurations, by name; list what changed."""
     recording, Q = relabeled.recording, relabeled.joints
-    joints = dict(zip(recording.task.joint_names, Q.T, strict=True))
+    task, old, n = recording.task, recording.joints, relabeled.joints.shape[1]
+    joints = dict(zip(task.joint_names, Q.T, strict=True))
+    poses = _poses(relabeled)
     if recording.source is None:
-        return _own_columns(recording) | joints
-    stale = {
-        f"{name}{end}" for name in joints for end in ("_velocity", "_acceleration")
-    }
-    kept = {
-        name: v for name, v in recording.source.columns.items() if name not in stale
-    }
-    array = next((name for name in JOINTS if name in kept), None)
-    if array is None or set(joints) <= set(kept):
-        return kept | joints
-    return kept | {array: np.concatenate([Q, kept[array][:, Q.shape[1] :]], axis=1)}
+        return _own_columns(recording) | poses | joints, _Changes()
+    source, made = recording.source.columns, dict[str, Column]()
+    removed, recomputed = list[str](), list[str]()
+    for name, values in source.items():
+        array = values.ndim == 2 and values.shape[1] >= n
+        copy = array and old is not None and np.array_equal(values[:, :n], old)
+        if name in joints:
+            made[name] = joints[name]
+        elif array and copy:
+            made[name] = np.concatenate([Q, values[:, n:]], axis=1)
+        elif name in poses:
+            new = poses[name].reshape(values.shape)
+            made[name] = np.where(_like(relabeled.found, new), new, values)
+            recomputed.append(name)
+        elif old is not None and _of_old_joints(name, task.joint_names):
+            removed.append(name)
+        else:
+            made[name] = values
+    if not (set(joints) <= set(made) or any(name in made for name in JOINTS)):
+        made |= joints
+    return made, _Changes(tuple(removed), tuple(recomputed))
+
+
+def _like(found: NDArray[np.bool_], values: Column) -> NDArray[np.bool_]:
+    """Shape ``found`` (K,) so that it selects rows of values (K, …)."""
+    return found.reshape(-1, *[1] * (values.ndim - 1))
+
+
+def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
+    """Check whether a column depends on the recorded joints, by its name.
+
+    It holds the name of a joint, or a word such as ``action``, ``qvel`` or ``velocity``, and no
+    word of the hand or the gripper.
+    """
+    rest = words_of(name, joints)
+    held = rest != words_of(name, ())
+    return held or bool(rest & _OF_JOINTS and not rest & _OF_HAND)
+
+
+def _poses(relabeled: Relabeled) -> dict[str, Column]:
+    """Compute the poses of the new configurations, by the names of their columns.
+
+    A pose task keeps the recorded poses; other tasks leave a part of the pose free, which changes
+    with the configuration.
+    """
+    from scipy.spatial.transform import Rotation
+
+    recording = relabeled.recording
+    if recording.task.kind == "pose":
+        return {}
+    p, R = recording.positions.copy(), recording.rotations.copy()
+    p[relabeled.found], R[relabeled.found] = forward(
+        recording.task, relabeled.joints[relabeled.found]
+    )
+    quaternions = Rotation.from_matrix(R).as_quat()
+    columns = dict(zip(POSITION, p.T, strict=True))
+    columns |= dict(zip(QUATERNION, quaternions.T, strict=True))
+    poses: Column = matrices(p, R)
+    source = {} if recording.source is None else recording.source.columns
+    for name in set(POSES) & set(source):
+        size = source[name][0].size
+        if size == 7:
+            columns[name] = np.concatenate([p, quaternions], axis=1)
+        else:
+            columns[name] = p if size == 3 else poses
+    return columns
 
 
 def _own_columns(recording: Recording) -> dict[str, Column]:

@@ -34,6 +34,25 @@ _GAP = 5.0
 """Time step, in multiples of the median one, above which the log has a gap."""
 
 
+_EXACT, _COARSE = 1e-9, 1e-2
+"""Steps between values, rad or m: smaller ones are rounding errors, larger ones no resolution."""
+
+_AVERAGED = 4
+"""Number of rows of a visit from which they are averaged, and of rows per fitted direction."""
+
+_MOST_ROWS = 64
+"""Maximum number of rows of a visit that are averaged."""
+
+_SLOPE = 4.0
+"""Assumed bound on the self-motion between two nearby poses, relative to the motion by J⁺."""
+
+_REGRESSED = 0.3
+"""Assumed error of the regression at a visit, relative to its correction of the mean."""
+
+_MOVES = 0.3
+"""Extent of the hand's motion during a visit that is fitted, relative to the largest one."""
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class Visits:
@@ -52,6 +71,11 @@ class Visits:
         Noise of each joint, standard deviation, rad or m.
     nearest : float
         Smallest distance at which the hand came back to one of the poses tried, m.
+    deviation : (N, n) array
+        Standard deviation of the joints at each visit that the noise of the log causes, rad or m.
+    bias : (N, n) array
+        Bound on other errors at each visit, rad or m: of interpolation between the rows of the log,
+        and of the correction by J⁺.
     """
 
     t: Array
@@ -59,6 +83,8 @@ class Visits:
     tolerance: float
     noise: Array
     nearest: float
+    deviation: Array
+    bias: Array
 
 
 def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visits:
@@ -106,9 +132,11 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         if score > rank:
             best, chosen, rank = there, int(row), score
     target = task.placement(Q[chosen])
-    q = np.array([_onto(task, _at(Q, one), target) for one in best])
-    times = np.array([float(_at(t, one)) for one in best])
-    return Visits(times, q, tolerance, noise, nearest)
+    made = [_configuration(task, t, Q, one, target) for one in best]
+    times = np.array([float(_at(t, one.at)) for one in best])
+    deviation, bias = _errors(task, made, noise, _quantum(Q))
+    q = np.array([one.q for one in made])
+    return Visits(times, q, tolerance, noise, nearest, deviation, bias)
 
 
 class _Pass(NamedTuple):
@@ -141,6 +169,12 @@ def noise_of(Q: Array) -> Array:
         for k in range(3, 7)
     ]
     return np.min(sizes, axis=0)
+
+
+def _quantum(Q: Array) -> Array:
+    """Find the resolution of every column of Q (T, n): the smallest step between its values."""
+    steps = np.diff(np.sort(Q, axis=0), axis=0)
+    return np.min(np.where(steps > _EXACT, steps, np.inf), axis=0, initial=_COARSE)
 
 
 def _features(task: Task, Q: Array, radian: float) -> Array:
@@ -212,14 +246,15 @@ def _closest(
     distances = np.linalg.norm(offsets, axis=1)
     k = int(np.argmin(distances))
     at, best = float(run[k]), float(distances[k])
-    ways = np.diff(offsets, axis=0)
-    squares = np.einsum("ij,ij->i", ways, ways)
     for i in (k - 1, k):
-        if 0 <= i < len(ways) and whole[run[i]] and squares[i] > 0:
-            share = float(np.clip(-(offsets[i] @ ways[i]) / squares[i], 0.0, 1.0))
-            distance = float(np.linalg.norm(offsets[i] + share * ways[i]))
-            if distance < best:
-                at, best = run[i] + share, distance
+        if not (0 <= i < len(run) - 1 and whole[run[i]]):
+            continue
+        way = offsets[i + 1] - offsets[i]
+        share = -float(offsets[i] @ way) / max(float(way @ way), _EXACT**2)
+        share = min(max(share, 0.0), 1.0)
+        distance = float(np.linalg.norm(offsets[i] + share * way))
+        if distance < best:
+            at, best = run[i] + share, distance
     return _Pass(run, run[distances <= tolerance], at, best)
 
 
@@ -237,15 +272,117 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
     )
 
 
-def _at(values: Array, one: _Pass) -> Array:
-    """Average values (T, …) over the rows of a visit.
+def _at(values: Array, at: float) -> Array:
+    """Interpolate values (T, …) at a row number with a fraction."""
+    low = min(int(at), len(values) - 2)
+    return values[low] + (at - low) * (values[low + 1] - values[low])
 
-    At a quick visit, interpolate where the hand is nearest.
+
+class _Estimate(NamedTuple):
+    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose.
+
+    ``off`` (m,) is the error of the hand before the correction, ``A`` (n, n) the derivative of q by
+    an error of the rows before it, and ``bend`` (n,) the error of interpolation.
     """
-    if len(one.rows) > 1:
-        return values[one.rows].mean(axis=0)
-    low = min(int(one.at), len(values) - 2)
-    return values[low] + (one.at - low) * (values[low + 1] - values[low])
+
+    q: Array
+    off: Array
+    A: Array
+    bend: Array
+
+
+def _configuration(
+    task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3
+) -> _Estimate:
+    """Estimate the configuration of a visit: the mean of four rows or more, or interpolated."""
+    if len(one.rows) >= _AVERAGED:
+        q, A = _average(task, Q[one.rows], target)
+        bend = _REGRESSED * np.abs(q - Q[one.rows].mean(axis=0))
+    else:
+        q, A, bend = _interpolated(task, t, Q, one.at, target)
+    return _Estimate(_onto(task, q, target), task.error(q, target), A, bend)
+
+
+def _errors(
+    task: Task, made: list[_Estimate], noise: Array, quantum: Array
+) -> tuple[Array, Array]:
+    """Compute the standard deviations (N, n) and the biases (N, n) of the configurations.
+
+    The correction by J⁺ leaves the part ``P = I − J⁺ J`` of an error. It does not see a self-motion
+    between the pose and where the hand was.
+    """
+    off = np.array([one.off for one in made])
+    off = off - np.median(off, axis=0)
+    deviation, bias = [], []
+    for one, e in zip(made, off, strict=True):
+        J = task.jacobian(one.q)
+        G = np.linalg.pinv(J, rcond=1e-3)
+        P = np.eye(task.n) - G @ J
+        deviation.append(np.sqrt((P @ one.A) ** 2 @ noise**2))
+        interpolation = np.abs(P) @ (one.bend + quantum / 2)
+        bias.append(interpolation + _SLOPE * np.linalg.norm(G @ e))
+    return np.array(deviation), np.array(bias)
+
+
+def _average(task: Task, Q: Array, target: pin.SE3) -> tuple[Array, Array]:
+    """Average the configurations (K, n) of a visit.
+
+    Its rows need not lie evenly around the pose. A linear regression of q on the error e of the
+    hand gives the configuration at ``e = 0``, along the directions in which the hand moves most.
+
+    Returns
+    -------
+    Configuration (n,), and its derivative A (n, n) by an error of the rows, in units of the
+    standard deviation of one row.
+    """
+    Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
+    E = np.array([task.error(q, target) for q in Q])
+    U, sizes, Vt = np.linalg.svd(E - E.mean(axis=0), full_matrices=False)
+    used = sizes > max(_MOVES * sizes[0], _EXACT)
+    used[len(Q) // _AVERAGED :] = False
+    S, Vt = U[:, used] / sizes[used], Vt[used]
+    weights = 1 / len(Q) - S @ (Vt @ E.mean(axis=0))
+    slopes = (S.T @ Q).T @ Vt  # dq/de, (n, m)
+    q = weights @ Q
+    A = np.eye(task.n) + slopes @ task.jacobian(q)
+    return q, max(1.0, float(np.linalg.norm(weights))) * A
+
+
+def _interpolated(
+    task: Task, t: Array, Q: Array, at: float, target: pin.SE3
+) -> tuple[Array, Array, Array]:
+    """Interpolate the rows around a quick visit by a cubic, where the hand is nearest to the pose.
+
+    Across a gap of the log, and at its ends, the interpolation is linear.
+
+    Returns
+    -------
+    Configuration (n,); its derivative A (n, n) by errors of the rows, which also shift the time;
+    and the error (n,) of interpolation.
+    """
+    low = min(int(at), len(Q) - 2)
+    step = t[low + 1] - t[low]
+    near = np.arange(max(low - 2, 0), min(low + 4, len(Q)))
+    near = near[np.abs(t[near] - t[low] - step / 2) < 0.5 * step * _GAP]
+    few = near[(near >= low - 1) & (near <= low + 2)]
+    u = (t[few] - t[low]) / step
+    powers = np.arange(len(few))
+    c = np.linalg.solve(u[:, None] ** powers, Q[few])
+    x, J, slope = at - low, task.jacobian(Q[low]), c[1]
+    first, last = max(x - 0.5, u[0]), min(x + 0.5, u[-1])
+    for _ in range(3):
+        q, slope = x**powers @ c, powers[1:] * x ** powers[:-1] @ c[1:]
+        J = task.jacobian(q)
+        d = J @ slope
+        square = max(float(d @ d), _EXACT**2)
+        x = float(np.clip(x + d @ task.error(q, target) / square, first, last))
+    d = J @ slope
+    A = np.eye(task.n) - np.outer(slope, d @ J) / max(float(d @ d), _EXACT**2)
+    if len(near) == 6:
+        bend = np.abs(np.diff(Q[near], 4, axis=0)).max(axis=0) * 3 / 128
+    else:
+        bend = np.abs(np.diff(Q[near], 2, axis=0)).max(axis=0, initial=0.0) / 8
+    return np.asarray(x**powers @ c, float), A, np.asarray(bend, float)
 
 
 def _onto(task: Task, q: Array, target: pin.SE3) -> Array:

@@ -224,3 +224,36 @@ def test_a_frame_far_from_the_cell_is_refused_by_name(panda_pose: rp.Task) -> No
         rp.relabel(
             rp.Recording(panda_pose, joints=[panda_pose.reference]), design=design
         )
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 2e-3])
+def test_an_offset_of_tool_or_base_is_told_from_noise(
+    noise: float, panda_pose: rp.Task, joints: np.ndarray
+) -> None:
+    """Issue 20, item 14: 4.5 cm or 0.19 rad are refused and named, noise alone is taken."""
+    rng = np.random.default_rng(0)
+    shift = pin.SE3(np.eye(3), np.array([0.045, 0.0, 0.0]))
+    turn = pin.SE3(pin.exp3(np.array([0.0, 0.0, 0.19])), np.zeros(3))
+
+    def noisy(before: pin.SE3, after: pin.SE3) -> np.ndarray:
+        rows = []
+        for q in joints:
+            error = pin.SE3(
+                pin.exp3(2 * noise * rng.standard_normal(3)),
+                noise * rng.standard_normal(3),
+            )
+            rows.append(
+                pin.SE3ToXYZQUAT(before * panda_pose.placement(q) * after * error)
+            )
+        return np.array(rows)
+
+    none = pin.SE3.Identity()
+    assert len(rp.Recording(panda_pose, joints=joints, poses=noisy(none, none))) == K
+    for before, after, said in (
+        (none, shift, "a frame at (0.04"),
+        (none, turn, "turned by 0.19 rad"),
+        (shift, none, "another base frame, shifted by (0.04"),
+        (turn, none, "another base frame, shifted by"),
+    ):
+        text = refused(panda_pose, joints=joints, poses=noisy(before, after))
+        assert said in text, text

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import main
+from scipy.spatial.transform import Rotation
 from terminals import fit_terminals
 
 import repctl_pin as rp
@@ -271,3 +272,52 @@ def test_the_command_answers_in_a_small_terminal(
     assert found["relabelled"] == found["frames"] == 1200 and found["sessions"] == 4
     assert main(["relabel", "demos.csv", "cell.json", "--out", "."]) == 2
     assert "would replace demos.csv" in capsys.readouterr().err
+
+
+def test_data_of_the_old_joints_is_not_kept(
+    relabeled: rp.Relabeled, tmp_path: Path
+) -> None:
+    """Issue 20, item 14: copies are relabelled, velocities and actions removed, and listed."""
+    task, Q = relabeled.recording.task, relabeled.recording.joints
+    assert Q is not None
+    columns = {f"{name}.velocity": Q[:, 0] for name in task.joint_names}
+    columns |= {
+        "dq1": Q[:, 0],
+        "joint.vel": 0.1 * Q,
+        "qvel": 0.1 * Q,
+        "action": Q[::-1],
+    }
+    kept = {"reward": np.arange(len(Q)), "gripper_pos": Q[:, 0], "ee_velocity": 0.1 * Q}
+    np.savez(tmp_path / "a.npz", joints=Q, qpos=Q, **columns, **kept)
+    recording = rp.Recording.read(tmp_path / "a.npz", task)
+    done = rp.relabel(recording, design=relabeled.design)
+    assert set(done.removed) == set(columns)
+    assert "action" in done.summary() and "qvel" in done.summary()
+    with np.load(done.save(tmp_path / "b.npz")) as made:
+        assert set(made) == {"joints", "qpos", *kept}
+        assert np.array_equal(made["qpos"], done.joints)
+        assert np.array_equal(made["joints"], done.joints)
+        assert all(np.array_equal(made[name], kept[name]) for name in kept)
+
+
+def test_the_free_rotation_of_a_position_task_is_recomputed(
+    relabeled: rp.Relabeled, tmp_path: Path
+) -> None:
+    """Issue 20, item 14: qx … qw are those of the new joints, not of the recorded ones."""
+    recording, task = relabeled.recording, relabeled.recording.task
+    R = [task.placement(q).rotation for q in recording.joints]  # type: ignore[union-attr]
+    quaternions = Rotation.from_matrix(R).as_quat()
+    named = dict(zip(("qx", "qy", "qz", "qw"), quaternions.T, strict=True))
+    named |= dict(zip("xyz", recording.positions.T, strict=True))
+    joints = dict(zip(task.joint_names, recording.joints.T, strict=True))  # type: ignore[union-attr]
+    np.savez(tmp_path / "a.npz", **joints, **named)
+    again = rp.Recording.read(tmp_path / "a.npz", task)
+    done = rp.relabel(again, design=relabeled.design)
+    assert set(done.recomputed) == set(named)
+    with np.load(done.save(tmp_path / "b.npz")) as made:
+        columns = [made[name] for name in ("qx", "qy", "qz", "qw")]
+        written = Rotation.from_quat(np.stack(columns, axis=1))
+        new = Rotation.from_matrix([task.placement(q).rotation for q in done.joints])
+        assert (written * new.inv()).magnitude().max() < 1e-9
+        assert (Rotation.from_quat(quaternions) * new.inv()).magnitude().max() > 0.1
+        assert np.abs(made["x"] - recording.positions[:, 0]).max() < 1e-9

@@ -6,8 +6,10 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...recordings.audit import Audit
+from ...recordings.verdict import ENOUGH, JUMPS, REPEATS, SCATTERS
 from ...robot.task import unit_of
 from .headline import Headline
 from .lines import Span, capital, fitted, wrapped
@@ -17,6 +19,12 @@ from .table import table
 
 _JOINTS = 8
 """Maximum number of joints in the table, the fastest first."""
+
+_SHOWN, _LETTERS = 24, 26
+"""Maximum numbers of visits, and of different configurations, that are written as letters."""
+
+_STILL = 1e-3
+"""Displacement of an origin, in m per rad or m of the joints, below which it does not move."""
 
 _SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
 
@@ -33,47 +41,81 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
     """
     out = [*wrapped(audit_sentence(audit)), Span(f"\n\n{fitted(_about(audit))}\n")]
     after = [f"note: {note}" for note in audit.notes]
-    if audit.repeats:
+    if audit.found is not None:
         out.append(Span(f"\n{_table(audit)}\n\n"))
         after = [*_leads(audit), *after]
     return [*out, Span(fitted("\n".join([*after, *files])))]
 
 
 def audit_sentence(audit: Audit) -> list[Span]:
-    """Write whether the arm creeps, how fast, and how often the hand came back."""
-    if not audit.repeats:
+    """Write the verdict, its statistic, and how often the hand came back."""
+    if audit.found is None:
         return [
             Span(
                 f"The log does not repeat{_distance(audit)}. Nothing can be said of creep."
             )
         ]
-    seconds, unit = audit.clock
-    error = f"{metres(audit.error * seconds)} per {unit}"
     returns = Span(f" The hand is back at the same pose {audit.returns} times.")
+    return [*_verdict(audit), returns]
+
+
+def _verdict(audit: Audit) -> list[Span]:
+    """Write the verdict and its statistic, as a sentence."""
+    assert audit.found is not None
+    seconds, unit = audit.clock
+    name, off = _farthest(audit)
     if audit.creeps:
-        name, rate, interval = _fastest(audit)
+        fastest, rate, interval = _fastest(audit)
+        when = "" if audit.begins is None else time_span(audit.begins)
+        start = f"repeats for {when}, then creeps" if when else "creeps"
         return [
-            Span(f"Your arm creeps: {name} "),
+            Span(f"Your arm {start}: {fastest} "),
             Span(rate.replace(" ", "\u00a0"), "bad"),
             Span(f" {interval}."),
-            returns,
         ]
-    if audit.scatters:
-        off = metres(audit.scatter).replace(" ", "\u00a0")
+    if audit.verdict == REPEATS:
+        error = f"{metres(audit.error * seconds)} per {unit}"
+        return [
+            Span("Your arm repeats: "),
+            Span("no\u00a0creep", "good"),
+            Span(f" above the noise, {error}; {name} differs by at most {off}."),
+        ]
+    if audit.verdict == JUMPS:
+        count = int(audit.found.groups.max()) + 1
         return [
             Span(
-                f"Your arm does not creep steadily, but the {part_of(audit)} comes back "
+                f"Your arm does not repeat: it jumps between {count} configurations, {name} "
             ),
             Span(off, "bad"),
-            Span(" off its trend."),
-            returns,
+            Span(" apart."),
         ]
-    return [
-        Span("Your arm repeats: "),
-        Span("no\u00a0creep", "good"),
-        Span(f" above the noise, {error}."),
-        returns,
-    ]
+    if audit.verdict == SCATTERS:
+        return [
+            Span(f"Your arm does not repeat: {name} differs by up to "),
+            Span(off, "bad"),
+            Span(", without a steady creep."),
+        ]
+    if audit.returns >= ENOUGH - 1:
+        return [
+            Span(f"Inconclusive: the noise of the log hides differences such as {off}.")
+        ]
+    noise = "within" if audit.found.within else "more than"
+    few = f"Inconclusive: {ENOUGH - 1} returns are needed. So far, {name} differs by up to {off}"
+    return [Span(f"{few}, {noise} the noise.")]
+
+
+def _farthest(audit: Audit) -> tuple[str, str]:
+    """Name what differs most between two visits: a joint's origin or, if none moves, a joint.
+
+    Return the name and the difference, as text.
+    """
+    joint = int(np.argmax(audit.differences))
+    value = float(audit.differences[joint])
+    name, off = f"the {part_of(audit)}", metres(audit.difference)
+    if audit.difference < _STILL * value:
+        unit = unit_of([audit.task.revolute[joint]])
+        name, off = audit.task.joint_names[joint], f"{_number(value)} {unit}"
+    return name, off.replace(" ", "\u00a0")
 
 
 def audit_headline(audit: Audit) -> Headline:
@@ -148,29 +190,29 @@ def _number(value: float) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of creep: the part that is off most, then the joints, the fastest first."""
+    """Format the table of creep: the part that is off most, then the joints, the largest first."""
     joints, visits = audit.joints, audit.visits
     assert joints is not None
     seconds, unit = audit.clock
     each = float(visits.t[-1] - visits.t[0]) / audit.returns
-    place = audit.points[:, audit.part]
-    moved = float(np.linalg.norm(place[-1] - place[0]))
-    values = (moved, audit.rate * each, audit.rate * seconds, audit.error * seconds)
-    rows = [[part_of(audit), *map(metres, values)]]
-    order = np.argsort(-np.abs(joints.rate))[:_JOINTS]
+    rates = (audit.rate * each, audit.rate * seconds, audit.error * seconds)
+    rows = [[part_of(audit), *map(metres, (audit.difference, *rates))]]
+    order = np.argsort(-audit.differences)[:_JOINTS]
     for i in order:
-        moved = float(visits.q[-1, i] - visits.q[0, i])
         rate, error = float(joints.rate[i]), float(joints.error[i])
-        values = (moved, rate * each, rate * seconds, error * seconds)
+        values = (audit.differences[i], rate * each, rate * seconds, error * seconds)
         name = f"{audit.task.joint_names[i]}, {unit_of([audit.task.revolute[i]])}"
-        rows.append([name, *map(_number, values)])
-    header = ["", "first to last", "per return", f"per {unit}", "± 95 %"]
+        rows.append([name, *map(_number, map(float, values))])
+    header = ["", "largest difference", "per return", f"per {unit}", "± 95 %"]
     return table(header, rows)
 
 
 def _leads(audit: Audit) -> list[str]:
-    """Write when a joint will leave its range, and what counts as the same pose, one line each."""
+    """Write which visits are alike, when a joint will leave its range, and what counts as the same
+    pose, one line each."""
     said = []
+    if audit.verdict in (JUMPS, SCATTERS) and audit.found is not None:
+        said.append(_order(audit.found.groups))
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
         said.append(
@@ -181,3 +223,12 @@ def _leads(audit: Audit) -> list[str]:
         f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"
     )
     return said
+
+
+def _order(groups: NDArray[np.intp]) -> str:
+    """Write which visits have one configuration: A B A B …, and how many each."""
+    names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
+    more = "…" if len(names) > _SHOWN else ""
+    sizes = np.bincount(groups)
+    most = f"{sizes.max()} of {len(groups)} visits are within the noise of one another"
+    return f"configurations in turn: {names[:_SHOWN]}{more}; {most}"
