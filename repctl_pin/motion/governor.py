@@ -11,16 +11,16 @@ from ..errors import InputError, SingularityError
 from ..robot.chain_formulas import Placement, as_placement, is_rotation
 from ..strategies.repeatable import RepeatableInverse
 from .governor_law import (
-    BRAKING,
-    TINY,
     CommandLimits,
     Now,
-    approach_speed,
+    arrival_speed,
+    braking,
+    closing,
     fastest,
     frame_twist,
-    free_acceleration,
     next_rate,
     task_rate,
+    way_of_release,
 )
 from .governor_plans import MOST, STRIDE, Planner
 from .leaf_direction import leaf_direction
@@ -307,16 +307,16 @@ class Governor:
                 return Status.SLOWED
         if self._by_joints:
             way, g = self._way_of_joints(now, way, g)
-        free = free_acceleration(self._bounds, now) / np.maximum(np.abs(g), TINY)
-        a = BRAKING * float(free.min())
+        a, jerk = braking(self._bounds, now, g)
         tries = not self._by_joints and not self._exhausted
-        if tries and planner.land(now, way, g, a):
+        if tries and planner.land(now, way, g, a, jerk):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
         self._exhausted = (
             planner.solver.left < 0
         )  # by the landing: the next tick is for a stride
-        speed = approach_speed(1.0, a, 2 * self._bounds.stride)
+        left = 1.0 - way_of_release(*closing(now, g), jerk)
+        speed = arrival_speed(left, a, jerk, 2 * self._bounds.stride)
         status = self._drive(now, way, speed, lands=True)
         slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
         self._stuck = self._stuck + 1 if slow and status in BLOCKED else 0

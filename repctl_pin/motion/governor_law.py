@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import ceil, sqrt
+from math import ceil, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -126,12 +126,50 @@ def fastest(bounds: CommandLimits, now: Now, way: Array) -> tuple[float, float]:
     )
     lag = 2 * bounds.stride
     speeds = [
-        approach_speed(d, BRAKING * a, lag)
-        for d, a in zip(space.tolist(), bounds.acceleration.tolist(), strict=True)
+        arrival_speed(d, BRAKING * a, JERK * jerk, lag)
+        for d, a, jerk in np.stack([space, bounds.acceleration, bounds.jerk], 1).tolist()
     ]
     g = np.maximum(g, TINY)
     by_speed = float((SPEED * bounds.velocity / np.maximum(g, ahead)).min())
     return by_speed, float((np.array(speeds) / g).min())
+
+
+def braking(bounds: CommandLimits, now: Now, g: Array) -> tuple[float, float]:
+    """Compute the deceleration before a target, and its maximum rate of change.
+
+    They are multiples of the joint displacement g (n,) to the target, per s² and s³.
+    """
+    size = np.maximum(np.abs(g), TINY)
+    a = BRAKING * float((free_acceleration(bounds, now) / size).min())
+    jerk = BRAKING * JERK * float((bounds.jerk / size).min())
+    return min(a, peak_acceleration(1.0, jerk)), jerk
+
+
+def closing(now: Now, g: Array) -> tuple[float, float]:
+    """Compute the speed and the acceleration towards a target, as multiples of g per s and s².
+
+    ``g`` (n,) is the joint displacement to the target.
+    """
+    square = max(float(g @ g), TINY)
+    speed, a = (float(now.joint_rates(x) @ g) / square for x in (now.twist, now.rate))
+    return speed, a
+
+
+def way_of_release(speed: float, a: float, jerk: float) -> float:
+    """Compute the way on which an acceleration a > 0 falls to 0; 0 for a deceleration."""
+    t = max(a, 0.0) / jerk
+    return speed * t + a * t * t / 3
+
+
+def longest_landing(speed: float, a: float) -> float:
+    """Compute the time beyond which a motion to rest overshoots its end.
+
+    The motion is the quintic in time over the distance 1, from a speed and an acceleration. Its
+    last derivatives are 0, 0 and ``(60 − 24 T speed − 3 T² a) / T³``, which must not be negative.
+    """
+    root = 4 * speed * speed + 5 * a
+    rate = 2 * speed + sqrt(root) if root >= 0 else 0.0
+    return 10 / rate if rate > 0 else inf
 
 
 def next_rate(bounds: CommandLimits, now: Now, goal: Array) -> Array:
@@ -194,6 +232,23 @@ def shares_used(
         float(rest[later].max(initial=0.0)),
         inside,
     )
+
+
+def arrival_speed(distance: float, a: float, jerk: float, lag: float) -> float:
+    """Compute the speed from which a stop, after a delay, ends within a distance.
+
+    The deceleration rises to at most a and falls to 0 at a rate of at most ``jerk``. From a speed v
+    this takes ``v² / (2 a) + v a / (2 jerk)``, which increases with a from ``a³ = jerk² distance``.
+    """
+    if distance <= 0:
+        return 0.0
+    a = min(a, peak_acceleration(distance, jerk))
+    return approach_speed(distance, a, lag + a / (2 * jerk))
+
+
+def peak_acceleration(distance: float, jerk: float) -> float:
+    """Compute the acceleration beyond which a stop within a distance becomes no shorter."""
+    return float(np.cbrt(jerk * jerk * distance))
 
 
 def approach_speed(distance: float, a: float, lag: float) -> float:

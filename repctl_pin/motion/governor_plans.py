@@ -14,10 +14,11 @@ from .frame_motion import FrameMotion, brake, change_of_acceleration, landing
 from .governor_law import (
     JERK,
     REGULAR,
-    TINY,
     CommandLimits,
     Now,
+    closing,
     fastest,
+    longest_landing,
     regularity,
     shares_used,
     stop_time,
@@ -164,26 +165,27 @@ class Planner:
             self._longer = min(self._longer * min(1.05 * after, 1.6), 4.0)
         return Status.SLOWED
 
-    def land(self, now: Now, way: Array, g: Array, a: float) -> bool:
+    def land(self, now: Now, way: Array, g: Array, a: float, jerk: float) -> bool:
         """Plan the motion to rest at a target nearby; follow the plan if it is valid.
 
         ``way`` (6,) and ``g`` (n,) are the displacements of the frame and of the joints to the
-        target, ``a`` is the maximum deceleration as a multiple of them per s². Returns whether the
-        plan is followed.
+        target, ``a`` and ``jerk`` are the maximum deceleration and its rate of change, as multiples
+        of them per s² and s³. Returns whether the plan is followed.
         """
         bounds = self._bounds
-        closing = float(now.joint_rates(now.twist) @ g) / max(float(g @ g), TINY)
-        if closing > 0 and closing**2 / (2 * a) >= 0.75:
-            T, longer = 2 / closing, _BRAKES
+        speed, rise = closing(now, g)
+        if speed > 0 and speed**2 / (2 * a) >= 0.75:
+            T, longer = 2 / speed, _BRAKES
         else:
-            peak = sqrt(a + closing**2 / 2)
+            peak = sqrt(a + speed**2 / 2)
             by_speed, _ = fastest(bounds, now, way)
             if peak > by_speed or np.abs(g).max() > _SHORT_WAY:
                 return False
-            T, longer = (2 * peak - closing) / a, _LONGER
-        T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
+            T, longer = (2 * peak - speed) / a, _LONGER
+        T += 1.5 * a / jerk
         self._turn = (self._turn + 1) % len(longer)
-        T = max(T * longer[self._turn], 3 * bounds.dt)
+        T = min(T * longer[self._turn], longest_landing(speed, rise))
+        T = max(T, 3 * bounds.dt)
         plan = Plan(now.q, now.qdot, lands=True)
         motion = landing(now.place, now.twist, now.rate, way, T)
         if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(

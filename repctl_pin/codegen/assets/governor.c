@@ -340,6 +340,18 @@ static double arm_approach(double distance, double a, double lag)
     return a * (sqrt(lag * lag + 2.0 * distance / a) - lag);
 }
 
+/* Acceleration beyond which a stop within a distance becomes no shorter. */
+static double arm_peak(double distance, double jerk) { return cbrt(jerk * jerk * distance); }
+
+/* Speed from which a stop after a delay ends within a distance: the deceleration rises to at most a and falls to 0 at a
+ * rate of at most jerk. */
+static double arm_arrival(double distance, double a, double jerk, double lag)
+{
+    if (distance <= 0.0) return 0.0;
+    if (arm_peak(distance, jerk) < a) a = arm_peak(distance, jerk);
+    return arm_approach(distance, a, lag + a / (2.0 * jerk));
+}
+
 /* Compute G x for a twist x of the frame. */
 static void arm_joint_rates(const double *G, const arm_pose *place, const double twist[6], double x[ARM_N])
 {
@@ -400,11 +412,62 @@ static void arm_fastest(const arm_governor *g, const arm_now *now, const double 
         const double room = x[i] > 0.0 ? g->upper[i] - now->q[i] : now->q[i] - g->lower[i];
         const double here = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
         const double size = fabs(ahead[i]) > here ? fabs(ahead[i]) : here;
-        const double toward = arm_approach(room, ARM_AIM_BRAKING * g->limits.acceleration[i], 2.0 * g->stride) / here;
+        const double a = ARM_AIM_BRAKING * g->limits.acceleration[i], jerk = ARM_AIM_JERK * g->limits.jerk[i];
+        const double toward = arm_arrival(room, a, jerk, 2.0 * g->stride) / here;
         const double speed = ARM_AIM_SPEED * g->limits.velocity[i] / size;
         if (speed < *by_speed) *by_speed = speed;
         if (toward < *by_room) *by_room = toward;
     }
+}
+
+/* Compute the deceleration before a target and its largest rate of change, in shares of the joint displacement x. */
+static double arm_braking(const arm_governor *g, const arm_now *now, const double x[ARM_N], double *jerk)
+{
+    double a = HUGE_VAL;
+    int i;
+    *jerk = HUGE_VAL;
+    for (i = 0; i < ARM_N; i++) {
+        const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
+        if (now->room[i] / size < a) a = now->room[i] / size;
+        if (g->limits.jerk[i] / size < *jerk) *jerk = g->limits.jerk[i] / size;
+    }
+    *jerk *= ARM_AIM_BRAKING * ARM_AIM_JERK;
+    a *= ARM_AIM_BRAKING;
+    return arm_peak(1.0, *jerk) < a ? arm_peak(1.0, *jerk) : a;
+}
+
+/* Speed and acceleration along the joint displacement x, in shares of it. */
+static void arm_closing(const arm_now *now, const double x[ARM_N], double *speed, double *a)
+{
+    double y[ARM_N], z[ARM_N], square = 0.0;
+    int i;
+    *speed = *a = 0.0;
+    arm_joint_rates(now->G, &now->place, now->twist, y);
+    arm_joint_rates(now->G, &now->place, now->rate, z);
+    for (i = 0; i < ARM_N; i++) {
+        square += x[i] * x[i];
+        *speed += x[i] * y[i];
+        *a += x[i] * z[i];
+    }
+    if (!(square >= ARM_TINY)) square = ARM_TINY;
+    *speed /= square;
+    *a /= square;
+}
+
+/* Way on which an acceleration a > 0 falls to 0; 0 for a deceleration. */
+static double arm_release(double speed, double a, double jerk)
+{
+    const double t = a > 0.0 ? a / jerk : 0.0;
+    return speed * t + a * t * t / 3.0;
+}
+
+/* Time beyond which the quintic to rest over the distance 1 overshoots: its last derivatives are 0, 0 and
+ * (60 - 24 T speed - 3 T^2 a) / T^3. */
+static double arm_longest_landing(double speed, double a)
+{
+    const double root = 4.0 * speed * speed + 5.0 * a;
+    const double rate = root >= 0.0 ? 2.0 * speed + sqrt(root) : 0.0;
+    return rate > 0.0 ? 10.0 / rate : HUGE_VAL;
 }
 
 /* Choose the derivative of the twist after the next stride, on the way to another twist. */
@@ -622,22 +685,14 @@ static arm_status arm_try(arm_governor *g, const arm_now *now, const double late
 
 /* Plan to come to rest at a displacement, if it is near; return 1 if the plan is taken. */
 static int arm_try_landing(arm_governor *g, const arm_now *now, const double way[6], const double x[ARM_N], double a,
-                           double speed)
+                           double jerk, double speed, double closing, double rise)
 {
     static const double longer[2][3] = {{1.0, 1.15, 1.4}, {0.95, 1.0, 1.05}};
     arm_plan *plan = &g->plan[1 - g->taken];
-    double y[ARM_N], size = 0.0, closing = 0.0, travel = 0.0, jerk = HUGE_VAL, T, before, after;
+    double travel = 0.0, T, before, after;
     int i, fast;
-    arm_joint_rates(now->G, &now->place, now->twist, y);
-    for (i = 0; i < ARM_N; i++) {
-        const double x_i = fabs(x[i]);
-        size += x[i] * x[i];
-        closing += x[i] * y[i];
-        if (x_i > travel) travel = x_i;
-        if (g->limits.jerk[i] / (x_i > ARM_TINY ? x_i : ARM_TINY) < jerk)
-            jerk = g->limits.jerk[i] / (x_i > ARM_TINY ? x_i : ARM_TINY);
-    }
-    closing /= size > ARM_TINY ? size : ARM_TINY;
+    for (i = 0; i < ARM_N; i++)
+        if (fabs(x[i]) > travel) travel = fabs(x[i]);
     fast = closing > 0.0 && closing * closing / (2.0 * a) >= 0.75;
     if (fast)
         T = 2.0 / closing;
@@ -646,9 +701,10 @@ static int arm_try_landing(arm_governor *g, const arm_now *now, const double way
         if (peak > speed || travel > 0.03) return 0;
         T = (2.0 * peak - closing) / a;
     }
-    T += 1.5 * a / (ARM_AIM_JERK * jerk);
+    T += 1.5 * a / jerk;
     g->turn = (g->turn + 1) % 3;
     T *= longer[fast][g->turn];
+    if (arm_longest_landing(closing, rise) < T) T = arm_longest_landing(closing, rise);
     if (T < 3.0 * g->dt) T = 3.0 * g->dt;
     arm_plan_begin(plan, now->q, now->qdot);
     plan->lands = 1;
@@ -887,7 +943,7 @@ static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_p
     const arm_plan *plan = &g->plan[g->taken];
     const int rests = (double)(g->tick - 3) * g->dt >= plan->time;
     const int lands = plan->lands && arm_same_pose(target, &g->landing);
-    double e[ARM_M], way[6], x[ARM_N], travel = 0.0, a = HUGE_VAL, by_speed, by_room;
+    double e[ARM_M], way[6], x[ARM_N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
     arm_status status;
     int i;
     if (lands) arm_look_for(g, target); /* only in ticks without a plan */
@@ -904,19 +960,17 @@ static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_p
         if (!g->by_joints) return ARM_SLOWED;
     }
     if (g->by_joints) arm_way_of_joints(g, now, way, x);
-    for (i = 0; i < ARM_N; i++) {
-        const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
-        if (now->room[i] / size < a) a = now->room[i] / size;
-    }
-    a *= ARM_AIM_BRAKING;
+    a = arm_braking(g, now, x, &jerk);
+    arm_closing(now, x, &speed, &rise);
     arm_fastest(g, now, way, &by_speed, &by_room);
-    if (!g->by_joints && !g->exhausted && arm_try_landing(g, now, way, x, a, by_speed)) {
+    if (!g->by_joints && !g->exhausted && arm_try_landing(g, now, way, x, a, jerk, by_speed, speed, rise)) {
         g->landing = *target;
         g->pace = 1.0;
         return ARM_SLOWED;
     }
     g->exhausted = g->left < 0; /* by the landing: the next tick is for a stride */
-    status = arm_drive(g, now, way, arm_approach(1.0, a, 2.0 * g->stride), 1);
+    left = 1.0 - arm_release(speed, rise, jerk);
+    status = arm_drive(g, now, way, arm_arrival(left, a, jerk, 2.0 * g->stride), 1);
     arm_count_stuck(g, now, status);
     return status;
 }
