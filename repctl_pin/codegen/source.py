@@ -89,10 +89,10 @@ def write_source(
             remedy="use a region in the joints of the task",
         )
     kept = region_of(inverse, region)
+    cell = kept if isinstance(kept, Cell) else None
     potentials = potential_functions(inverse.potentials, task.n, name)
     kind = task.kind if task.kind in ("pose", "axis") else "position"
     rotation = "rotation_free.c" if kind == "position" else "rotation.c"
-    stays = isinstance(kept, Cell)
     parts = ChainExpressions(task).code() | {
         "about": about(control, kept),
         "n": task.n,
@@ -106,10 +106,10 @@ def write_source(
         + filled(f"error_{kind}.c", name, {"rows": integer(task.rows)}).rstrip("\n"),
         "inside": _inside(kept, task, name).rstrip("\n"),
         "limits": filled("limits.c", name, _limits(task)).rstrip("\n"),
-        "staying": int(stays),
-        "stays": "stay_inside = 1" if stays else "stay_inside = 0",
+        "staying": int(cell is not None),
+        "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
-    governed = governor_source(task, name) if governor else ("", "", "")
+    governed = governor_source(task, name, cell) if governor else ("", "", "")
     torque = [filled(f"torque.{end}", name, {}) for end in ("h", "c")]
     header = parts | {
         "torque": torque[0],

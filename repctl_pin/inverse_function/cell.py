@@ -213,12 +213,15 @@ class Cell:
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
         """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
-        Y = self.spread(U)
+        return self._placed(self.spread(U))
+
+    def _placed(self, Y: Array) -> tuple[Array, Array]:
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
         positions = len(self.half_width)
         p = np.tile(self.placement.translation, (len(Y), 1))
         p[:, self.task.rows[:positions]] += Y[:, :positions]
         R = np.broadcast_to(self.placement.rotation, (len(Y), 3, 3))
-        if self.rotation.any():
+        if len(self.rotation):
             R = exp3(self.vectors(Y[:, positions:])) @ R
         return p, R
 
@@ -309,6 +312,33 @@ class Cell:
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
         )
         return np.where(off <= TURNED, np.abs(U / self._bounds).max(axis=1), np.inf)
+
+    # ---- one placement, in all m task coordinates
+    # -------------------------------------------------------------------------------
+
+    def measured(self, place: pin.SE3) -> Array:
+        """Compute the offsets y (m,) of a placement in all task coordinates, m and rad."""
+        return self._measured(*stacked(self.task, [place], "placement"))[0]
+
+    def placed(self, y: Array) -> pin.SE3:
+        """Compute the placement with offsets y (m,) in all task coordinates, m and rad."""
+        p, R = self._placed(y[None])
+        return pin.SE3(np.array(R[0]), p[0])
+
+    def velocities(self, y: Array, R: Array) -> Array:
+        """Evaluate ∂x/∂y (m, m) at offsets y (m,), where the frame's rotation is R (3, 3)."""
+        return self._all_twists(y[None], R[None])[0]
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest offsets y (m,) in all task coordinates."""
+        reach = np.zeros(len(self.widths))
+        reach[self._active] = self._active_widths * self._bounds
+        return self._offset - reach, self._offset + reach
+
+    def contains(self, place: pin.SE3) -> bool:
+        """Test whether a placement lies in the cell."""
+        U, off = self.coordinates(*stacked(self.task, [place], "placement"))
+        return bool(self._contains(U, off)[0])
 
     # ---- symmetries
     # --------------------------------------------------------------------------------

@@ -17,9 +17,7 @@ from .governor_law import (
     braking,
     closing,
     fastest,
-    frame_twist,
     next_rate,
-    task_rate,
     way_of_release,
 )
 from .governor_plans import MOST, STRIDE, Planner
@@ -282,8 +280,17 @@ class Governor:
             return Status.SINGULAR
         if target is not None:
             return self._approach(now, target)
-        rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
-        return self._drive(now, frame_twist(now.task, now.place, rate), 1.0)
+        return self._follow(now, np.zeros(6) if twist is None else twist)
+
+    def _follow(self, now: Now, twist: Array) -> Status:
+        """Plan the next motion by a twist (6,) of the frame, and return the status."""
+        rate = self._task.task_velocity(now.q, twist)
+        way = now.course.velocity(rate)
+        status = self._drive(now, way, 1.0)
+        left_out = now.G @ (rate - now.course.task_rates() @ way)
+        if status is Status.OK and not self._is_slow(left_out):
+            return Status.OUTSIDE  # along a coordinate of width 0
+        return status
 
     def _approach(self, now: Now, target: pin.SE3) -> Status:
         """Plan the next motion towards a target, or the stop at it, and return the status."""
@@ -295,14 +302,13 @@ class Governor:
                 return Status.SLOWED
         if self._stuck > _STUCK and self._other_way(target):
             return self._status
-        error = now.task.error(now.q, target)
-        way = frame_twist(now.task, now.place, error)
+        way = now.course.way(target)
         g = now.joint_rates(way)
         if landed or (planner.at_rest() and np.abs(g).max() < _NEAR):
             if not landed:
                 self._joints.look_for(target)
             if self._is_there(now.q):
-                return Status.OK
+                return Status.OK if now.course.holds(target) else Status.OUTSIDE
             if not self._by_joints:
                 return Status.SLOWED
         if self._by_joints:
@@ -333,7 +339,7 @@ class Governor:
         return joints.known and not self._by_joints
 
     def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
-        """Choose the displacements of the frame (6,) and of the joints (n,) to plan along.
+        """Choose the displacements of the course (6,) and of the joints (n,) to plan along.
 
         They lead towards the target's configuration; ``way`` and ``g`` are those of the straight
         line, which are returned if they lead there, too.
@@ -345,7 +351,7 @@ class Governor:
             self._by_joints = False
             return way, g
         direction = leaf_direction(self._inverse, now.q, self._joints.found)
-        way = frame_twist(now.task, now.place, now.task.jacobian(now.q) @ direction)
+        way = now.course.velocity(self._task.jacobian(now.q) @ direction)
         return way, now.joint_rates(way)
 
     def _other_way(self, target: pin.SE3) -> bool:
@@ -363,7 +369,7 @@ class Governor:
     def _drive(
         self, now: Now, way: Array, asked: float, *, lands: bool = False
     ) -> Status:
-        """Plan the fastest motion along a displacement (6,) of the frame within all limits.
+        """Plan the fastest motion along a displacement (6,) of the course within all limits.
 
         ``asked`` is the requested speed, as a multiple of the displacement per s; ``lands`` says
         that it ends at a target. Returns the tick's status.
@@ -388,13 +394,13 @@ class Governor:
         return Status.SLOWED if lands else self._reached(now, way)
 
     def _reached(self, now: Now, twist: Array) -> Status:
-        """Compare the frame's twist with the requested one: OK if equal, else SLOWED."""
-        away = np.abs(now.joint_rates(twist - now.twist))
-        return (
-            Status.OK
-            if (away <= _REACHED * self._bounds.velocity).all()
-            else Status.SLOWED
-        )
+        """Compare the velocity with the requested one (6,): OK if equal, else SLOWED."""
+        away = now.joint_rates(twist - now.twist)
+        return Status.OK if self._is_slow(away) else Status.SLOWED
+
+    def _is_slow(self, qdot: Array) -> bool:
+        """Test whether joint speeds (n,) are negligible."""
+        return bool((np.abs(qdot) <= _REACHED * self._bounds.velocity).all())
 
 
 def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:

@@ -6,10 +6,9 @@ from math import ceil, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array
-from ..robot.task import Task
+from .course import Course
 from .joint_polynomials import Plan
 
 SPEED, ACCELERATION, JERK = 0.985, 0.95, 0.8
@@ -55,53 +54,37 @@ class CommandLimits(NamedTuple):
 class Now(NamedTuple):
     """State of the arm at the beginning of a plan.
 
-    On the leaf, ``q̈ = G ẍ + bend`` for a task acceleration ẍ.
+    On the leaf, ``q̇ = B ξ`` and ``q̈ = B ξ̇ + bend``, with ξ the velocity in the coordinates of the
+    course.
 
     Attributes
     ----------
-    task : Task
-        Task of the governor.
-    place : pinocchio.SE3
-        Placement of the frame.
+    course : Course
+        Placement of the frame, and the coordinates of its straight lines.
     q, qdot, bend : (n,) arrays
-        Joint positions, velocities, and accelerations at a constant twist.
-    G, G_ahead : (n, m) arrays
-        The inverse at q, and where q will be after two strides.
+        Joint positions, velocities, and accelerations at a constant ξ.
+    G : (n, m) array
+        The inverse at q.
+    B, B_ahead : (n, 6) arrays
+        Joint velocities per unit of ξ, at q and where q will be after two strides.
     twist, rate, later : (6,) arrays
-        The frame's twist ξ, its derivative ξ̇, and ξ̇ of the last plan one stride later.
+        Velocity ξ, its derivative ξ̇, and ξ̇ of the last plan one stride later.
     """
 
-    task: Task
-    place: pin.SE3
+    course: Course
     q: Array
     qdot: Array
     bend: Array
     G: Array
-    G_ahead: Array
+    B: Array
+    B_ahead: Array
     twist: Array
     rate: Array
     later: Array
 
     def joint_rates(self, twist: Array) -> Array:
-        """Compute q̇ = G ẋ (n,) for a twist (6,) of the frame."""
-        return self.G @ task_rate(self.task, self.place, twist)
-
-
-def task_rate(task: Task, place: pin.SE3, twist: Array) -> Array:
-    """Extract the task velocity ẋ (m,) from the twist (6,) of a frame at a placement."""
-    if task.kind != "axis":
-        return twist[task.rows]
-    return np.concatenate([twist[:3], place.rotation[:, :2].T @ twist[3:]])
-
-
-def frame_twist(task: Task, place: pin.SE3, rate: Array) -> Array:
-    """Convert ẋ (m,) to a twist (6,) of the frame, 0 in what the task does not control."""
-    twist = np.zeros(6)
-    if task.kind == "axis":
-        twist[:3], twist[3:] = rate[:3], place.rotation[:, :2] @ rate[3:]
-    else:
-        twist[task.rows] = rate
-    return twist
+        """Compute q̇ = B ξ (n,) for a velocity ξ (6,) in the course's coordinates."""
+        return self.B @ twist
 
 
 def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
@@ -114,20 +97,21 @@ def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
 
 
 def fastest(bounds: CommandLimits, now: Now, way: Array) -> tuple[float, float]:
-    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame.
+    """Compute the maximum speeds along a displacement ``way`` (6,) in the course's coordinates.
 
     They are multiples of it per s: the first keeps the speed limits, the second allows a stop
     before the joint limits.
     """
-    rate = task_rate(now.task, now.place, way)
-    g, ahead = np.abs(now.G @ rate), np.abs(now.G_ahead @ rate)
+    g, ahead = np.abs(now.B @ way), np.abs(now.B_ahead @ way)
     space = np.where(
         now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower
     )
     lag = 2 * bounds.stride
     speeds = [
         arrival_speed(d, BRAKING * a, JERK * jerk, lag)
-        for d, a, jerk in np.stack([space, bounds.acceleration, bounds.jerk], 1).tolist()
+        for d, a, jerk in np.stack(
+            [space, bounds.acceleration, bounds.jerk], 1
+        ).tolist()
     ]
     g = np.maximum(g, TINY)
     by_speed = float((SPEED * bounds.velocity / np.maximum(g, ahead)).min())

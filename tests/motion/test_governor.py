@@ -12,6 +12,7 @@ from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp
+from repctl_pin.motion.course import FreeCourse
 from repctl_pin.motion.frame_motion import brake, change_of_acceleration, landing
 
 DT = 0.001
@@ -211,7 +212,7 @@ def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
 def test_the_rates_of_frame_motions_are_derivatives() -> None:
     """ω and ω̇ by finite differences of the placement; the ends of each kind of motion."""
     rng = np.random.default_rng(0)
-    start = pin.SE3.Random()
+    start = FreeCourse(planar().task, pin.SE3.Random())
     twist, rate, later, way = rng.normal(size=(4, 6))
     step = 1e-4
     motions = [
@@ -239,7 +240,7 @@ def test_the_rates_of_frame_motions_are_derivatives() -> None:
         )
     end = motions[2].placement(0.9)
     np.testing.assert_allclose(
-        end.rotation, pin.exp3(1.5 * way[3:]) @ start.rotation, atol=1e-12
+        end.rotation, pin.exp3(1.5 * way[3:]) @ start.place.rotation, atol=1e-12
     )
 
 
