@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, sin, sqrt
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -24,10 +24,15 @@ class Course(Protocol):
     ----------
     place : pinocchio.SE3
         Placement, where φ = 0.
+    bounded : bool
+        True if the coordinates have bounds.
     """
 
     @property
     def place(self) -> pin.SE3: ...
+
+    @property
+    def bounded(self) -> bool: ...
 
     def at(self, q: Array) -> Course:
         """Return the course at a configuration q (n,) next to this one."""
@@ -75,6 +80,7 @@ class FreeCourse:
 
     task: Task
     place: pin.SE3
+    bounded: ClassVar[bool] = False
 
     def at(self, q: Array) -> FreeCourse:
         """Return the course at a configuration q (n,)."""
@@ -173,6 +179,7 @@ class BoxCourse:
     box: PoseBox
     y: Array
     place: pin.SE3
+    bounded: ClassVar[bool] = True
 
     def at(self, q: Array) -> BoxCourse:
         """Return the course at a configuration q (n,), whose y are next to those of this one."""

@@ -300,7 +300,7 @@ class Governor:
             self._joints.look_for(target)
             if not planner.at_rest():
                 return Status.SLOWED
-        if self._stuck > _STUCK and self._other_way(target):
+        if self._stuck > _STUCK and self._other_way(now, target):
             return self._status
         way = now.course.way(target)
         g = now.joint_rates(way)
@@ -354,11 +354,18 @@ class Governor:
         way = now.course.velocity(self._task.jacobian(now.q) @ direction)
         return way, now.joint_rates(way)
 
-    def _other_way(self, target: pin.SE3) -> bool:
+    def _other_way(self, now: Now, target: pin.SE3) -> bool:
         """Move towards the target's configuration from now on, as the straight line is blocked.
 
-        Returns True while that configuration is still being computed.
+        At the edge of a cell, come to rest first and begin again: from rest, the straight line does
+        not leave the cell. Returns True while the arm comes to rest, or while that configuration is
+        still being computed.
         """
+        if now.course.bounded and self._status is Status.OUTSIDE:
+            if not self._planner.at_rest():
+                return True
+            self._stuck, self._by_joints, self._pace = 0, False, 1.0
+            return False
         self._joints.look_for(target)
         if not self._joints.known:
             return True

@@ -33,6 +33,8 @@ static void arm_course_at(const double q[ARM_N], arm_course *course)
     for (i = 0; i < ARM_M; i++) course->y[i] = y[i] - turn * rint((y[i] - course->y[i]) / turn);
 }
 
+enum { arm_bounded = 1 }; /* whether the coordinates have bounds */
+
 static void arm_course_begin(const double q[ARM_N], arm_course *course)
 {
     double y[ARM_M], u[arm_cell_k];

@@ -24,6 +24,8 @@ static void arm_course_at(const double q[ARM_N], arm_course *course)
     arm_place(q, course->place.p, course->place.R);
 }
 
+enum { arm_bounded = 0 }; /* whether the coordinates have bounds */
+
 static void arm_course_begin(const double q[ARM_N], arm_course *course)
 {
     int i;

@@ -936,9 +936,16 @@ static void arm_way_of_joints(arm_governor *g, const arm_now *now, double way[6]
     arm_joint_rates(now->B, way, x);
 }
 
-/* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. */
-static int arm_other_way(arm_governor *g, const arm_pose *target)
+/* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. At the edge of a
+ * cell, come to rest and begin again: from rest, the straight line does not leave the cell. */
+static int arm_other_way(arm_governor *g, const arm_pose *target, int rests)
 {
+    if (arm_bounded && g->status == ARM_OUTSIDE) {
+        if (!rests) return 1;
+        g->stuck = g->by_joints = 0;
+        g->pace = 1.0;
+        return 0;
+    }
     arm_look_for(g, target);
     if (!g->line.known) return 1;
     g->by_joints |= g->line.found;
@@ -966,7 +973,7 @@ static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_p
     int i;
     if (lands) arm_look_for(g, target); /* only in ticks without a plan */
     if (lands && !rests) return ARM_SLOWED;
-    if (g->stuck > 25 && arm_other_way(g, target)) return g->status;
+    if (g->stuck > 25 && arm_other_way(g, target, rests)) return g->status;
     arm_way(&now->course, target, way);
     arm_joint_rates(now->B, way, x);
     for (i = 0; i < ARM_N; i++)
