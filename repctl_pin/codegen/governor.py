@@ -90,7 +90,7 @@ def _course(task: Task, name: str, cell: Cell | None) -> str:
     kind = task.kind if task.kind in _LIFT else "position"
     if cell is None:
         return filled("course_free.c", name, {"lift": _named(_LIFT[kind], name)})
-    lower, upper = cell.bounds()
+    lower, upper = cell._course_bounds()
     places = task.rows[: min(3, task.m)]
     parts = {
         "places": len(places),

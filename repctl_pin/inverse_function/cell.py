@@ -316,26 +316,26 @@ class Cell:
     # ---- one placement, in all m task coordinates
     # -------------------------------------------------------------------------------
 
-    def measured(self, place: pin.SE3) -> Array:
+    def _course_y(self, place: pin.SE3) -> Array:
         """Compute the offsets y (m,) of a placement in all task coordinates, m and rad."""
         return self._measured(*stacked(self.task, [place], "placement"))[0]
 
-    def placed(self, y: Array) -> pin.SE3:
+    def _course_place(self, y: Array) -> pin.SE3:
         """Compute the placement with offsets y (m,) in all task coordinates, m and rad."""
         p, R = self._placed(y[None])
         return pin.SE3(np.array(R[0]), p[0])
 
-    def velocities(self, y: Array, R: Array) -> Array:
+    def _course_rates(self, y: Array, R: Array) -> Array:
         """Evaluate ∂x/∂y (m, m) at offsets y (m,), where the frame's rotation is R (3, 3)."""
         return self._all_twists(y[None], R[None])[0]
 
-    def bounds(self) -> tuple[Array, Array]:
+    def _course_bounds(self) -> tuple[Array, Array]:
         """Return the smallest and the largest offsets y (m,) in all task coordinates."""
         reach = np.zeros(len(self.widths))
         reach[self._active] = self._active_widths * self._bounds
         return self._offset - reach, self._offset + reach
 
-    def contains(self, place: pin.SE3) -> bool:
+    def _course_holds(self, place: pin.SE3) -> bool:
         """Test whether a placement lies in the cell."""
         U, off = self.coordinates(*stacked(self.task, [place], "placement"))
         return bool(self._contains(U, off)[0])

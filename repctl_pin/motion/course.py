@@ -139,23 +139,23 @@ class PoseBox(Protocol):
     @property
     def task(self) -> Task: ...
 
-    def measured(self, place: pin.SE3) -> Array:
+    def _course_y(self, place: pin.SE3) -> Array:
         """Compute the coordinates y (m,) of a placement."""
         ...
 
-    def placed(self, y: Array) -> pin.SE3:
+    def _course_place(self, y: Array) -> pin.SE3:
         """Compute the placement at coordinates y (m,)."""
         ...
 
-    def velocities(self, y: Array, R: Array) -> Array:
+    def _course_rates(self, y: Array, R: Array) -> Array:
         """Evaluate ∂x/∂y (m, m), the task velocity per unit of y; R is the frame's rotation."""
         ...
 
-    def bounds(self) -> tuple[Array, Array]:
+    def _course_bounds(self) -> tuple[Array, Array]:
         """Return the smallest and the largest y (m,) of the box."""
         ...
 
-    def contains(self, place: pin.SE3) -> bool:
+    def _course_holds(self, place: pin.SE3) -> bool:
         """Test whether a placement lies in the box."""
         ...
 
@@ -184,14 +184,14 @@ class BoxCourse:
     def at(self, q: Array) -> BoxCourse:
         """Return the course at a configuration q (n,), whose y are next to those of this one."""
         place = self.box.task.placement(q)
-        y = self._padded(self.box.measured(place))
+        y = self._padded(self.box._course_y(place))
         turns = np.rint((y - self.y) / (2 * np.pi))
         return BoxCourse(self.box, y - 2 * np.pi * turns, place)
 
     def moved(self, phi: Array) -> BoxCourse:
         """Return the course at coordinates φ (6,)."""
         y = self.y + phi
-        return BoxCourse(self.box, y, self.box.placed(y[: self.box.task.m]))
+        return BoxCourse(self.box, y, self.box._course_place(y[: self.box.task.m]))
 
     def rates(self, _phi: Array, first: Array, second: Array) -> tuple[Array, Array]:
         """Return φ′ and φ″ (6,)."""
@@ -199,24 +199,24 @@ class BoxCourse:
 
     def way(self, target: pin.SE3) -> Array:
         """Compute the coordinates φ (6,) of a target, or of the nearest placement in the box."""
-        lower, upper = self.box.bounds()
-        nearest = np.clip(self.box.measured(target), lower, upper)
+        lower, upper = self.box._course_bounds()
+        nearest = np.clip(self.box._course_y(target), lower, upper)
         return self._padded(nearest) - self.y
 
     def holds(self, target: pin.SE3) -> bool:
         """Test whether a target lies in the box."""
-        return self.box.contains(target)
+        return self.box._course_holds(target)
 
     def task_rates(self) -> Array:
         """Evaluate the task velocity ẋ per unit of each coordinate: (m, 6)."""
         m = self.box.task.m
-        E = self.box.velocities(self.y[:m], self.place.rotation)
+        E = self.box._course_rates(self.y[:m], self.place.rotation)
         return np.pad(E, ((0, 0), (0, 6 - m)))
 
     def velocity(self, rate: Array) -> Array:
         """Convert ẋ (m,) to ẏ (6,), 0 in coordinates of width 0."""
         E = self.task_rates()[:, : len(rate)]
-        lower, upper = self.box.bounds()
+        lower, upper = self.box._course_bounds()
         return self._padded(np.where(lower < upper, np.linalg.solve(E, rate), 0.0))
 
     def _padded(self, y: Array) -> Array:
@@ -228,7 +228,7 @@ def course_of(task: Task, region: object, q: Array) -> Course:
     free = FreeCourse(task, task.placement(q))
     if not isinstance(region, PoseBox):
         return free
-    y = region.measured(free.place)
+    y = region._course_y(free.place)
     return BoxCourse(region, np.pad(y, (0, 6 - len(y))), free.place)
 
 
