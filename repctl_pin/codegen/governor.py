@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..inverse_function import Cell, Sector
 from ..motion import governor_law as law
 from ..motion import leaf_direction
 from ..motion import target_joints as joints
 from ..motion.governor_plans import MOST, MOST_SAMPLES, SAMPLES, STRIDE
 from ..motion.joint_polynomials import LONG, MOST_PIECES, NODES, SHORT
 from ..robot.task import Task
-from .text import filled, row, table, value
+from .text import filled, integer, row, table, value
 
 _LIFT = {
     "pose": """    (void)R;
@@ -27,22 +28,32 @@ _LIFT = {
 }
 
 
-def governor_source(task: Task, name: str) -> tuple[str, str, str]:
+_VECTOR = {
+    "pose": "    for (i = 0; i < 3; i++) w[i] = y[3 + i];\n",
+    "axis": "    const double *R = arm_cell_middle.R;\n"
+    "    for (i = 0; i < 3; i++) w[i] = R[3 * i] * y[3] + R[3 * i + 1] * y[4];\n",
+    "position": "    (void)y;\n    for (i = 0; i < 3; i++) w[i] = 0.0;\n",
+}
+"""C lines that convert the angular coordinates of a box of poses to a rotation vector."""
+
+
+def governor_source(
+    task: Task, name: str, cell: Cell | None = None
+) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header.
 
-    All three are empty for a task in other joint coordinates, which has no governor in C.
+    In a cell, the frame moves on straight lines of the cell's coordinates. All three are empty for
+    a task in other joint coordinates, which has no governor in C.
     """
     if task.coordinates is not None:
         return "", "", ""
-    kind = task.kind if task.kind in _LIFT else "position"
-    lift = _LIFT[kind].replace("ARM_", f"{name.upper()}_").replace("arm_", f"{name}_")
     parts: dict[str, object] = {
         "degree": LONG,
         "pieces": MOST_PIECES,
         "most": MOST,
         "samples": value(SAMPLES),
         "mostsamples": MOST_SAMPLES,
-        "lift": lift,
+        "course": _course(task, name, cell).rstrip("\n"),
         "stride": value(STRIDE),
         "speed": value(law.SPEED),
         "acceleration": value(law.ACCELERATION),
@@ -72,3 +83,25 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
         filled("governor.c", name, parts),
         filled("governor.hpp", name, parts),
     )
+
+
+def _course(task: Task, name: str, cell: Cell | None) -> str:
+    """Write the C functions of the coordinates in which the frame moves on straight lines."""
+    kind = task.kind if task.kind in _LIFT else "position"
+    if cell is None:
+        return filled("course_free.c", name, {"lift": _named(_LIFT[kind], name)})
+    lower, upper = cell._course_bounds()
+    places = task.rows[: min(3, task.m)]
+    parts = {
+        "places": len(places),
+        "rows": integer(places),
+        "vector": _named(_VECTOR[kind], name),
+    }
+    file = "placed_sector.c" if isinstance(cell, Sector) else "placed_box.c"
+    placed = filled(file, name, parts).rstrip("\n")
+    bounds = {"least": row(lower), "greatest": row(upper)}
+    return filled("course_cell.c", name, bounds | {"placed": placed})
+
+
+def _named(code: str, name: str) -> str:
+    return code.replace("ARM_", f"{name.upper()}_").replace("arm_", f"{name}_")

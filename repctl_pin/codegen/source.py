@@ -91,8 +91,8 @@ def write_source(
             remedy="use a region in the joints of the task",
         )
     kept = region_of(inverse, region)
-    stays = isinstance(kept, Cell)
-    if isinstance(kept, Cell) and not _own(kept, inverse):
+    cell = kept if isinstance(kept, Cell) else None
+    if cell is not None and not _own(cell, inverse):
         raise InputError(
             "a cell as Ω can be written as C for the inverse of its own function only; "
             "use a box, a tube or a workspace box, or an inverse without a region"
@@ -113,10 +113,10 @@ def write_source(
         + filled(f"error_{kind}.c", name, {"rows": integer(task.rows)}).rstrip("\n"),
         "inside": _inside(kept, task, name).rstrip("\n"),
         "limits": filled("limits.c", name, _limits(task)).rstrip("\n"),
-        "staying": int(stays),
-        "stays": "stay_inside = 1" if stays else "stay_inside = 0",
+        "staying": int(cell is not None),
+        "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
-    governed = governor_source(task, name) if governor else ("", "", "")
+    governed = governor_source(task, name, cell) if governor else ("", "", "")
     torque = [filled(f"torque.{end}", name, {}) for end in ("h", "c")]
     header = parts | {
         "torque": torque[0],

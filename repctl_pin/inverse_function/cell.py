@@ -213,7 +213,10 @@ class Cell:
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
         """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
-        Y = self.spread(U)
+        return self._placed(self.spread(U))
+
+    def _placed(self, Y: Array) -> tuple[Array, Array]:
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
         positions = len(self.half_width)
         moved = np.eye(3)[self.task.rows[:positions]]
         p = self.placement.translation + Y[:, :positions] @ moved
@@ -310,6 +313,33 @@ class Cell:
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
         )
         return np.where(off <= TURNED, np.abs(U / self._bounds).max(axis=1), np.inf)
+
+    # ---- one placement, in all m task coordinates
+    # -------------------------------------------------------------------------------
+
+    def _course_y(self, place: pin.SE3) -> Array:
+        """Compute the offsets y (m,) of a placement in all task coordinates, m and rad."""
+        return self._measured(*stacked(self.task, [place], "placement"))[0]
+
+    def _course_place(self, y: Array) -> pin.SE3:
+        """Compute the placement with offsets y (m,) in all task coordinates, m and rad."""
+        p, R = self._placed(y[None])
+        return pin.SE3(np.array(R[0]), p[0])
+
+    def _course_rates(self, y: Array, R: Array) -> Array:
+        """Evaluate ∂x/∂y (m, m) at offsets y (m,), where the frame's rotation is R (3, 3)."""
+        return self._all_twists(y[None], R[None])[0]
+
+    def _course_bounds(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest offsets y (m,) in all task coordinates."""
+        reach = np.zeros(len(self.widths))
+        reach[self._active] = self._active_widths * self._bounds
+        return self._offset - reach, self._offset + reach
+
+    def _course_holds(self, place: pin.SE3) -> bool:
+        """Test whether a placement lies in the cell."""
+        U, off = self.coordinates(*stacked(self.task, [place], "placement"))
+        return bool(self._contains(U, off)[0])
 
     # ---- symmetries
     # --------------------------------------------------------------------------------

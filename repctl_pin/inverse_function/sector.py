@@ -295,9 +295,9 @@ class Sector(Cell):
         outward /= np.linalg.norm(outward)
         return np.stack([outward, np.cross(a, outward), a])
 
-    def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
-        Y, (rho, z) = self.spread(U), self.middle
+    def _placed(self, Y: Array) -> tuple[Array, Array]:
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
+        rho, z = self.middle
         K = len(Y)
         outward, _, a = self.directions
         height = z + (Y[:, HEIGHT] if self.task.m > 2 else np.zeros(K))

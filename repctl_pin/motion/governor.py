@@ -11,16 +11,14 @@ from ..errors import InputError, SingularityError
 from ..robot.chain_formulas import Placement, as_placement, is_rotation
 from ..strategies.repeatable import RepeatableInverse
 from .governor_law import (
-    BRAKING,
-    TINY,
     CommandLimits,
     Now,
-    approach_speed,
+    arrival_speed,
+    braking,
+    closing,
     fastest,
-    frame_twist,
-    free_acceleration,
     next_rate,
-    task_rate,
+    way_of_release,
 )
 from .governor_plans import MOST, STRIDE, Planner
 from .leaf_direction import leaf_direction
@@ -282,8 +280,17 @@ class Governor:
             return Status.SINGULAR
         if target is not None:
             return self._approach(now, target)
-        rate = task_rate(now.task, now.place, np.zeros(6) if twist is None else twist)
-        return self._drive(now, frame_twist(now.task, now.place, rate), 1.0)
+        return self._follow(now, np.zeros(6) if twist is None else twist)
+
+    def _follow(self, now: Now, twist: Array) -> Status:
+        """Plan the next motion by a twist (6,) of the frame, and return the status."""
+        rate = self._task.task_velocity(now.q, twist)
+        way = now.course.velocity(rate)
+        status = self._drive(now, way, 1.0)
+        left_out = now.G @ (rate - now.course.task_rates() @ way)
+        if status is Status.OK and not self._is_slow(left_out):
+            return Status.OUTSIDE  # along a coordinate of width 0
+        return status
 
     def _approach(self, now: Now, target: pin.SE3) -> Status:
         """Plan the next motion towards a target, or the stop at it, and return the status."""
@@ -293,30 +300,29 @@ class Governor:
             self._joints.look_for(target)
             if not planner.at_rest():
                 return Status.SLOWED
-        if self._stuck > _STUCK and self._other_way(target):
+        if self._stuck > _STUCK and self._other_way(now, target):
             return self._status
-        error = now.task.error(now.q, target)
-        way = frame_twist(now.task, now.place, error)
+        way = now.course.way(target)
         g = now.joint_rates(way)
         if landed or (planner.at_rest() and np.abs(g).max() < _NEAR):
             if not landed:
                 self._joints.look_for(target)
             if self._is_there(now.q):
-                return Status.OK
+                return Status.OK if now.course.holds(target) else Status.OUTSIDE
             if not self._by_joints:
                 return Status.SLOWED
         if self._by_joints:
             way, g = self._way_of_joints(now, way, g)
-        free = free_acceleration(self._bounds, now) / np.maximum(np.abs(g), TINY)
-        a = BRAKING * float(free.min())
+        a, jerk = braking(self._bounds, now, g)
         tries = not self._by_joints and not self._exhausted
-        if tries and planner.land(now, way, g, a):
+        if tries and planner.land(now, way, g, a, jerk):
             self._landing, self._pace = target, 1.0
             return Status.SLOWED
         self._exhausted = (
             planner.solver.left < 0
         )  # by the landing: the next tick is for a stride
-        speed = approach_speed(1.0, a, 2 * self._bounds.stride)
+        left = 1.0 - way_of_release(*closing(now, g), jerk)
+        speed = arrival_speed(left, a, jerk, 2 * self._bounds.stride)
         status = self._drive(now, way, speed, lands=True)
         slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
         self._stuck = self._stuck + 1 if slow and status in BLOCKED else 0
@@ -333,7 +339,7 @@ class Governor:
         return joints.known and not self._by_joints
 
     def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
-        """Choose the displacements of the frame (6,) and of the joints (n,) to plan along.
+        """Choose the displacements of the course (6,) and of the joints (n,) to plan along.
 
         They lead towards the target's configuration; ``way`` and ``g`` are those of the straight
         line, which are returned if they lead there, too.
@@ -345,14 +351,21 @@ class Governor:
             self._by_joints = False
             return way, g
         direction = leaf_direction(self._inverse, now.q, self._joints.found)
-        way = frame_twist(now.task, now.place, now.task.jacobian(now.q) @ direction)
+        way = now.course.velocity(self._task.jacobian(now.q) @ direction)
         return way, now.joint_rates(way)
 
-    def _other_way(self, target: pin.SE3) -> bool:
+    def _other_way(self, now: Now, target: pin.SE3) -> bool:
         """Move towards the target's configuration from now on, as the straight line is blocked.
 
-        Returns True while that configuration is still being computed.
+        At the edge of a cell, come to rest first and begin again: from rest, the straight line does
+        not leave the cell. Returns True while the arm comes to rest, or while that configuration is
+        still being computed.
         """
+        if now.course.bounded and self._status is Status.OUTSIDE:
+            if not self._planner.at_rest():
+                return True
+            self._stuck, self._by_joints, self._pace = 0, False, 1.0
+            return False
         self._joints.look_for(target)
         if not self._joints.known:
             return True
@@ -363,7 +376,7 @@ class Governor:
     def _drive(
         self, now: Now, way: Array, asked: float, *, lands: bool = False
     ) -> Status:
-        """Plan the fastest motion along a displacement (6,) of the frame within all limits.
+        """Plan the fastest motion along a displacement (6,) of the course within all limits.
 
         ``asked`` is the requested speed, as a multiple of the displacement per s; ``lands`` says
         that it ends at a target. Returns the tick's status.
@@ -388,13 +401,13 @@ class Governor:
         return Status.SLOWED if lands else self._reached(now, way)
 
     def _reached(self, now: Now, twist: Array) -> Status:
-        """Compare the frame's twist with the requested one: OK if equal, else SLOWED."""
-        away = np.abs(now.joint_rates(twist - now.twist))
-        return (
-            Status.OK
-            if (away <= _REACHED * self._bounds.velocity).all()
-            else Status.SLOWED
-        )
+        """Compare the velocity with the requested one (6,): OK if equal, else SLOWED."""
+        away = now.joint_rates(twist - now.twist)
+        return Status.OK if self._is_slow(away) else Status.SLOWED
+
+    def _is_slow(self, qdot: Array) -> bool:
+        """Test whether joint speeds (n,) are negligible."""
+        return bool((np.abs(qdot) <= _REACHED * self._bounds.velocity).all())
 
 
 def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from math import ceil, sqrt
+from math import ceil, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array
-from ..robot.task import Task
+from .course import Course
 from .joint_polynomials import Plan
 
 SPEED, ACCELERATION, JERK = 0.985, 0.95, 0.8
@@ -55,53 +54,37 @@ class CommandLimits(NamedTuple):
 class Now(NamedTuple):
     """State of the arm at the beginning of a plan.
 
-    On the leaf, ``q̈ = G ẍ + bend`` for a task acceleration ẍ.
+    On the leaf, ``q̇ = B ξ`` and ``q̈ = B ξ̇ + bend``, with ξ the velocity in the coordinates of the
+    course.
 
     Attributes
     ----------
-    task : Task
-        Task of the governor.
-    place : pinocchio.SE3
-        Placement of the frame.
+    course : Course
+        Placement of the frame, and the coordinates of its straight lines.
     q, qdot, bend : (n,) arrays
-        Joint positions, velocities, and accelerations at a constant twist.
-    G, G_ahead : (n, m) arrays
-        The inverse at q, and where q will be after two strides.
+        Joint positions, velocities, and accelerations at a constant ξ.
+    G : (n, m) array
+        The inverse at q.
+    B, B_ahead : (n, 6) arrays
+        Joint velocities per unit of ξ, at q and where q will be after two strides.
     twist, rate, later : (6,) arrays
-        The frame's twist ξ, its derivative ξ̇, and ξ̇ of the last plan one stride later.
+        Velocity ξ, its derivative ξ̇, and ξ̇ of the last plan one stride later.
     """
 
-    task: Task
-    place: pin.SE3
+    course: Course
     q: Array
     qdot: Array
     bend: Array
     G: Array
-    G_ahead: Array
+    B: Array
+    B_ahead: Array
     twist: Array
     rate: Array
     later: Array
 
     def joint_rates(self, twist: Array) -> Array:
-        """Compute q̇ = G ẋ (n,) for a twist (6,) of the frame."""
-        return self.G @ task_rate(self.task, self.place, twist)
-
-
-def task_rate(task: Task, place: pin.SE3, twist: Array) -> Array:
-    """Extract the task velocity ẋ (m,) from the twist (6,) of a frame at a placement."""
-    if task.kind != "axis":
-        return twist[task.rows]
-    return np.concatenate([twist[:3], place.rotation[:, :2].T @ twist[3:]])
-
-
-def frame_twist(task: Task, place: pin.SE3, rate: Array) -> Array:
-    """Convert ẋ (m,) to a twist (6,) of the frame, 0 in what the task does not control."""
-    twist = np.zeros(6)
-    if task.kind == "axis":
-        twist[:3], twist[3:] = rate[:3], place.rotation[:, :2] @ rate[3:]
-    else:
-        twist[task.rows] = rate
-    return twist
+        """Compute q̇ = B ξ (n,) for a velocity ξ (6,) in the course's coordinates."""
+        return self.B @ twist
 
 
 def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
@@ -114,24 +97,63 @@ def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
 
 
 def fastest(bounds: CommandLimits, now: Now, way: Array) -> tuple[float, float]:
-    """Compute the maximum speeds along a displacement ``way`` (6,) of the frame.
+    """Compute the maximum speeds along a displacement ``way`` (6,) in the course's coordinates.
 
     They are multiples of it per s: the first keeps the speed limits, the second allows a stop
     before the joint limits.
     """
-    rate = task_rate(now.task, now.place, way)
-    g, ahead = np.abs(now.G @ rate), np.abs(now.G_ahead @ rate)
+    g, ahead = np.abs(now.B @ way), np.abs(now.B_ahead @ way)
     space = np.where(
         now.joint_rates(way) > 0, bounds.upper - now.q, now.q - bounds.lower
     )
     lag = 2 * bounds.stride
     speeds = [
-        approach_speed(d, BRAKING * a, lag)
-        for d, a in zip(space.tolist(), bounds.acceleration.tolist(), strict=True)
+        arrival_speed(d, BRAKING * a, JERK * jerk, lag)
+        for d, a, jerk in np.stack(
+            [space, bounds.acceleration, bounds.jerk], 1
+        ).tolist()
     ]
     g = np.maximum(g, TINY)
     by_speed = float((SPEED * bounds.velocity / np.maximum(g, ahead)).min())
     return by_speed, float((np.array(speeds) / g).min())
+
+
+def braking(bounds: CommandLimits, now: Now, g: Array) -> tuple[float, float]:
+    """Compute the deceleration before a target, and its maximum rate of change.
+
+    They are multiples of the joint displacement g (n,) to the target, per s² and s³.
+    """
+    size = np.maximum(np.abs(g), TINY)
+    a = BRAKING * float((free_acceleration(bounds, now) / size).min())
+    jerk = BRAKING * JERK * float((bounds.jerk / size).min())
+    return min(a, peak_acceleration(1.0, jerk)), jerk
+
+
+def closing(now: Now, g: Array) -> tuple[float, float]:
+    """Compute the speed and the acceleration towards a target, as multiples of g per s and s².
+
+    ``g`` (n,) is the joint displacement to the target.
+    """
+    square = max(float(g @ g), TINY)
+    speed, a = (float(now.joint_rates(x) @ g) / square for x in (now.twist, now.rate))
+    return speed, a
+
+
+def way_of_release(speed: float, a: float, jerk: float) -> float:
+    """Compute the way on which an acceleration a > 0 falls to 0; 0 for a deceleration."""
+    t = max(a, 0.0) / jerk
+    return speed * t + a * t * t / 3
+
+
+def longest_landing(speed: float, a: float) -> float:
+    """Compute the time beyond which a motion to rest overshoots its end.
+
+    The motion is the quintic in time over the distance 1, from a speed and an acceleration. Its
+    last derivatives are 0, 0 and ``(60 − 24 T speed − 3 T² a) / T³``, which must not be negative.
+    """
+    root = 4 * speed * speed + 5 * a
+    rate = 2 * speed + sqrt(root) if root >= 0 else 0.0
+    return 10 / rate if rate > 0 else inf
 
 
 def next_rate(bounds: CommandLimits, now: Now, goal: Array) -> Array:
@@ -194,6 +216,23 @@ def shares_used(
         float(rest[later].max(initial=0.0)),
         inside,
     )
+
+
+def arrival_speed(distance: float, a: float, jerk: float, lag: float) -> float:
+    """Compute the speed from which a stop, after a delay, ends within a distance.
+
+    The deceleration rises to at most a and falls to 0 at a rate of at most ``jerk``. From a speed v
+    this takes ``v² / (2 a) + v a / (2 jerk)``, which increases with a from ``a³ = jerk² distance``.
+    """
+    if distance <= 0:
+        return 0.0
+    a = min(a, peak_acceleration(distance, jerk))
+    return approach_speed(distance, a, lag + a / (2 * jerk))
+
+
+def peak_acceleration(distance: float, jerk: float) -> float:
+    """Compute the acceleration beyond which a stop within a distance becomes no shorter."""
+    return float(np.cbrt(jerk * jerk * distance))
 
 
 def approach_speed(distance: float, a: float, lag: float) -> float:

@@ -5,23 +5,23 @@ from __future__ import annotations
 from math import ceil, sqrt
 
 import numpy as np
-import pinocchio as pin
 
 from ..arguments import Array
 from ..errors import SingularityError
 from ..strategies.repeatable import RepeatableInverse
+from .course import Course, course_of
 from .frame_motion import FrameMotion, brake, change_of_acceleration, landing
 from .governor_law import (
     JERK,
     REGULAR,
-    TINY,
     CommandLimits,
     Now,
+    closing,
     fastest,
+    longest_landing,
     regularity,
     shares_used,
     stop_time,
-    task_rate,
 )
 from .joint_polynomials import LONG, SHORT, LeafInterpolation, Plan
 from .status import Status
@@ -81,7 +81,8 @@ class Planner:
         """Begin at rest at q (n,); the plans stay on its leaf."""
         self.solver.leaf = self._inverse.leaf(q)
         self.history = np.tile(q, (3, 1))
-        self.plan, self.tick = Plan(q, np.zeros_like(q)), _SETTLED
+        start = course_of(self._task, self._inverse.region, q)
+        self.plan, self.tick = Plan(q, np.zeros_like(q), start), _SETTLED
         self._longer, self._reach, self._turn = 1.0, _REACH, 0
 
     def next(self) -> Array:
@@ -97,32 +98,33 @@ class Planner:
 
     def now(self) -> Now:
         """Evaluate the state of the arm at this tick."""
-        task, plan, t = self._task, self.plan, self.tick * self._bounds.dt
+        plan, t = self.plan, self.tick * self._bounds.dt
         q, stride = self.history[-1].copy(), self._bounds.stride
-        place = task.placement(q)
+        course = plan.course(t).at(q)
         (twist, rate), (qdot, qddot) = plan.rates(t), plan.derivatives(t)
-        G = self._inverse(q)
-        bend = qddot - G @ task_rate(task, place, rate)
-        G_ahead = self._inverse(q + 2 * stride * qdot)
+        G, E = self._inverse(q), course.task_rates()
+        B, B_ahead = G @ E, self._inverse(q + 2 * stride * qdot) @ E
         later = plan.rates(t + stride)[1]
-        return Now(task, place, q, qdot, bend, G, G_ahead, twist, rate, later)
+        bend = qddot - B @ rate
+        return Now(course, q, qdot, bend, G, B, B_ahead, twist, rate, later)
 
     def go_on(self, now: Now, later: Array) -> Status:
         """Plan one stride, the end of its acceleration, and a stop; follow the plan if it is valid.
 
-        ``later`` (6,) is the derivative of the twist after the stride. Returns OK, or why it is not
+        ``later`` (6,) is the derivative of ξ after the stride. Returns OK, or why it is not
         valid.
         """
-        plan, T, jerk = Plan(now.q, now.qdot), self._bounds.stride, self._bounds.jerk
-        motion = change_of_acceleration(now.place, now.twist, now.rate, later, T)
+        bounds, plan = self._bounds, Plan(now.q, now.qdot, now.course)
+        T, jerk = bounds.stride, bounds.jerk
+        motion = change_of_acceleration(now.course, now.twist, now.rate, later, T)
         if not self.solver.add(plan, motion, SHORT):
             return self.solver.failure()
         twist, rate = motion.rates(T)
         if np.isfinite(jerk).all():
             release = float((np.abs(now.joint_rates(rate)) / (JERK * jerk)).max())
-            release = max(release, self._bounds.dt)
+            release = max(release, bounds.dt)
             motion = change_of_acceleration(
-                motion.placement(T), twist, rate, np.zeros(6), release
+                motion.course(T), twist, rate, np.zeros(6), release
             )
             if not self.solver.add(
                 plan, motion, LONG if release > 5 * STRIDE else SHORT
@@ -131,22 +133,22 @@ class Planner:
             twist, rate = motion.rates(release)
         else:
             rate = np.zeros(6)
-        return self._stop(plan, now, motion.placement(motion.duration), twist, rate)
+        return self._stop(plan, now, motion.course(motion.duration), twist, rate)
 
     def _stop(
-        self, begun: Plan, now: Now, place: pin.SE3, twist: Array, rate: Array
+        self, begun: Plan, now: Now, course: Course, twist: Array, rate: Array
     ) -> Status:
         """Add the shortest possible stop to a plan, and follow the plan if it is valid.
 
-        The stop begins at a placement with a twist and its derivative ``rate``. Returns OK, or why
-        the plan is not valid.
+        The stop begins with a velocity ``twist`` in the course's coordinates and its derivative.
+        Returns OK, or why the plan is not valid.
         """
         bounds, speed = self._bounds, float(np.abs(now.joint_rates(twist)).max())
         shortest = stop_time(bounds, now, twist)
         for _ in range(2):
             T = max(self._longer * shortest, 4 * bounds.dt)
             plan = begun.copy()
-            if not self._add(plan, brake(place, twist, rate, T), speed * T / 2):
+            if not self._add(plan, brake(course, twist, rate, T), speed * T / 2):
                 return self.solver.failure()
             if not self._leaves(plan.q, now):
                 return Status.SINGULAR
@@ -164,28 +166,29 @@ class Planner:
             self._longer = min(self._longer * min(1.05 * after, 1.6), 4.0)
         return Status.SLOWED
 
-    def land(self, now: Now, way: Array, g: Array, a: float) -> bool:
+    def land(self, now: Now, way: Array, g: Array, a: float, jerk: float) -> bool:
         """Plan the motion to rest at a target nearby; follow the plan if it is valid.
 
-        ``way`` (6,) and ``g`` (n,) are the displacements of the frame and of the joints to the
-        target, ``a`` is the maximum deceleration as a multiple of them per s². Returns whether the
-        plan is followed.
+        ``way`` (6,) and ``g`` (n,) are the displacements of the course and of the joints to the
+        target, ``a`` and ``jerk`` are the maximum deceleration and its rate of change, as multiples
+        of them per s² and s³. Returns whether the plan is followed.
         """
         bounds = self._bounds
-        closing = float(now.joint_rates(now.twist) @ g) / max(float(g @ g), TINY)
-        if closing > 0 and closing**2 / (2 * a) >= 0.75:
-            T, longer = 2 / closing, _BRAKES
+        speed, rise = closing(now, g)
+        if speed > 0 and speed**2 / (2 * a) >= 0.75:
+            T, longer = 2 / speed, _BRAKES
         else:
-            peak = sqrt(a + closing**2 / 2)
+            peak = sqrt(a + speed**2 / 2)
             by_speed, _ = fastest(bounds, now, way)
             if peak > by_speed or np.abs(g).max() > _SHORT_WAY:
                 return False
-            T, longer = (2 * peak - closing) / a, _LONGER
-        T += 1.5 * a / (JERK * float((bounds.jerk / np.maximum(np.abs(g), TINY)).min()))
+            T, longer = (2 * peak - speed) / a, _LONGER
+        T += 1.5 * a / jerk
         self._turn = (self._turn + 1) % len(longer)
-        T = max(T * longer[self._turn], 3 * bounds.dt)
-        plan = Plan(now.q, now.qdot, lands=True)
-        motion = landing(now.place, now.twist, now.rate, way, T)
+        T = min(T * longer[self._turn], longest_landing(speed, rise))
+        T = max(T, 3 * bounds.dt)
+        plan = Plan(now.q, now.qdot, now.course, lands=True)
+        motion = landing(now.course, now.twist, now.rate, way, T)
         if not self._add(plan, motion, float(np.abs(g).max())) or not self._leaves(
             plan.q, now
         ):

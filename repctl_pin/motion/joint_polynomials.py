@@ -10,6 +10,7 @@ import pinocchio as pin
 from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..strategies.repeatable import RepeatableInverse
+from .course import Course
 from .frame_motion import FrameMotion
 from .status import Status
 
@@ -101,6 +102,8 @@ class Plan:
     ----------
     q, qdot : (n,) arrays
         Joint positions and velocities at the beginning.
+    start : Course
+        Course at the beginning.
     lands
         True if the plan ends at a target.
 
@@ -116,15 +119,18 @@ class Plan:
         Duration, s.
     """
 
-    def __init__(self, q: Array, qdot: Array, *, lands: bool = False) -> None:
+    def __init__(
+        self, q: Array, qdot: Array, start: Course, *, lands: bool = False
+    ) -> None:
         self.q, self.qdot, self.lands, self.time = q, qdot, lands, 0.0
+        self._start = start
         self.motions: list[FrameMotion] = []
         self.begins: list[float] = []
         self.pieces: list[JointPolynomial] = []
 
     def copy(self) -> Plan:
         """Copy the plan, to append to it."""
-        plan = Plan(self.q, self.qdot, lands=self.lands)
+        plan = Plan(self.q, self.qdot, self._start, lands=self.lands)
         plan.motions, plan.begins = [*self.motions], [*self.begins]
         plan.pieces, plan.time = [*self.pieces], self.time
         return plan
@@ -144,11 +150,20 @@ class Plan:
         return np.zeros_like(self.q), np.zeros_like(self.q)
 
     def rates(self, t: float) -> tuple[Array, Array]:
-        """Evaluate the frame's twist ξ and its derivative, (6,) each, at a time."""
+        """Evaluate ξ and its derivative ξ̇, (6,) each, at a time."""
         for begin, motion in zip(self.begins, self.motions, strict=True):
             if t <= begin + motion.duration:
                 return motion.rates(t - begin)
         return np.zeros(6), np.zeros(6)
+
+    def course(self, t: float) -> Course:
+        """Evaluate the course at a time."""
+        course = self._start
+        for begin, motion in zip(self.begins, self.motions, strict=True):
+            if t <= begin + motion.duration:
+                return motion.course(t - begin)
+            course = motion.course(motion.duration)
+        return course
 
     def samples(self, dt: float, first: int, last: int) -> Array:
         """Evaluate the configurations at ticks ``first`` to ``last`` − 1: (last − first, n)."""

@@ -10,8 +10,9 @@ import pinocchio as pin
 from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..strategies.repeatable import RepeatableInverse
+from .course import course_of
 from .frame_motion import FrameMotion, straight
-from .governor_law import CommandLimits, frame_twist
+from .governor_law import CommandLimits
 
 LONGEST_STEP = 0.1
 """Maximum motion of a joint per step of the continuation, rad or m."""
@@ -31,9 +32,9 @@ steps; minimum step of the continuation, as a fraction of the line."""
 class TargetJoints:
     """Target configuration ``F(x; c)``, by continuation on a straight line from start to target.
 
-    The line of the frame is a displacement with a rotation about one axis, by at most 180°. The
-    result does not depend on where the arm is at present, so that the configuration at rest is a
-    function of the target.
+    The line of the frame is a displacement with a rotation about one axis, by at most 180°; in a
+    cell, it is straight in the cell's coordinates. The result does not depend on where the arm is
+    at present, so that the configuration at rest is a function of the target.
 
     Parameters
     ----------
@@ -59,6 +60,7 @@ class TargetJoints:
     def start(self, q: Array, leaf: Array) -> None:
         """Set the configuration and the leaf from which all lines begin; forget the target."""
         self._start, self._leaf = q, leaf
+        self._course = course_of(self._inverse.task, self._inverse.region, q)
         self.target: pin.SE3 | None = None
 
     def look_for(self, target: pin.SE3) -> None:
@@ -73,10 +75,8 @@ class TargetJoints:
         self.target, self.known = target, False
         self.found: Array | None = None
         self._q, self._share, self._step = self._start, 0.0, 1.0
-        task = self._inverse.task
-        place = task.placement(self._start)
-        way = frame_twist(task, place, task.error(self._start, target))
-        self._line: FrameMotion = straight(place, way)
+        way = self._course.way(target)
+        self._line: FrameMotion = straight(self._course, way)
 
     def _continue(self) -> None:
         """Take one step of the continuation along the line; if it fails, halve the next one."""

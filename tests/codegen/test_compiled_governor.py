@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import sys
 import warnings
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
+from cell_functions import middle, panda
 from controls import NEEDS_C, control, own_cache  # noqa: F401
 from test_governor_c import DOUBLE, Pose, in_c
 
@@ -207,6 +209,93 @@ def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints(
             break
     assert said.count(rp.Status.SINGULAR) + said.count(rp.Status.LIMIT) > 30
     assert said[-1] is rp.Status.OK and np.abs(q - Q0).max() < 1e-6
+
+
+CELLS: dict[str, Callable[[rp.Task, pin.SE3], rp.Cell]] = {
+    "yaw": lambda task, middle: rp.Cell(task, middle, 0.05, (0, 0, 2.2)),
+    "curved": lambda task, middle: rp.Cell(
+        task, middle, (0.04, 0, 0.04), (0.2, 0.1, 0)
+    ),
+    "sector": lambda task, middle: rp.Sector(
+        task, middle, radius=0.05, angle=1.5, half_angle=(0.2, 0), spin=0.5
+    ),
+}
+
+
+@cache
+def cell_inverse(name: str) -> tuple[rp.RepeatableInverse, rp.InverseFunction]:
+    """A function over a cell of the panda, coordinates of width 0 among its own."""
+    task = panda()
+    cell = CELLS[name](task, middle())
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        cell,
+        posture=rp.solve_ik(task, Q_PANDA, cell.placement),
+        degree=2,
+        options=rp.FitOptions(samples=64, held_out=64),
+    )
+    return found.inverse, found.function
+
+
+@NEEDS_C
+@pytest.mark.parametrize("name", CELLS)
+def test_in_a_cell_every_target_is_reached_by_a_straight_line(
+    name: str, tmp_path: Path
+) -> None:
+    """Issue 37, item 7: with a coordinate of width 0, the governor stopped for good at the edge."""
+    inverse, F = cell_inverse(name)
+    rng, cell = np.random.default_rng(3), F.cell
+    U = rng.uniform(-1, 1, (12, cell.k))
+    U[::3] = np.sign(U[::3])  # corners
+    U[:2] = U[:1] * [[1], [-1]]  # across the whole cell: yaw +2.2 and -2.2
+    limits = rp.Limits(acceleration=10.0, jerk=2000.0)
+    governor = Exported(inverse, tmp_path, 0.004, limits, 0.0)
+    governor.start(F(cell.at(np.zeros(cell.k))))
+    before = np.zeros(cell.k)
+    for number, u in enumerate(U):
+        at_rest = number % 4 != 3
+        for _ in range(0 if at_rest else 60):
+            governor.step(cell.at(-u))
+        way = u - before
+        for _ in range(2500):
+            q, status = governor.step(cell.at(u))
+            here = cell.coordinates_of(cell.task.placement(q)) - before
+            if at_rest:
+                off_line = here - (here @ way) / (way @ way) * way
+                assert np.abs(off_line).max() < 1e-6
+            if status is rp.Status.OK:
+                break
+        assert status is rp.Status.OK and np.abs(q - F(cell.at(u))).max() < 1e-9
+        before = u
+
+
+@NEEDS_C
+def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(
+    tmp_path: Path,
+) -> None:
+    """Issue 37, item 7: at rest next to the edge, C and Python go on to a target inside."""
+    inverse, F = cell_inverse("yaw")
+    cell, limits = F.cell, rp.Limits(acceleration=10.0, jerk=2000.0)
+    exported = Exported(inverse, tmp_path, 0.01, limits, 0.0)
+    governor = rp.Governor(inverse, 0.01, limits)
+    for one in (exported, governor):
+        one.start(F(cell.at(np.zeros(cell.k))))
+    beyond = cell.at(np.zeros(cell.k))
+    beyond.translation = beyond.translation + [0.2, 0.0, 0.01]
+    beyond.rotation = pin.exp3(np.array([0.1, 0.0, 0.0])) @ beyond.rotation
+    last = []
+    for k in range(250):
+        target = beyond if k < 150 else cell.placement
+        (q, status), (expected, wanted) = (
+            one.step(target) for one in (exported, governor)
+        )
+        assert status is wanted and np.abs(q - expected).max() < 1e-8
+        last.append(status)
+        if k == 149:
+            assert status is rp.Status.OUTSIDE
+            inside = cell.coordinates_of(cell.task.placement(q))
+            np.testing.assert_allclose(inside, [1.0, 0.0, 0.2, 0.0], atol=1e-9)
+    assert last[-1] is rp.Status.OK and rp.Status.OK not in last[:150]
 
 
 def history(

@@ -12,7 +12,9 @@ from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp
+from repctl_pin.motion.course import FreeCourse
 from repctl_pin.motion.frame_motion import brake, change_of_acceleration, landing
+from repctl_pin.motion.governor_law import longest_landing
 
 DT = 0.001
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -202,6 +204,34 @@ def test_a_cell_is_not_left() -> None:
     assert said[-1] is rp.Status.OK and np.abs(Q[-1] - q0).max() < 1e-6
 
 
+@pytest.mark.parametrize("jerk", [5.0, 20.0, 100.0])
+def test_at_low_jerk_it_arrives_and_does_not_turn_back(jerk: float) -> None:
+    """Issue 37, item 6: at low jerk, the governor swung around a target for ever."""
+    limits = rp.Limits(velocity=2.0, acceleration=3.0, jerk=jerk)
+    for x, y in ((0.05, -0.03), (-0.1, -0.2)):
+        governor = rp.Governor(planar(), 0.004, limits)
+        governor.start(Q0)
+        Q, said = run(governor, 1500, moved(x, y))
+        assert said[-1] is rp.Status.OK
+        way = np.array([planar().task.placement(q).translation for q in Q])
+        left = np.linalg.norm(way - moved(x, y).translation, axis=1)
+        assert left[-1] < 1e-9 and np.diff(left).max() < 1e-5
+
+
+def test_a_landing_is_as_long_as_it_can_be_without_turning_back() -> None:
+    """The quintic to rest over the distance 1: its last derivative that is not 0 changes sign."""
+    for speed, rate in ((1.0, -0.4), (1.0, 0.0), (0.3, 2.0), (0.0, 1.0)):
+        T = longest_landing(speed, rate)
+        for share, turns_back in ((0.99, False), (1.01, True)):
+            one = np.eye(6)[0]
+            course = FreeCourse(planar().task, pin.SE3.Identity())
+            motion = landing(course, speed * one, rate * one, one, share * T)
+            t = np.linspace(0.0, share * T, 4001)
+            way = np.array([motion.placement(s).translation[0] for s in t])
+            assert (way.max() > 1 + 1e-12) == turns_back
+    assert longest_landing(1.0, -1.0) == longest_landing(0.0, 0.0) == np.inf
+
+
 def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
     governor = governed()
     assert governor.step(moved())[1] is rp.Status.OK
@@ -211,7 +241,7 @@ def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
 def test_the_rates_of_frame_motions_are_derivatives() -> None:
     """ω and ω̇ by finite differences of the placement; the ends of each kind of motion."""
     rng = np.random.default_rng(0)
-    start = pin.SE3.Random()
+    start = FreeCourse(planar().task, pin.SE3.Random())
     twist, rate, later, way = rng.normal(size=(4, 6))
     step = 1e-4
     motions = [
@@ -239,7 +269,7 @@ def test_the_rates_of_frame_motions_are_derivatives() -> None:
         )
     end = motions[2].placement(0.9)
     np.testing.assert_allclose(
-        end.rotation, pin.exp3(1.5 * way[3:]) @ start.rotation, atol=1e-12
+        end.rotation, pin.exp3(1.5 * way[3:]) @ start.place.rotation, atol=1e-12
     )
 
 

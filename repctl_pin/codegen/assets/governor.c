@@ -37,15 +37,6 @@ static void arm_turned(const double w[3], const double R0[9], double R[9])
             R[3 * i + k] = E[3 * i] * R0[k] + E[3 * i + 1] * R0[3 + k] + E[3 * i + 2] * R0[6 + k];
 }
 
-static void arm_moved(const arm_motion *motion, double t, arm_pose *place)
-{
-    double phi[6];
-    int i;
-    arm_displacement(motion, t, phi);
-    for (i = 0; i < 3; i++) place->p[i] = motion->start.p[i] + phi[i];
-    arm_turned(phi + 3, motion->start.R, place->R);
-}
-
 /* Convert a rotation vector and its two derivatives to the angular velocity and its derivative. */
 static void arm_angular(const double w[3], const double w1[3], const double w2[3], double omega[3], double alpha[3])
 {
@@ -76,7 +67,15 @@ static void arm_angular(const double w[3], const double w1[3], const double w2[3
     }
 }
 
-/* Evaluate the twist of a motion, and its derivative. */
+@course
+static void arm_moved(const arm_motion *motion, double t, arm_course *course)
+{
+    double phi[6];
+    arm_displacement(motion, t, phi);
+    arm_shifted(&motion->start, phi, course);
+}
+
+/* Evaluate the velocity of a motion in the coordinates of its course, and its derivative. */
 static void arm_rates(const arm_motion *motion, double t, double twist[6], double rate[6])
 {
     double phi[6], first[6], second[6];
@@ -87,15 +86,11 @@ static void arm_rates(const arm_motion *motion, double t, double twist[6], doubl
         first[i] = (((5.0 * c5 * t + 4.0 * c4) * t + 3.0 * c3) * t + 2.0 * c2) * t + motion->C[1][i];
         second[i] = ((20.0 * c5 * t + 12.0 * c4) * t + 6.0 * c3) * t + 2.0 * c2;
     }
-    arm_angular(phi + 3, first + 3, second + 3, twist + 3, rate + 3);
-    for (i = 0; i < 3; i++) {
-        twist[i] = first[i];
-        rate[i] = second[i];
-    }
+    arm_course_rates(phi, first, second, twist, rate);
 }
 
 /* Begin a motion with a twist and its derivative. */
-static void arm_begin(arm_motion *motion, const arm_pose *start, const double twist[6], const double rate[6],
+static void arm_begin(arm_motion *motion, const arm_course *start, const double twist[6], const double rate[6],
                       double time)
 {
     int i;
@@ -109,7 +104,7 @@ static void arm_begin(arm_motion *motion, const arm_pose *start, const double tw
 }
 
 /* Change the derivative of the twist linearly to another one. */
-static void arm_change(arm_motion *motion, const arm_pose *start, const double twist[6], const double rate[6],
+static void arm_change(arm_motion *motion, const arm_course *start, const double twist[6], const double rate[6],
                        const double later[6], double time)
 {
     int i;
@@ -118,7 +113,7 @@ static void arm_change(arm_motion *motion, const arm_pose *start, const double t
 }
 
 /* Bring a twist and its derivative to 0: cubic in time. */
-static void arm_brake(arm_motion *motion, const arm_pose *start, const double twist[6], const double rate[6],
+static void arm_brake(arm_motion *motion, const arm_course *start, const double twist[6], const double rate[6],
                       double time)
 {
     int i;
@@ -130,7 +125,7 @@ static void arm_brake(arm_motion *motion, const arm_pose *start, const double tw
 }
 
 /* Come to rest after a displacement: quintic in time. */
-static void arm_land(arm_motion *motion, const arm_pose *start, const double twist[6], const double rate[6],
+static void arm_land(arm_motion *motion, const arm_course *start, const double twist[6], const double rate[6],
                      const double way[6], double time)
 {
     const double square = time * time, cube = square * time;
@@ -215,9 +210,22 @@ static void arm_plan_rates(const arm_plan *plan, double t, double twist[6], doub
     for (i = 0; i < 6; i++) twist[i] = rate[i] = 0.0;
 }
 
-static void arm_plan_begin(arm_plan *plan, const double q[ARM_N], const double qdot[ARM_N])
+static void arm_plan_course(const arm_plan *plan, double t, arm_course *course)
+{
+    int k;
+    *course = plan->start;
+    for (k = 0; k < plan->motions; k++) {
+        const arm_motion *motion = &plan->motion[k];
+        const double end = motion->begin + motion->duration;
+        arm_moved(motion, (t < end ? t : end) - motion->begin, course);
+        if (t <= end) return;
+    }
+}
+
+static void arm_plan_begin(arm_plan *plan, const arm_course *start, const double q[ARM_N], const double qdot[ARM_N])
 {
     int i;
+    plan->start = *start;
     plan->motions = plan->pieces = plan->lands = 0;
     plan->time = 0.0;
     for (i = 0; i < ARM_N; i++) {
@@ -260,14 +268,14 @@ static int arm_interpolate(arm_governor *g, const arm_motion *motion, double beg
     piece->degree = arm_degree[table];
     for (i = 0; i < ARM_N; i++) Q[0][i] = plan->q[i];
     for (j = 1; j <= piece->degree; j++) {
-        arm_pose target;
+        arm_course target;
         for (i = 0; i < ARM_N; i++) {
             double guess = 0.0;
             for (k = 0; k < j; k++) guess += arm_ahead[table][j][k] * Q[k][i];
             Q[j][i] = guess + arm_ahead[table][j][j] * ((end - begin) * plan->qdot[i]);
         }
         arm_moved(motion, begin + arm_share[table][j] * (end - begin), &target);
-        if (!arm_solved(g, &target, Q[j])) return 0;
+        if (!arm_solved(g, &target.place, Q[j])) return 0;
     }
     for (i = 0; i < ARM_N; i++) last[i] = Q[piece->degree][i];
     for (k = 0; k <= piece->degree; k++)
@@ -325,10 +333,11 @@ static int arm_append(arm_governor *g, arm_plan *plan, int table, int count)
 #define ARM_AIM_JERK @jerk
 #define ARM_AIM_BRAKING @braking
 
-/* State at the beginning of a plan: qddot = G rate + bend; later: the rate of the last stop after a stride. */
+/* State at the beginning of a plan: qdot = B twist, qddot = B rate + bend; later: the rate of the last stop after a
+ * stride. */
 typedef struct {
-    arm_pose place;
-    double q[ARM_N], qdot[ARM_N], G[ARM_N * ARM_M], G_ahead[ARM_N * ARM_M];
+    arm_course course;
+    double q[ARM_N], qdot[ARM_N], G[ARM_N * ARM_M], B[ARM_N * 6], B_ahead[ARM_N * 6];
     double twist[6], rate[6], later[6], bend[ARM_N], room[ARM_N];
 } arm_now;
 
@@ -340,24 +349,37 @@ static double arm_approach(double distance, double a, double lag)
     return a * (sqrt(lag * lag + 2.0 * distance / a) - lag);
 }
 
-/* Compute G x for a twist x of the frame. */
-static void arm_joint_rates(const double *G, const arm_pose *place, const double twist[6], double x[ARM_N])
+/* Acceleration beyond which a stop within a distance becomes no shorter. */
+static double arm_peak(double distance, double jerk) { return cbrt(jerk * jerk * distance); }
+
+/* Speed from which a stop after a delay ends within a distance: the deceleration rises to at most a and falls to 0 at a
+ * rate of at most jerk. */
+static double arm_arrival(double distance, double a, double jerk, double lag)
 {
-    double rate[ARM_M] = {0.0};
+    if (distance <= 0.0) return 0.0;
+    if (arm_peak(distance, jerk) < a) a = arm_peak(distance, jerk);
+    return arm_approach(distance, a, lag + a / (2.0 * jerk));
+}
+
+/* Compute B x for a velocity x in the coordinates of the course. */
+static void arm_joint_rates(const double *B, const double twist[6], double x[ARM_N])
+{
     int a, i;
-    arm_add_rate(place->R, twist, 1.0, rate);
     for (i = 0; i < ARM_N; i++) {
         x[i] = 0.0;
-        for (a = 0; a < ARM_M; a++) x[i] += G[i * ARM_M + a] * rate[a];
+        for (a = 0; a < 6; a++) x[i] += B[i * 6 + a] * twist[a];
     }
 }
 
-/* Set what is not part of the task to 0. */
-static void arm_of_task(const double R[9], const double rate[ARM_M], double twist[6])
+/* B = G E. */
+static void arm_joint_columns(const double *G, const double *E, double *B)
 {
-    int i;
-    for (i = 0; i < 6; i++) twist[i] = 0.0;
-@lift
+    int a, b, i;
+    for (i = 0; i < ARM_N; i++)
+        for (b = 0; b < 6; b++) {
+            B[i * 6 + b] = 0.0;
+            for (a = 0; a < ARM_M; a++) B[i * 6 + b] += G[i * ARM_M + a] * E[a * 6 + b];
+        }
 }
 
 /* Evaluate the state at this tick; return 0 at a singularity. */
@@ -366,19 +388,23 @@ static int arm_governor_now(const arm_governor *g, arm_now *now)
     const arm_plan *plan = &g->plan[g->taken];
     const double t = (double)g->tick * g->dt;
     const arm_piece *piece = arm_piece_of(plan, t);
-    double ahead[ARM_N], qddot[ARM_N], spare[6], x[ARM_N];
+    double ahead[ARM_N], qddot[ARM_N], spare[6], x[ARM_N], E[ARM_M * 6], G[ARM_N * ARM_M];
     int i;
     for (i = 0; i < ARM_N; i++) {
         now->q[i] = g->history[2][i];
         now->qdot[i] = qddot[i] = 0.0;
     }
-    arm_place(now->q, now->place.p, now->place.R);
+    arm_plan_course(plan, t, &now->course);
+    arm_course_at(now->q, &now->course);
     arm_plan_rates(plan, t, now->twist, now->rate);
     arm_plan_rates(plan, t + g->stride, spare, now->later);
     if (piece) arm_piece_derivatives(piece, t, now->qdot, qddot);
     for (i = 0; i < ARM_N; i++) ahead[i] = now->q[i] + 2.0 * g->stride * now->qdot[i];
-    if (arm_inverse(now->q, now->G) != ARM_OK || arm_inverse(ahead, now->G_ahead) != ARM_OK) return 0;
-    arm_joint_rates(now->G, &now->place, now->rate, x);
+    if (arm_inverse(now->q, now->G) != ARM_OK || arm_inverse(ahead, G) != ARM_OK) return 0;
+    arm_task_rates(&now->course, E);
+    arm_joint_columns(now->G, E, now->B);
+    arm_joint_columns(G, E, now->B_ahead);
+    arm_joint_rates(now->B, now->rate, x);
     for (i = 0; i < ARM_N; i++) {
         const double A = g->limits.acceleration[i];
         now->bend[i] = qddot[i] - x[i];
@@ -393,18 +419,69 @@ static void arm_fastest(const arm_governor *g, const arm_now *now, const double 
 {
     double x[ARM_N], ahead[ARM_N];
     int i;
-    arm_joint_rates(now->G, &now->place, way, x);
-    arm_joint_rates(now->G_ahead, &now->place, way, ahead);
+    arm_joint_rates(now->B, way, x);
+    arm_joint_rates(now->B_ahead, way, ahead);
     *by_speed = *by_room = HUGE_VAL;
     for (i = 0; i < ARM_N; i++) {
         const double room = x[i] > 0.0 ? g->upper[i] - now->q[i] : now->q[i] - g->lower[i];
         const double here = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
         const double size = fabs(ahead[i]) > here ? fabs(ahead[i]) : here;
-        const double toward = arm_approach(room, ARM_AIM_BRAKING * g->limits.acceleration[i], 2.0 * g->stride) / here;
+        const double a = ARM_AIM_BRAKING * g->limits.acceleration[i], jerk = ARM_AIM_JERK * g->limits.jerk[i];
+        const double toward = arm_arrival(room, a, jerk, 2.0 * g->stride) / here;
         const double speed = ARM_AIM_SPEED * g->limits.velocity[i] / size;
         if (speed < *by_speed) *by_speed = speed;
         if (toward < *by_room) *by_room = toward;
     }
+}
+
+/* Compute the deceleration before a target and its largest rate of change, in shares of the joint displacement x. */
+static double arm_braking(const arm_governor *g, const arm_now *now, const double x[ARM_N], double *jerk)
+{
+    double a = HUGE_VAL;
+    int i;
+    *jerk = HUGE_VAL;
+    for (i = 0; i < ARM_N; i++) {
+        const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
+        if (now->room[i] / size < a) a = now->room[i] / size;
+        if (g->limits.jerk[i] / size < *jerk) *jerk = g->limits.jerk[i] / size;
+    }
+    *jerk *= ARM_AIM_BRAKING * ARM_AIM_JERK;
+    a *= ARM_AIM_BRAKING;
+    return arm_peak(1.0, *jerk) < a ? arm_peak(1.0, *jerk) : a;
+}
+
+/* Speed and acceleration along the joint displacement x, in shares of it. */
+static void arm_closing(const arm_now *now, const double x[ARM_N], double *speed, double *a)
+{
+    double y[ARM_N], z[ARM_N], square = 0.0;
+    int i;
+    *speed = *a = 0.0;
+    arm_joint_rates(now->B, now->twist, y);
+    arm_joint_rates(now->B, now->rate, z);
+    for (i = 0; i < ARM_N; i++) {
+        square += x[i] * x[i];
+        *speed += x[i] * y[i];
+        *a += x[i] * z[i];
+    }
+    if (!(square >= ARM_TINY)) square = ARM_TINY;
+    *speed /= square;
+    *a /= square;
+}
+
+/* Way on which an acceleration a > 0 falls to 0; 0 for a deceleration. */
+static double arm_release(double speed, double a, double jerk)
+{
+    const double t = a > 0.0 ? a / jerk : 0.0;
+    return speed * t + a * t * t / 3.0;
+}
+
+/* Time beyond which the quintic to rest over the distance 1 overshoots: its last derivatives are 0, 0 and
+ * (60 - 24 T speed - 3 T^2 a) / T^3. */
+static double arm_longest_landing(double speed, double a)
+{
+    const double root = 4.0 * speed * speed + 5.0 * a;
+    const double rate = root >= 0.0 ? 2.0 * speed + sqrt(root) : 0.0;
+    return rate > 0.0 ? 10.0 / rate : HUGE_VAL;
 }
 
 /* Choose the derivative of the twist after the next stride, on the way to another twist. */
@@ -414,7 +491,7 @@ static void arm_accelerate(const arm_governor *g, const arm_now *now, const doub
     double gap[6], change[6], x[ARM_N], fits = HUGE_VAL, jerk = HUGE_VAL, most = HUGE_VAL, share;
     int i;
     for (i = 0; i < 6; i++) gap[i] = wish[i] - now->twist[i] - T / 2.0 * now->rate[i];
-    arm_joint_rates(now->G, &now->place, gap, x);
+    arm_joint_rates(now->B, gap, x);
     for (i = 0; i < ARM_N; i++) {
         const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
         const double sign = x[i] > 0.0 ? 1.0 : x[i] < 0.0 ? -1.0 : 0.0;
@@ -426,7 +503,7 @@ static void arm_accelerate(const arm_governor *g, const arm_now *now, const doub
     if (!(fits > 0.0)) fits = 0.0;
     if (fits < share) share = fits;
     for (i = 0; i < 6; i++) change[i] = share * gap[i] - now->rate[i];
-    arm_joint_rates(now->G, &now->place, change, x);
+    arm_joint_rates(now->B, change, x);
     for (i = 0; i < ARM_N; i++) {
         const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
         if (ARM_AIM_JERK * g->limits.jerk[i] * T / size < most) most = ARM_AIM_JERK * g->limits.jerk[i] * T / size;
@@ -545,14 +622,14 @@ static void arm_take(arm_governor *g)
 }
 
 /* Add a stop to a plan, as short as the limits allow; take the plan if it serves. */
-static arm_status arm_stop(arm_governor *g, arm_plan *plan, const arm_now *now, const arm_pose *place,
+static arm_status arm_stop(arm_governor *g, arm_plan *plan, const arm_now *now, const arm_course *course,
                            const double twist[6], const double rate[6])
 {
     const int motions = plan->motions, pieces = plan->pieces;
     const double begin = plan->time;
     double x[ARM_N], q[ARM_N], qdot[ARM_N], fast = 0.0, shortest = 0.0, jerk = 0.0;
     int i, k;
-    arm_joint_rates(now->G, &now->place, twist, x);
+    arm_joint_rates(now->B, twist, x);
     for (i = 0; i < ARM_N; i++) {
         const double size = fabs(x[i]), time = 1.5 * size / (ARM_AIM_ACCELERATION * now->room[i]);
         if (size > fast) fast = size;
@@ -572,7 +649,7 @@ static arm_status arm_stop(arm_governor *g, arm_plan *plan, const arm_now *now, 
             plan->q[i] = q[i];
             plan->qdot[i] = qdot[i];
         }
-        arm_brake(&plan->motion[motions], place, twist, rate, T);
+        arm_brake(&plan->motion[motions], course, twist, rate, T);
         if (!arm_append_long(g, plan, fast * T / 2.0)) return arm_failure(g);
         if (!arm_leaves(plan->q, now)) return ARM_SINGULAR;
         if (!arm_affords(g, plan)) return ARM_SLOWED;
@@ -594,50 +671,42 @@ static arm_status arm_try(arm_governor *g, const arm_now *now, const double late
 {
     arm_plan *plan = &g->plan[1 - g->taken];
     arm_motion *motion = plan->motion;
-    arm_pose place;
+    arm_course course;
     double twist[6], rate[6], x[ARM_N], release = g->dt;
     int i, bounded = 1;
-    arm_plan_begin(plan, now->q, now->qdot);
-    arm_change(motion, &now->place, now->twist, now->rate, later, g->stride);
+    arm_plan_begin(plan, &now->course, now->q, now->qdot);
+    arm_change(motion, &now->course, now->twist, now->rate, later, g->stride);
     if (!arm_append(g, plan, 0, 1)) return arm_failure(g);
-    arm_moved(motion, g->stride, &place);
+    arm_moved(motion, g->stride, &course);
     arm_rates(motion, g->stride, twist, rate);
-    arm_joint_rates(now->G, &now->place, rate, x);
+    arm_joint_rates(now->B, rate, x);
     for (i = 0; i < ARM_N; i++) {
         if (!(g->limits.jerk[i] < HUGE_VAL)) bounded = 0;
         if (fabs(x[i]) / (ARM_AIM_JERK * g->limits.jerk[i]) > release) release = fabs(x[i]) / (ARM_AIM_JERK * g->limits.jerk[i]);
     }
     if (bounded) {
         const double zero[6] = {0.0};
-        arm_pose start = place;
+        arm_course start = course;
         motion++;
         arm_change(motion, &start, twist, rate, zero, release);
         if (!arm_append(g, plan, release > 0.02, 1)) return arm_failure(g);
-        arm_moved(motion, release, &place);
+        arm_moved(motion, release, &course);
         arm_rates(motion, release, twist, rate);
     } else
         for (i = 0; i < 6; i++) rate[i] = 0.0;
-    return arm_stop(g, plan, now, &place, twist, rate);
+    return arm_stop(g, plan, now, &course, twist, rate);
 }
 
 /* Plan to come to rest at a displacement, if it is near; return 1 if the plan is taken. */
 static int arm_try_landing(arm_governor *g, const arm_now *now, const double way[6], const double x[ARM_N], double a,
-                           double speed)
+                           double jerk, double speed, double closing, double rise)
 {
     static const double longer[2][3] = {{1.0, 1.15, 1.4}, {0.95, 1.0, 1.05}};
     arm_plan *plan = &g->plan[1 - g->taken];
-    double y[ARM_N], size = 0.0, closing = 0.0, travel = 0.0, jerk = HUGE_VAL, T, before, after;
+    double travel = 0.0, T, before, after;
     int i, fast;
-    arm_joint_rates(now->G, &now->place, now->twist, y);
-    for (i = 0; i < ARM_N; i++) {
-        const double x_i = fabs(x[i]);
-        size += x[i] * x[i];
-        closing += x[i] * y[i];
-        if (x_i > travel) travel = x_i;
-        if (g->limits.jerk[i] / (x_i > ARM_TINY ? x_i : ARM_TINY) < jerk)
-            jerk = g->limits.jerk[i] / (x_i > ARM_TINY ? x_i : ARM_TINY);
-    }
-    closing /= size > ARM_TINY ? size : ARM_TINY;
+    for (i = 0; i < ARM_N; i++)
+        if (fabs(x[i]) > travel) travel = fabs(x[i]);
     fast = closing > 0.0 && closing * closing / (2.0 * a) >= 0.75;
     if (fast)
         T = 2.0 / closing;
@@ -646,13 +715,14 @@ static int arm_try_landing(arm_governor *g, const arm_now *now, const double way
         if (peak > speed || travel > 0.03) return 0;
         T = (2.0 * peak - closing) / a;
     }
-    T += 1.5 * a / (ARM_AIM_JERK * jerk);
+    T += 1.5 * a / jerk;
     g->turn = (g->turn + 1) % 3;
     T *= longer[fast][g->turn];
+    if (arm_longest_landing(closing, rise) < T) T = arm_longest_landing(closing, rise);
     if (T < 3.0 * g->dt) T = 3.0 * g->dt;
-    arm_plan_begin(plan, now->q, now->qdot);
+    arm_plan_begin(plan, &now->course, now->q, now->qdot);
     plan->lands = 1;
-    arm_land(plan->motion, &now->place, now->twist, now->rate, way, T);
+    arm_land(plan->motion, &now->course, now->twist, now->rate, way, T);
     if (!arm_append_long(g, plan, travel) || !arm_leaves(plan->q, now)) return 0;
     if (!arm_affords(g, plan)) return 0;
     if (!arm_used(g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
@@ -660,16 +730,23 @@ static int arm_try_landing(arm_governor *g, const arm_now *now, const double way
     return 1;
 }
 
-/* Tell whether the twist is the one asked for. */
+/* Tell whether joint speeds are negligible. */
+static int arm_slow(const arm_governor *g, const double x[ARM_N])
+{
+    int i;
+    for (i = 0; i < ARM_N; i++)
+        if (!(fabs(x[i]) <= 1e-6 * g->limits.velocity[i])) return 0;
+    return 1;
+}
+
+/* Tell whether the velocity is the one asked for. */
 static arm_status arm_reached(const arm_governor *g, const arm_now *now, const double way[6])
 {
     double away[6], x[ARM_N];
     int i;
     for (i = 0; i < 6; i++) away[i] = way[i] - now->twist[i];
-    arm_joint_rates(now->G, &now->place, away, x);
-    for (i = 0; i < ARM_N; i++)
-        if (!(fabs(x[i]) <= 1e-6 * g->limits.velocity[i])) return ARM_SLOWED;
-    return ARM_OK;
+    arm_joint_rates(now->B, away, x);
+    return arm_slow(g, x) ? ARM_OK : ARM_SLOWED;
 }
 
 /* Go on in a direction for a stride, as fast as the limits allow. */
@@ -718,13 +795,10 @@ static void arm_line_begin(arm_governor *g, const arm_pose *target)
 {
     arm_line *line = &g->line;
     const double zero[6] = {0.0};
-    double e[ARM_M], way[6];
-    arm_pose place;
+    double way[6];
     int i;
-    arm_place(line->start, place.p, place.R);
-    arm_error(place.p, place.R, target, e);
-    arm_of_task(place.R, e, way);
-    arm_begin(&line->motion, &place, way, zero, 1.0);
+    arm_way(&line->course, target, way);
+    arm_begin(&line->motion, &line->course, way, zero, 1.0);
     line->target = *target;
     line->share = 0.0;
     line->step = line->begun = 1;
@@ -768,10 +842,10 @@ static void arm_look_for(arm_governor *g, const arm_pose *target)
     while (!line->known && left > 0) {
         const double end = line->share + line->step < 1.0 ? line->share + line->step : 1.0;
         double q[ARM_N];
-        arm_pose place;
+        arm_course course;
         for (i = 0; i < ARM_N; i++) q[i] = line->q[i];
-        arm_moved(&line->motion, end, &place);
-        if (!arm_line_solved(g, &place, q, &left)) {
+        arm_moved(&line->motion, end, &course);
+        if (!arm_line_solved(g, &course.place, q, &left)) {
             line->step /= 2.0;
             line->known = line->step < 1e-3;
             continue;
@@ -858,13 +932,20 @@ static void arm_way_of_joints(arm_governor *g, const arm_now *now, double way[6]
         rate[a] = 0.0;
         for (i = 0; i < ARM_N; i++) rate[a] += J[a * ARM_N + i] * d[i];
     }
-    arm_of_task(now->place.R, rate, way);
-    arm_joint_rates(now->G, &now->place, way, x);
+    arm_velocity_along(&now->course, rate, way);
+    arm_joint_rates(now->B, way, x);
 }
 
-/* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. */
-static int arm_other_way(arm_governor *g, const arm_pose *target)
+/* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. At the edge of a
+ * cell, come to rest and begin again: from rest, the straight line does not leave the cell. */
+static int arm_other_way(arm_governor *g, const arm_pose *target, int rests)
 {
+    if (arm_bounded && g->status == ARM_OUTSIDE) {
+        if (!rests) return 1;
+        g->stuck = g->by_joints = 0;
+        g->pace = 1.0;
+        return 0;
+    }
     arm_look_for(g, target);
     if (!g->line.known) return 1;
     g->by_joints |= g->line.found;
@@ -887,38 +968,56 @@ static arm_status arm_to_target(arm_governor *g, const arm_now *now, const arm_p
     const arm_plan *plan = &g->plan[g->taken];
     const int rests = (double)(g->tick - 3) * g->dt >= plan->time;
     const int lands = plan->lands && arm_same_pose(target, &g->landing);
-    double e[ARM_M], way[6], x[ARM_N], travel = 0.0, a = HUGE_VAL, by_speed, by_room;
+    double way[6], x[ARM_N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
     arm_status status;
     int i;
     if (lands) arm_look_for(g, target); /* only in ticks without a plan */
     if (lands && !rests) return ARM_SLOWED;
-    if (g->stuck > 25 && arm_other_way(g, target)) return g->status;
-    arm_error(now->place.p, now->place.R, target, e);
-    arm_of_task(now->place.R, e, way);
-    arm_joint_rates(now->G, &now->place, way, x);
+    if (g->stuck > 25 && arm_other_way(g, target, rests)) return g->status;
+    arm_way(&now->course, target, way);
+    arm_joint_rates(now->B, way, x);
     for (i = 0; i < ARM_N; i++)
         if (!(fabs(x[i]) <= travel)) travel = fabs(x[i]);
     if (lands || (rests && travel < 1e-10)) {
         if (!lands) arm_look_for(g, target);
-        if (arm_is_there(g, now->q)) return ARM_OK;
+        if (arm_is_there(g, now->q)) return arm_holds(target) ? ARM_OK : ARM_OUTSIDE;
         if (!g->by_joints) return ARM_SLOWED;
     }
     if (g->by_joints) arm_way_of_joints(g, now, way, x);
-    for (i = 0; i < ARM_N; i++) {
-        const double size = fabs(x[i]) > ARM_TINY ? fabs(x[i]) : ARM_TINY;
-        if (now->room[i] / size < a) a = now->room[i] / size;
-    }
-    a *= ARM_AIM_BRAKING;
+    a = arm_braking(g, now, x, &jerk);
+    arm_closing(now, x, &speed, &rise);
     arm_fastest(g, now, way, &by_speed, &by_room);
-    if (!g->by_joints && !g->exhausted && arm_try_landing(g, now, way, x, a, by_speed)) {
+    if (!g->by_joints && !g->exhausted && arm_try_landing(g, now, way, x, a, jerk, by_speed, speed, rise)) {
         g->landing = *target;
         g->pace = 1.0;
         return ARM_SLOWED;
     }
     g->exhausted = g->left < 0; /* by the landing: the next tick is for a stride */
-    status = arm_drive(g, now, way, arm_approach(1.0, a, 2.0 * g->stride), 1);
+    left = 1.0 - arm_release(speed, rise, jerk);
+    status = arm_drive(g, now, way, arm_arrival(left, a, jerk, 2.0 * g->stride), 1);
     arm_count_stuck(g, now, status);
     return status;
+}
+
+/* Move by a twist of the frame for a stride. */
+static arm_status arm_follow(arm_governor *g, const arm_now *now, const double *twist)
+{
+    double rate[ARM_M] = {0.0}, left_out[ARM_M], way[6], E[ARM_M * 6], x[ARM_N];
+    arm_status status;
+    int a, b, i;
+    if (twist) arm_add_rate(now->course.place.R, twist, 1.0, rate);
+    arm_velocity_along(&now->course, rate, way);
+    status = arm_drive(g, now, way, 1.0, 0);
+    arm_task_rates(&now->course, E);
+    for (a = 0; a < ARM_M; a++) {
+        left_out[a] = rate[a];
+        for (b = 0; b < 6; b++) left_out[a] -= E[a * 6 + b] * way[b];
+    }
+    for (i = 0; i < ARM_N; i++) {
+        x[i] = 0.0;
+        for (a = 0; a < ARM_M; a++) x[i] += now->G[i * ARM_M + a] * left_out[a];
+    }
+    return status == ARM_OK && !arm_slow(g, x) ? ARM_OUTSIDE : status; /* along a coordinate of width 0 */
 }
 
 static int arm_small(const double *x, int count)
@@ -981,7 +1080,8 @@ static arm_status arm_rest(arm_governor *governor, const double q[ARM_N], double
         g->upper[i] = upper[i] - limits->margin;
         for (k = 0; k < 3; k++) g->history[k][i] = q[i];
     }
-    arm_plan_begin(&g->plan[0], q, zero);
+    arm_course_begin(q, &g->line.course);
+    arm_plan_begin(&g->plan[0], &g->line.course, q, zero);
     g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
     for (i = 0; i < ARM_N; i++) g->line.start[i] = q[i];
     for (i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
@@ -1015,12 +1115,8 @@ arm_status arm_governor_step(arm_governor *governor, const arm_pose *target, con
             g->status = ARM_SINGULAR;
         else if (target)
             g->status = arm_to_target(g, &now, target);
-        else {
-            double rate[ARM_M] = {0.0}, way[6];
-            if (twist) arm_add_rate(now.place.R, twist, 1.0, rate);
-            arm_of_task(now.place.R, rate, way);
-            g->status = arm_drive(g, &now, way, 1.0, 0);
-        }
+        else
+            g->status = arm_follow(g, &now, twist);
         g->next = g->tick + g->ticks;
         g->heeds_target = target != NULL;
         if (target) g->heard = *target;

@@ -24,9 +24,15 @@ typedef struct {
 #define ARM_DEGREE @degree /* of the polynomials of a plan */
 #define ARM_PIECES @pieces /* their maximum number */
 
-/* Motion of the frame: p + phi_v(t), exp(phi_w(t)) R with phi(t) = sum C[k] t^k. */
+/* Placement of the frame, and its coordinates in a cell, which are not used without one. */
 typedef struct {
-    arm_pose start;
+    arm_pose place;
+    double y[6];
+} arm_course;
+
+/* Motion of the frame on a straight line: phi(t) = sum C[k] t^k; p + phi_v, exp(phi_w) R, or y + phi in a cell. */
+typedef struct {
+    arm_course start;
     double C[6][6], begin, duration;
 } arm_motion;
 
@@ -38,6 +44,7 @@ typedef struct {
 
 /* Motions of the frame, one after the other to rest, and the joints that follow from them. */
 typedef struct {
+    arm_course start;
     arm_motion motion[3];
     arm_piece piece[ARM_PIECES];
     double q[ARM_N], qdot[ARM_N], time;
@@ -47,6 +54,7 @@ typedef struct {
 /* Joints of a target: those at the end of the straight line from the start, found step by step. */
 typedef struct {
     arm_motion motion;
+    arm_course course;
     arm_pose target;
     double start[ARM_N], q[ARM_N], share, step;
     int begun, known, found;
