@@ -89,7 +89,7 @@ def frontend() -> list[str]:
 def index_options(words: list[str]) -> list[str]:
     """Select the options of a command line that say where packages come from."""
     kept = []
-    for word, value in zip(words, [*words[1:], ""]):
+    for word, value in zip(words, [*words[1:], ""], strict=True):
         name, equals, _ = word.partition("=")
         if name in FLAGS | VALUED:
             kept += [word, value] if name in VALUED and not equals else [word]

@@ -58,17 +58,18 @@ def compiler(zig: bool = True) -> list[str]:
     NoCompilerError
         If there is none.
     """
-    asked = shlex.split(os.environ.get("CC", ""))
-    found = [] if os.environ.get("REPCTL_TARGET") else [asked] if asked else []
-    if not asked and not os.environ.get("REPCTL_TARGET"):
-        found = [["cc"], ["gcc"], ["clang"]]
-    if zig and importlib.util.find_spec("ziglang") is not None:
-        found.append([sys.executable, "-m", "ziglang", "cc", "-target", target()])
+    found = [["cc"], ["gcc"], ["clang"]]
+    if "REPCTL_TARGET" in os.environ:
+        found = []
+    elif os.environ.get("CC"):
+        found = [shlex.split(os.environ["CC"])]
     for command in found:
         if shutil.which(command[0]) and _works(command):
             return command
-    tried = ", ".join(command[0] for command in found) or "none was asked for"
-    raise NoCompilerError(f"no C compiler works ({tried})")
+    if zig and importlib.util.find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc", "-s", "-target", target()]
+    tried = ", ".join(shlex.join(command) for command in found)
+    raise NoCompilerError(f"no C compiler works (tried {tried or 'none'})")
 
 
 def _works(command: list[str]) -> bool:
@@ -122,7 +123,8 @@ def build(library: Path = LIBRARY) -> None:
                 lines.append([*command, *flags, "-c", str(source), "-o", objects[-1]])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, lines, [folder] * len(lines)))
-        _run([*command, "-shared", *objects, "-o", "library.so", "-lm"], folder)
+        link = [*command, *_FLAGS, "-shared", *objects, "-o", "library.so", "-lm"]
+        _run(link, folder)
         draft = library.with_name(f"{library.name}.{os.getpid()}")
         shutil.copyfile(Path(folder) / "library.so", draft)
         draft.replace(library)  # a running process keeps the old file
