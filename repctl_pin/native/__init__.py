@@ -22,10 +22,6 @@ _LIBRARY = Path(__file__).with_name("library.so")
 _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
 
 
-class NoNativeLibraryWarning(UserWarning):
-    """The package was installed without its native library, and NumPy computes instead."""
-
-
 def library() -> ctypes.CDLL | None:
     """Load the native library; None if it is switched off, or missing, after one warning."""
     return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()
@@ -40,8 +36,8 @@ def _loaded() -> ctypes.CDLL | None:
         except OSError as error:
             cause = f"it does not load ({error})"
     warnings.warn(
-        f"no native library: {cause}, so that proofs take 4 to 20 times as long; {_REMEDY}",
-        NoNativeLibraryWarning,
+        f"no native library: {cause}, so proofs take 4 to 20 times as long; {_REMEDY}",
+        UserWarning,
         stacklevel=4,
     )
     return None
