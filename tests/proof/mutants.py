@@ -442,7 +442,7 @@ def compiled(folder: Path, name: str, piece: str, instead: str) -> ctypes.CDLL:
     shutil.copytree(str(files(NATIVE)), wrong, ignore=shutil.ignore_patterns("*.so"))
     text = source(name, piece, instead, NATIVE)
     (wrong / name).write_text(text, encoding="utf-8")
-    kernels = "leaf_margin_bounds.c", "cell_bounds.c", "arm_angle.c"
+    kernels = {"leaf_margin_bounds.c", name.replace("taylor.h", "cell_bounds.c")}
     flags = ["-std=c99", "-O1", "-w", "-fPIC", "-shared", "-DLEVEL=plain"]
     flags += [f"-D{f}_plain={f}" for f in ("cell_bounds", "arm_gradients")]
     line = [compiler, *flags, *kernels, "-o", "wrong.so", "-lm"]
