@@ -1,4 +1,4 @@
-"""Compilation of C to shared libraries, cached by source in a private folder, and C structs."""
+"""Compilation of generated C to shared libraries, cached by source in a private folder."""
 
 from __future__ import annotations
 
@@ -17,15 +17,9 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from .errors import RepctlError
 
@@ -130,74 +124,6 @@ def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
             f"a compiled library was replaced by another one; delete {library}"
         )
     return str(library)
-
-
-@functools.cache
-def kernel(
-    package: str,
-    *names: str,
-    header: str = "",
-    flags: Sequence[str] = FLAGS,
-    slower: str = "",
-) -> ctypes.CDLL | None:
-    """Compile the C files of a package as one source, and load the library; cached.
-
-    Parameters
-    ----------
-    package
-        Name of the package that contains the files.
-    names
-        Names of the files, in order.
-    header
-        Lines in front of them.
-    flags
-        Flags of the compiler.
-    slower
-        Warning without a compiler, to which its cause is added; by default there is no warning.
-
-    Returns
-    -------
-    ctypes.CDLL or None
-        The library; None if there is no compiler, or its library does not load.
-    """
-    texts = [(files(package) / name).read_text(encoding="ascii") for name in names]
-    try:
-        return ctypes.CDLL(loaded_library("\n".join([header, *texts]), flags))
-    except (NoCompilerError, OSError) as error:
-        if slower:
-            warnings.warn(f"{slower}: {error}", UserWarning, stacklevel=5)
-        return None
-
-
-def c_struct(
-    *first: tuple[str, Any], ints: str = "", doubles: str = "", pointers: str = ""
-) -> type[ctypes.Structure]:
-    """Declare a C struct: its first members, then ints, doubles and pointers, names in a text."""
-    members = [*first, *((name, ctypes.c_int) for name in ints.split())]
-    members += [(name, ctypes.c_double) for name in doubles.split()]
-    members += [(name, ctypes.c_void_p) for name in pointers.split()]
-    return type("CStruct", (ctypes.Structure,), {"_fields_": members})
-
-
-def filled_struct(
-    struct: type[ctypes.Structure],
-    ints: Mapping[str, ArrayLike],
-    reals: Mapping[str, ArrayLike],
-    scalars: Mapping[str, Any],
-) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Create a C struct with pointers to arrays.
-
-    Returns the struct, and the list of these arrays, which must live as long as the struct.
-    """
-    held: dict[str, NDArray[np.generic]] = {}
-    held |= {
-        name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()
-    }
-    held |= {
-        name: np.ascontiguousarray(values, float) for name, values in reals.items()
-    }
-    pointers = {name: values.ctypes.data for name, values in held.items()}
-    return struct(**scalars, **pointers), list(held.values())
 
 
 def _vector_units() -> str:

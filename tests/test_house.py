@@ -73,6 +73,7 @@ def test_no_output_of_a_command_is_in_the_top_folder() -> None:
     kept = {"repctl_pin", "urdf", "tests", "examples", "docs"}
     files = {"README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "LICENSE"}
     settings = {"pyproject.toml", "mkdocs.yml", "CITATION.cff", "eslint.config.mjs"}
+    settings |= {"hatch_build.py"}
     assert {name for name in top if not name.startswith(".")} <= kept | files | settings
 
 

@@ -38,6 +38,7 @@ from .endings import exit_code
 from .executors import BLAS_THREADS
 from .given import is_saved
 from .options import Parser
+from .terminal import say_line
 
 _AS_WRITTEN: dict[str, Any] = {
     "formatter_class": argparse.RawDescriptionHelpFormatter,
@@ -97,6 +98,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.simplefilter(
             "ignore", Warning if not sys.warnoptions else DeprecationWarning
         )
+        warnings.filterwarnings("once", "no native library", UserWarning)
+        warnings.showwarning = lambda said, *_: say_line(f"repctl: warning: {said}")
         for stream in (sys.stdout, sys.stderr):  # None where it is closed
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(

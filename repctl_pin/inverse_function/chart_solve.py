@@ -1,4 +1,4 @@
-"""Batched kinematics and Newton's method of a chart in C (chart_solve.c); needs a C compiler."""
+"""Batched kinematics and Newton's method of a chart in the native library (chart_solve.c)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import c_struct, filled_struct, kernel
-from ..robot.joint_chain import joint_chain
+from ..native import library
+from ..robot.joint_chain import native_chain
 from ..robot.task import Task
 
 _MOST = 32
 """Maximum number of joints that chart_solve.c supports."""
-
-
-_CHAIN = c_struct(ints="P n m kind", pointers="revolute rows R p axis S offset")
-"""The struct Chain of chart_solve.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +96,7 @@ _known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = (
 def compiled_chain(task: Task) -> CompiledChain | None:
     """Return the compiled chain of a task, cached per task.
 
-    None if there is no compiler, or the C code does not support the task: more than 32 joints, or
+    None if there is no native library, or it does not support the task: more than 32 joints, or
     transformed joint coordinates.
     """
     if task not in _known:
@@ -109,16 +105,8 @@ def compiled_chain(task: Task) -> CompiledChain | None:
 
 
 def _made(task: Task) -> CompiledChain | None:
-    library, model = kernel(__package__, "chart_solve.c"), task.model
-    if library is None or model.njoints - 1 > _MOST or task.coordinates is not None:
+    native = library()
+    if native is None or task.n > _MOST or task.coordinates is not None:
         return None
-    joints = joint_chain(task)
-    kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
-    chain, memory = filled_struct(
-        _CHAIN,
-        {"revolute": joints.revolute, "rows": task.rows},
-        {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}
-        | {"axis": joints.axes},
-        {"P": len(joints.axes), "n": task.n, "m": task.m, "kind": kind},
-    )
-    return CompiledChain(task.m, library, chain, memory)
+    chain = native_chain(task)
+    return None if chain is None else CompiledChain(task.m, native, *chain)

@@ -1,4 +1,4 @@
-"""Runge–Kutta steps of the built-in controllers in C (runge_kutta.c), where there is a compiler."""
+"""Runge–Kutta steps of the built-in controllers in the native library (runge_kutta.c)."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
-from ..c_library import c_struct, filled_struct, kernel
+from ..native import LAW, filled_struct, library
 from ..potentials.polynomial import PolynomialMap
 from ..redundancy.inverses import RANK_TOLERANCE
-from ..robot.joint_chain import joint_chain
+from ..robot.joint_chain import native_chain
 from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strategy
 from ..strategies.pseudoinverse import WELL_CONDITIONED
 
@@ -29,15 +29,6 @@ _AT_ONCE = 50_000
 """Number of steps per call of the C function; Ctrl-C is handled between calls."""
 
 
-_LAW = c_struct(
-    ints="P n m stages steps r degree",
-    doubles="gain sufficient",
-    pointers="R p axes revolute rows S offset posture "
-    "tensor center nodes weights xdot h most",
-)
-"""Input of the C function: the struct Law of runge_kutta.c."""
-
-
 def compiled_steps(
     strategy: Strategy,
     tableau: tuple[Sequence[float], Sequence[float]],
@@ -47,7 +38,7 @@ def compiled_steps(
 ) -> Steps | None:
     """Make the function that integrates a strategy in C; None if that is not possible.
 
-    It requires a compiler, and a strategy and a task that runge_kutta.c supports.
+    It requires the native library, and a strategy and a task that runge_kutta.c supports.
 
     Parameters
     ----------
@@ -66,15 +57,12 @@ def compiled_steps(
     parts = _parts_of(strategy)
     if parts is None or task.kind == "axis" or task.n > _MOST:
         return None
-    library = kernel(__package__, "runge_kutta.c")
-    if library is None:
-        return None
-    chain = joint_chain(task)
-    if len(chain.axes) > _MOST:
+    native = library()
+    chain = None if native is None else native_chain(task)
+    if native is None or chain is None:
         return None
     scalars, own = parts
-    reals = {name: getattr(chain, name) for name in ("R", "p", "axes", "S", "offset")}
-    reals |= {
+    reals = {
         "posture": np.zeros(task.n),
         "tensor": np.zeros(1),
         "center": np.zeros(1),
@@ -86,15 +74,14 @@ def compiled_steps(
         "h": h,
         "most": most,
     }
-    ints = {"revolute": chain.revolute, "rows": task.rows}
-    sizes = {"P": len(chain.axes), "n": task.n, "m": task.m}
-    sizes |= {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
-    law, held = filled_struct(_LAW, ints, reals | motion, sizes | scalars)
-    return functools.partial(_run, library, law, held)
+    sizes = {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
+    sizes |= {"chain": ctypes.addressof(chain[0])}
+    law, held = filled_struct(LAW, {}, reals | motion, sizes | scalars)
+    return functools.partial(_run, native, law, [chain, held])
 
 
 def _run(
-    library: ctypes.CDLL,
+    native: ctypes.CDLL,
     law: ctypes.Structure,
     held: list[Any],  # the memory to which law points
     step: int,
@@ -105,7 +92,7 @@ def _run(
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
         goal = min(step + _AT_ONCE, end)
-        step = library.runge_kutta_steps(ctypes.byref(law), step, goal, *rows)
+        step = native.runge_kutta_steps(ctypes.byref(law), step, goal, *rows)
         if step < goal:
             break
     return step

@@ -1,4 +1,4 @@
-"""C kernel of the Taylor models of an arm angle's gradient: arm_angle.c, compiled with taylor.c."""
+"""C kernel of the Taylor models of an arm angle's gradient: arm_angle.c."""
 
 from __future__ import annotations
 
@@ -8,22 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..c_library import VECTOR_FLAGS, c_struct, filled_struct, kernel
-from .taylor import SPACE, space_of
+from ..native import ARM_ANGLE, filled_struct, library
+from .taylor import space_of
 from .taylor_chain import basis
 
-_SOURCES = "taylor.c", "arm_angle.c"
-
 _MOST = 8
-"""Largest number of joints for which the models fit on the stack of a thread."""
-
-
-_ARM = c_struct(
-    ("space", SPACE),
-    ints="P stereographic",
-    pointers="R p a bases before revolute carries S o joint place direction",
-)
-"""The struct Arm of arm_angle.c."""
+"""Largest number of joints that arm_angle.c has room for: their models are on the stack."""
 
 
 def gradients_in_c(
@@ -31,19 +21,18 @@ def gradients_in_c(
 ) -> tuple[Array, Array] | None:
     """Compute Taylor models of a gradient (K, k) on boxes of the joints that move the arm angle.
 
-    Returns their coefficients (K, k, M) and bounds (K, k); None without a compiler, or if the arm
-    angle depends on more than eight joints.
+    Returns their coefficients (K, k, M) and bounds (K, k); None without the native library, or if
+    the arm angle depends on more than eight joints.
     """
     on = chain.moving
     if not 0 < len(on) <= _MOST:
         return None
-    space, _ = held = space_of(len(on))
-    header = f"#include <math.h>\n#define MOST {space.M}"
-    library = use or kernel(__package__, *_SOURCES, header=header, flags=VECTOR_FLAGS)
-    if library is None:
+    native = use or library()
+    if native is None:
         return None
+    space, _ = held = space_of(len(on))
     arm, arrays = filled_struct(
-        _ARM,
+        ARM_ANGLE,
         {
             "before": chain.before,
             "revolute": chain.revolute,
@@ -58,9 +47,8 @@ def gradients_in_c(
     K, k = Q.shape
     P, r = np.zeros((K, k, space.M)), np.zeros((K, k))
     Q, half = np.ascontiguousarray(Q, float), np.ascontiguousarray(half, float)
-    library.arm_gradients.restype = ctypes.c_int
     address = [ctypes.c_void_p(array.ctypes.data) for array in (Q, half, P, r)]
-    done = library.arm_gradients(ctypes.byref(arm), ctypes.c_long(K), *address)
+    done = native.arm_gradients(ctypes.byref(arm), ctypes.c_long(K), *address)
     del held, arrays
     if not done:
         raise MemoryError("no memory for the Taylor models of an arm angle")

@@ -1,7 +1,4 @@
-"""Bounds on the margins of a cell's function F over boxes of poses, and their C kernel.
-
-Its source is cell_bounds.c, compiled together with leaf_margin_bounds.c and taylor.c.
-"""
+"""Bounds on the margins of a cell's function F over boxes of poses; their kernel cell_bounds.c."""
 
 from __future__ import annotations
 
@@ -13,29 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import VECTOR_FLAGS, c_struct, filled_struct, kernel
 from ..inverse_function.monomials import Monomials
+from ..native import CELL, MARGINS, PROBLEM, filled_struct
 from .chain import FREE
 from .commutator import slides_of, tips
-from .leaf_margin_bounds import PROBLEM
-from .taylor import ORDER, SPACE, space_of
+from .taylor import ORDER, space_of
 from .taylor_chain import TURNED, basis
-
-SOURCES = ("leaf_margin_bounds.c", "taylor.c", "cell_bounds.c")
-
-
-_CELL = c_struct(
-    ("chain", ctypes.c_void_p),
-    ("space", SPACE),
-    ints="w terms F turning angled spun turned slides",
-    doubles="tool columns",
-    pointers="parent variable used fourth parts rest blur near lower upper farthest "
-    "o a d R0 D Omega angle spin bases tips",
-)
-"""The struct Cell of cell_bounds.c."""
-
-_OUT = c_struct(pointers="leaf sigma limit Q reach split")
-"""The struct Out of cell_bounds.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +38,11 @@ class CellBounds:
     split: NDArray[np.int32]
 
 
-def library() -> ctypes.CDLL | None:
-    """Return the compiled C kernel; None without a compiler, of which the first call warns."""
-    slower = "proofs of cells run in NumPy, many times slower"
-    return kernel(__package__, *SOURCES, flags=VECTOR_FLAGS, slower=slower)
-
-
 class Kernel:
     """The C kernel for one :class:`CellProof`, whose numbers it holds in C structs."""
 
-    def __init__(self, proof: Any, library: ctypes.CDLL) -> None:
-        self._run = library.cell_bounds
+    def __init__(self, proof: Any, native: ctypes.CDLL) -> None:
+        self._run = native.cell_bounds
         self._run.restype = ctypes.c_int
         chain = proof.chain
         row, column = np.nonzero(chain.S)
@@ -94,7 +68,7 @@ class Kernel:
         monomials = Monomials(k, max(proof.chart.monomials.degree, ORDER))
         self._space = space_of(k)
         self._cell = filled_struct(
-            _CELL,
+            CELL,
             {
                 "parent": monomials.parent,
                 "variable": monomials.variable,
@@ -133,7 +107,7 @@ class Kernel:
         Q, reach = np.full((2, K, n), np.nan)
         split = np.zeros(K, np.int32)
         arrays = (leaf, sigma, limit, Q, reach, split)
-        out = _OUT(*(array.ctypes.data for array in arrays))
+        out = MARGINS(*(array.ctypes.data for array in arrays))
         Uc, half = np.ascontiguousarray(Uc, float), np.ascontiguousarray(half, float)
         done = self._run(
             ctypes.byref(self._cell[0]),

@@ -22,7 +22,8 @@ from ..arguments import Array
 from ..inverse_function.cell import Cell
 from ..inverse_function.chart import Chart
 from ..inverse_function.sector import Sector
-from .cell_kernel import CellBounds, Kernel, library
+from ..native import library
+from .cell_kernel import CellBounds, Kernel
 from .cell_poses import Poses
 from .chain import Chain, chain_of, frame_change, tool_reach
 from .chart_bounds import Polynomials
@@ -50,7 +51,7 @@ class CellProof:
     chart
         Chart of the function.
     compiled
-        False to compute in NumPy even if there is a compiler.
+        False to compute in NumPy even if there is the native library.
     """
 
     def __init__(self, chart: Chart, compiled: bool = True) -> None:
@@ -71,8 +72,8 @@ class CellProof:
         ]
         self.chain = min(made, key=self._size)
         self.tool = tool_reach(self.chain)
-        kernel = library() if compiled else None
-        self._kernel = None if kernel is None else Kernel(self, kernel)
+        native = library() if compiled else None
+        self._kernel = None if native is None else Kernel(self, native)
 
     def _size(self, chain: Chain) -> float:
         """Compute the spectral radius of the bound D for uniqueness, on a box in the cell's middle.
@@ -91,7 +92,7 @@ class CellProof:
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
         """Bound the margins of F over boxes Uc ± half, (K, k) each.
 
-        They are computed in C if there is a compiler.
+        The native library computes them, or without it NumPy.
         """
         return self.enclosed(Uc, half)[0]
 

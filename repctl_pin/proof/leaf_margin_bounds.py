@@ -15,7 +15,7 @@ and P to its complement. With ``S = (T − P)(I + PᵀT)⁻¹``
 
 .. math:: \text{leaf margin} ≥ 1 / \sqrt{1 + ‖S‖² (1 + ‖P‖²)}
 
-The computation is in C if there is a compiler (leaf_margin_bounds.c), else in NumPy, with the same
+The native library computes them (leaf_margin_bounds.c); without it NumPy does, with the same
 formulas.
 """
 
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import c_struct, filled_struct, kernel
+from ..native import PROBLEM, filled_struct, library
 from ..potentials.basis import Potentials
 from ..regions.box import Box
 from ..robot.task import Task
@@ -93,13 +93,11 @@ class LeafMarginProblem:
     def bounds(self, Q: Array, half: Array) -> LeafMarginBounds:
         """Bound the leaf margin in boxes Q ± half, (K, n) each.
 
-        The bounds are computed in C if there is a compiler.
+        The native library computes the bounds, or without it NumPy.
         """
-        library = _library()
+        native = library()
         return (
-            in_numpy(self, Q, half)
-            if library is None
-            else _in_c(self, library, Q, half)
+            in_numpy(self, Q, half) if native is None else _in_c(self, native, Q, half)
         )
 
     def undefined(self, Q: Array, half: Array) -> NDArray[np.bool_]:
@@ -600,23 +598,8 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 # ---- C -----------------------------------------------------------------------------------------
 
 
-PROBLEM = c_struct(
-    ints="P k n N r Z F F3",
-    doubles="eps beta",
-    pointers="R p a shift reach revolute level first column S o "
-    "Zq z0 kind parent variable third G C C3 T T4 E round",
-)
-"""The struct Problem of leaf_margin_bounds.c, which holds one :class:`LeafMarginProblem`."""
-
-
-def _library() -> ctypes.CDLL | None:
-    """Return the compiled C kernel; None without a compiler, of which the first call warns."""
-    slower = "proofs run in NumPy, a few times slower"
-    return kernel(__package__, "leaf_margin_bounds.c", slower=slower)
-
-
 def _in_c(
-    problem: LeafMarginProblem, library: ctypes.CDLL, Q: Array, half: Array
+    problem: LeafMarginProblem, native: ctypes.CDLL, Q: Array, half: Array
 ) -> LeafMarginBounds:
     chain, parts, n = problem.chain, problem.features, problem.chain.n
     S = chain.S
@@ -662,7 +645,7 @@ def _in_c(
         for array in (Q, half, bound, center, sigma, split)
     ]
     arms = _arm_angles(problem, Q, half) if parts.arms else None
-    library.leaf_margins(
+    native.leaf_margins(
         ctypes.byref(struct),
         ctypes.c_long(len(Q)),
         *address,

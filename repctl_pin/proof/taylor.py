@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..c_library import c_struct, filled_struct
+from ..native import SPACE, filled_struct
 
 ORDER = 3
 _ROUND = 2e-14
@@ -23,9 +23,6 @@ _ROUND = 2e-14
 
 _ENTIRE = 24
 """Number of terms of the power series in :func:`entire`; enough for z below π²."""
-
-SPACE = c_struct(ints="k M", pointers="left right first starts")
-"""The struct Space of taylor.c."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +67,7 @@ def products(k: int) -> Products:
 
 
 def space_of(k: int) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Create the struct Space of models in k variables, and the arrays that it points to."""
+    """Create the struct SPACE of models in k variables, and the arrays that it points to."""
     pairs = products(k)
     ints = {name: getattr(pairs, name) for name in ("left", "right", "starts")}
     ints["first"] = np.append(pairs.first, len(pairs.left))

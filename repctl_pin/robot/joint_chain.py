@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
+from ..native import CHAIN, filled_struct
 from .task import Task
+
+_MOST = 64
+"""Maximum number of joints of a chain in C."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,24 @@ def joint_chain(task: Task) -> JointChain:
         np.array([place.translation for place in places]),
         *joint_axes(model, joints),
         *joint_coupling(task, joints),
+    )
+
+
+def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
+    """Create the struct :data:`CHAIN` of a task, and the arrays that it points to.
+
+    None if the chain has more than 64 joints, the most that chain.c has room for.
+    """
+    joints = joint_chain(task)
+    if len(joints.axes) > _MOST:
+        return None
+    kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
+    return filled_struct(
+        CHAIN,
+        {"revolute": joints.revolute, "rows": task.rows},
+        {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}
+        | {"axis": joints.axes},
+        {"P": len(joints.axes), "n": task.n, "m": task.m, "kind": kind},
     )
 
 

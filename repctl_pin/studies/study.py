@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from time import thread_time
@@ -214,11 +213,7 @@ def _proved(design: Design, seconds: float) -> Design:
     The proof fails, too, if it takes more than ``seconds`` of processor time.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # without a compiler it takes longer
-            proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
+        proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
     except (
         InputError
     ):  # bounds of these potentials, or the region's shape, are not known

@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 PACKAGE = "repctl_pin.proof"
+NATIVE = "repctl_pin.native"
 
 NUMPY = {
     "no products of slopes": (
@@ -260,7 +261,7 @@ COMMUTATOR = {
 """What is wrong with the bounds of two solutions: a piece of commutator.py, and what is put in its
 place."""
 
-_CELL, _TAYLOR = "cell_bounds.c", "taylor.c"
+_CELL, _TAYLOR = "cell_bounds.c", "taylor.h"
 CELL_C = {
     "no products of degree 1 and 3": (_TAYLOR, "r = a[1] * b[3] + a[2]", "r = a[2]"),
     "no squares of degree 2": (_TAYLOR, "a[2] * (b[2] + b[3])", "a[2] * b[3]"),
@@ -393,12 +394,12 @@ ARM_C = {
     "the wrist's force": ("add(g, F[2] + i, -1, F[0] + i, F[2] + i);", ";"),
     "the wrist's moment": ("add(g, whole + i, 1, x + i, whole + i);", ";"),
     "moments about the base": (
-        "add(g, points[c] + i, -1, origins[l] + i, way + i)",
+        "add(g, points[c] + i, -1, f->origin + i, way + i)",
         "way[i] = points[c][i]",
     ),
     "prismatic joints": (
-        "times_model(g, &theta, axes[l], x);",
-        "times_model(g, &theta, axes[l], x), x[0].p[0] += all(1);",
+        "times_model(g, &theta, f->axis, x);",
+        "times_model(g, &theta, f->axis, x), x[0].p[0] += all(1);",
     ),
     "couplings": (
         "add(g, V + i, s->S[l * k + i], &one, V + i)",
@@ -412,9 +413,9 @@ ARM_C = {
 """What is wrong with an arm angle's kernel: a piece of arm_angle.c, and what is put instead."""
 
 
-def source(name: str, piece: str, instead: str) -> str:
+def source(name: str, piece: str, instead: str, package: str = PACKAGE) -> str:
     """Read a file of the package, with one piece replaced."""
-    text = files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
+    text = files(package).joinpath(name).read_text(encoding="utf-8")
     assert not piece or text.count(piece) == 1, (
         f"{piece!r} is there {text.count(piece)} times"
     )
@@ -432,14 +433,18 @@ def wrong(
     return module
 
 
-def compiled(text: str, folder: Path) -> ctypes.CDLL:
-    """Compile C, such as a wrong version of a kernel, and load it; skip without a compiler."""
+def compiled(folder: Path, name: str, piece: str, instead: str) -> ctypes.CDLL:
+    """Compile the kernels of proofs, a piece of one file replaced; skip without a compiler."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("there is no C compiler")
-    file = folder / f"wrong{len(list(folder.iterdir()))}.c"
-    file.write_text(text, encoding="utf-8")
-    flags = ("-std=c99", "-O1", "-fPIC", "-shared")
-    made = file.with_suffix(".so")
-    subprocess.run([compiler, *flags, str(file), "-o", str(made), "-lm"], check=True)
-    return ctypes.CDLL(str(made))
+    wrong = folder / f"wrong{len(list(folder.iterdir()))}"
+    shutil.copytree(str(files(NATIVE)), wrong, ignore=shutil.ignore_patterns("*.so"))
+    text = source(name, piece, instead, NATIVE)
+    (wrong / name).write_text(text, encoding="utf-8")
+    kernels = {"leaf_margin_bounds.c", name.replace("taylor.h", "cell_bounds.c")}
+    flags = ["-std=c99", "-O1", "-w", "-fPIC", "-shared", "-DLEVEL=plain"]
+    flags += [f"-D{f}_plain={f}" for f in ("cell_bounds", "arm_gradients")]
+    line = [compiler, *flags, *kernels, "-o", "wrong.so", "-lm"]
+    subprocess.run(line, cwd=wrong, check=True)
+    return ctypes.CDLL(str(wrong / "wrong.so"))

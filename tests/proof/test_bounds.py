@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from mimic_arm import MIMICS, arm
-from mutants import NUMPY, POTENTIALS, C, compiled, source, wrong
+from mutants import NUMPY, POTENTIALS, C, compiled, wrong
 from proofs import (
     design_of,
     margins,
@@ -362,9 +362,9 @@ def test_c_and_numpy_find_the_same_bounds(case: str, tmp_path: Path) -> None:
     problem = leaf_margin_bounds.leaf_margin_of(
         task, potentials.weighted(A), rp.Box(q, 0.1)
     )
-    library = leaf_margin_bounds._library()
+    library = leaf_margin_bounds.library()
     if library is None:
-        pytest.skip("there is no C compiler")
+        pytest.skip("there is no native library")
     rng = np.random.default_rng(1)
     Q, half = (
         q + rng.uniform(-0.1, 0.1, (100, task.n)),
@@ -427,21 +427,21 @@ def differs(
 def test_c_and_numpy_find_the_same_bounds_in_wide_boxes(
     panda_pose: rp.Task, tmp_path: Path
 ) -> None:
-    library = leaf_margin_bounds._library()
+    library = leaf_margin_bounds.library()
     if library is None:
-        pytest.skip("there is no C compiler")
+        pytest.skip("there is no native library")
     assert differs(problems(tmp_path, panda_pose), library, 100) < 1e-8
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_wrong_term_in_c_is_noticed(panda_pose: rp.Task, tmp_path: Path) -> None:
-    if leaf_margin_bounds._library() is None:
-        pytest.skip("there is no C compiler")
+    if leaf_margin_bounds.library() is None:
+        pytest.skip("there is no native library")
     cases = problems(tmp_path, panda_pose)
     for name, (piece, instead) in C.items():
-        text = source("leaf_margin_bounds.c", piece, instead)
-        assert differs(cases, compiled(text, tmp_path), 60) > 1e-6, name
+        library = compiled(tmp_path, "leaf_margin_bounds.c", piece, instead)
+        assert differs(cases, library, 60) > 1e-6, name
 
 
 # ---- against rigorous arithmetic ---------------------------------------------------------------

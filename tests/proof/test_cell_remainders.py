@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
-from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, compiled, source, wrong
+from mutants import CELL_C, CELLS, CHAIN, COMMUTATOR, compiled, wrong
 from second_order import monomials
 from sectors import sector_of
 
@@ -392,11 +392,11 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(
 
 
 def test_both_kernels_give_the_same_enclosures(
-    chart: Any, plain: cells.CellProof, quick_compiler: None
+    chart: Any, plain: cells.CellProof
 ) -> None:
     compiled = cells.CellProof(chart)
     if compiled._kernel is None:
-        pytest.skip("there is no C compiler")
+        pytest.skip("there is no native library")
     rng, k = np.random.default_rng(3), 6
     U = rng.uniform(-0.9, 0.9, (21, k))
     h = np.array([0.5, 0.2, 0.05])[np.arange(21) % 3, None] * rng.uniform(
@@ -422,7 +422,7 @@ def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
         chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256)
     )
     if right._kernel is None:
-        pytest.skip("there is no C compiler")
+        pytest.skip("there is no native library")
     rng = np.random.default_rng(4)
     U = rng.uniform(-0.9, 0.9, (96, 6))
     h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(
@@ -430,11 +430,7 @@ def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
     )
     bounds, _, reach = right.enclosed(U, h)
     for name, (file, piece, instead) in CELL_C.items():
-        texts = [
-            source(one, piece, instead) if one == file else source(one, "", "")
-            for one in cell_kernel.SOURCES
-        ]
-        library = compiled("\n".join(texts), tmp_path)
+        library = compiled(tmp_path, file, piece, instead)
         changed, _, other = cell_kernel.Kernel(right, library).bounds(U, h)
         same = np.allclose(reach, other, rtol=1e-5, atol=1e-7, equal_nan=True)
         same &= np.allclose(bounds.leaf_margin, changed.leaf_margin, rtol=1e-5)
@@ -450,9 +446,7 @@ def test_a_cell_is_proved_without_a_compiler_too(
     assert problem.bounds(np.zeros((1, 6)), np.full((1, 6), 0.01)).leaf_margin[0] > 0.9
 
 
-def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
-    chart: Any, quick_compiler: None
-) -> None:
+def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(chart: Any) -> None:
     """d* below the distance of F, or so large that F may not be the only solution within it."""
     Uc, half = np.zeros((2, 6)), np.full((2, 6), 0.01)
     for compiling in (True, False):
@@ -461,5 +455,5 @@ def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(
         for near in (1e-9, 0.2):
             problem.near = np.full(7, near)
             if problem._kernel is not None:
-                problem._kernel = cell_kernel.Kernel(problem, cell_kernel.library())
+                problem._kernel = cell_kernel.Kernel(problem, cells.library())
             assert (problem.bounds(Uc, half).leaf_margin == 0).all()

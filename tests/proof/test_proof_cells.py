@@ -194,7 +194,7 @@ def test_both_kernels_agree_on_cells_of_other_tasks(kind: str, tmp_path: Path) -
     chart = chart_of(rp.Cell(task, task.placement(q), *size), q, 2)
     compiled, plain = cells.CellProof(chart), cells.CellProof(chart, compiled=False)
     if compiled._kernel is None:
-        pytest.skip("there is no C compiler")
+        pytest.skip("there is no native library")
     k = chart.cell.k
     U = rng.uniform(-0.9, 0.9, (24, k))
     h = np.array([0.6, 0.2, 0.05])[np.arange(24) % 3, None] * np.ones(k)

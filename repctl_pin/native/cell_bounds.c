@@ -1,9 +1,12 @@
 /* A cell's function over boxes of poses: see docs/theory.md, "Proved, not sampled", "A cell".
 
-   Compiled together with leaf_margin_bounds.c and taylor.c. The same mathematics as cells.py, LANES boxes at a
-   time where there are Taylor models, one box at a time elsewhere. */
+   The same mathematics as cells.py, LANES boxes at a time where there are Taylor models, one box at a time elsewhere. */
 
-typedef struct {
+#include "chain.h"
+#include "leaf_margin_bounds.h"
+#include "taylor.h"
+
+typedef struct Cell {
   const Problem *chain;
   Space space;
   int w, terms, F, turning, angled, spun;  /* n (1 + r), monomials of the chart, and what moves the pose */
@@ -19,10 +22,10 @@ typedef struct {
   const double *tips;                      /* P: distances from the frame */
 } Cell;
 
-typedef struct {
+typedef struct Margins {
   double *leaf, *sigma, *limit, *Q, *reach;
   int *split;
-} Out;
+} Margins;
 
 static double norm3(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
@@ -96,6 +99,36 @@ static int margin_of(const Problem *g, int k, double A[g->N][g->N], const double
 
 /* ---- Taylor models of the chart, the poses and the chain ---- */
 
+/* cos sqrt z, sin sqrt z / sqrt z and (1 - cos sqrt z) / z at z from 0 to pi^2: sums of (-z)^i / (2 i + m)! */
+static void exponential(const Space *g, const Model *z, Model *out) {
+  Lanes x = largest(z->p[0], 0);
+  double fourth = 1. / 40320;
+  for (int m = 0; m < 3; m++) {
+    Lanes f[4];
+    for (int j = 0; j < 4; j++) {
+      double term = j % 2 ? -1 : 1;
+      for (int i = 2; i <= 2 * j + m; i++) term /= i;
+      Lanes total = all(0), power = all(1);
+      for (int i = j; i < 24; i++) { /* binomial(i, j) (-1)^i z^(i - j) / (2 i + m)! */
+        total += term * power, power *= x;
+        term *= -(i + 1.) / (i + 1 - j) / ((2. * i + m + 1) * (2. * i + m + 2));
+      }
+      f[j] = total;
+    }
+    series(g, z, f, fourth, 1e-12, out + m);
+    fourth /= 9 + m;
+  }
+}
+
+/* R x, R by columns */
+static void apply_models(const Space *g, Model (*R)[3], const Model *x, Model *out) {
+  Model y;
+  for (int i = 0; i < 3; i++) {
+    product(g, &R[0][i], x, out + i);
+    for (int c = 1; c < 3; c++) product(g, &R[c][i], x + c, &y), add(g, out + i, 1, &y, out + i);
+  }
+}
+
 /* q_ref and n_ref, (w,): expanded in t, u = u_c + h t. */
 static void chart_models(const Cell *s, const Lanes *u, const Lanes *h, Model *out) {
   const Space *g = &s->space;
@@ -167,7 +200,7 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
         combine(g, hat + 3 * l, omega, &e), product(g, c + 1, &e, &f), add(g, turned + l, 1, &f, turned + l);
         product(g, &along, omega + l, &e), product(g, c + 2, &e, &f), add(g, turned + l, 1, &f, turned + l);
       }
-      for (int l = 0; l < 3; l++) R[i][l] = turned[l];
+      for (int l = 0; l < 3; l++) copy(g, turned + l, &R[i][l]);
     }
   }
   if (s->spun) {
@@ -180,26 +213,6 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
     for (int i = 0; i < 3; i++) turn_model(s, &sine, &cosine, R[i]);
   }
   for (int i = 0; i < 3; i++) constant(g, s->o[i], &e), add(g, p + i, 1, &e, p + i);
-}
-
-/* R x for constant x; R by columns. */
-static void combine_columns(const Space *g, Model (*R)[3], const double *x, Model *y) {
-  for (int i = 0; i < 3; i++) {
-    add_scaled(g, x[0], &R[0][i], x[1], &R[1][i], y + i);
-    add(g, y + i, x[2], &R[2][i], y + i);
-  }
-}
-
-/* R <- R C, by columns. */
-static void turn_frame(const Space *g, const double *C, int transposed, Model (*R)[3]) {
-  Model new[3][3];
-  for (int c = 0; c < 3; c++) {
-    double x[3];
-    for (int i = 0; i < 3; i++) x[i] = transposed ? C[3 * c + i] : C[3 * i + c];
-    combine_columns(g, R, x, new[c]);
-  }
-  for (int c = 0; c < 3; c++)
-    for (int i = 0; i < 3; i++) R[c][i] = new[c][i];
 }
 
 static void screw_model(const Cell *s, int l, Model (*R)[3], const Model *o, Model *xi) {
@@ -531,7 +544,7 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
   return 1;
 }
 
-static void one_cell_box(const Cell *s, const Lane *at, const double *A, const double *B, long box, const Out *out) {
+static void one_cell_box(const Cell *s, const Lane *at, const double *A, const double *B, long box, const Margins *out) {
   const Problem *g = s->chain;
   int n = g->n, N = g->N, k = s->space.k;
   double eps = g->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n];
@@ -607,7 +620,7 @@ static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, 
   }
 }
 
-static void some_boxes(const Cell *s, const double *U, const double *half, long at, int count, Work *w, const Out *out) {
+static void some_boxes(const Cell *s, const double *U, const double *half, long at, int count, Work *w, const Margins *out) {
   const Problem *g = s->chain;
   const Space *sp = &s->space;
   int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r;
@@ -688,7 +701,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, long 
   }
 }
 
-int cell_bounds(const Cell *s, long K, const double *U, const double *half, const Out *out) {
+EXPORT int LEVELLED(cell_bounds)(const Cell *s, long K, const double *U, const double *half, const Margins *out) {
   const Problem *g = s->chain;
   size_t models = s->w + 6 * g->P + g->n + g->N * g->N;
   Model *memory = malloc(models * sizeof(Model));

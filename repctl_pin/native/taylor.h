@@ -1,8 +1,18 @@
 /* Taylor models of degree 3 on LANES boxes at a time: the same mathematics as taylor.py. */
 
+#include <math.h>
 #include <stdlib.h>
 
+#include "levels.h"
+
+/* As many lanes as a register holds; clang splits wide vectors well, gcc does not. */
+#if defined(__clang__) || defined(__AVX512F__)
 #define LANES 8
+#elif defined(__AVX2__)
+#define LANES 4
+#else
+#define LANES 2
+#endif
 #ifndef MOST
 #define MOST 84 /* monomials of six variables */
 #endif
@@ -44,6 +54,13 @@ static void finish(const Space *g, Model *x) {
     for (int m = g->starts[d]; m < g->starts[d + 1]; m++) s += absolute(x->p[m]);
     x->n[d] = s;
   }
+}
+
+/* What is beyond the M coefficients of these models is never read. */
+static void copy(const Space *g, const Model *x, Model *out) {
+  for (int m = 0; m < g->M; m++) out->p[m] = x->p[m];
+  for (int d = 0; d < 4; d++) out->n[d] = x->n[d];
+  out->r = x->r;
 }
 
 static void constant(const Space *g, double value, Model *x) {
@@ -91,7 +108,8 @@ static void product(const Space *g, const Model *x, const Model *y, Model *out) 
 
 /* Sum f_i d^i, d what x differs from its centre by, and fourth |d|^4. */
 static void series(const Space *g, const Model *x, const Lanes *f, double fourth, double round, Model *out) {
-  Model d = *x, square, cube;
+  Model d, square, cube;
+  copy(g, x, &d);
   d.p[0] = d.n[0] = all(0);
   product(g, &d, &d, &square), product(g, &square, &d, &cube);
   Lanes most = most_of(&d), r = fourth * most * most * most * most + round;
@@ -112,27 +130,6 @@ static void sine_cosine(const Space *g, const Model *x, Model *sine, Model *cosi
   series(g, x, f, 1. / 24, ROUND, sine), series(g, x, e, 1. / 24, ROUND, cosine);
 }
 
-/* cos sqrt z, sin sqrt z / sqrt z and (1 - cos sqrt z) / z at z from 0 to pi^2: sums of (-z)^i / (2 i + m)! */
-static void exponential(const Space *g, const Model *z, Model *out) {
-  Lanes x = largest(z->p[0], 0);
-  double fourth = 1. / 40320;
-  for (int m = 0; m < 3; m++) {
-    Lanes f[4];
-    for (int j = 0; j < 4; j++) {
-      double term = j % 2 ? -1 : 1;
-      for (int i = 2; i <= 2 * j + m; i++) term /= i;
-      Lanes total = all(0), power = all(1);
-      for (int i = j; i < 24; i++) { /* binomial(i, j) (-1)^i z^(i - j) / (2 i + m)! */
-        total += term * power, power *= x;
-        term *= -(i + 1.) / (i + 1 - j) / ((2. * i + m + 1) * (2. * i + m + 2));
-      }
-      f[j] = total;
-    }
-    series(g, z, f, fourth, 1e-12, out + m);
-    fourth /= 9 + m;
-  }
-}
-
 /* Turn the columns x and y in their plane. */
 static void plane(const Space *g, const Model *sine, const Model *cosine, Model *x, Model *y) {
   Model a, b, c, d;
@@ -148,11 +145,22 @@ static void cross_models(const Space *g, const Model *a, const Model *b, Model *
   }
 }
 
-/* R x, R by columns */
-static void apply_models(const Space *g, Model (*R)[3], const Model *x, Model *out) {
-  Model y;
+/* R x for constant x; R by columns. */
+static void combine_columns(const Space *g, Model (*R)[3], const double *x, Model *y) {
   for (int i = 0; i < 3; i++) {
-    product(g, &R[0][i], x, out + i);
-    for (int c = 1; c < 3; c++) product(g, &R[c][i], x + c, &y), add(g, out + i, 1, &y, out + i);
+    add_scaled(g, x[0], &R[0][i], x[1], &R[1][i], y + i);
+    add(g, y + i, x[2], &R[2][i], y + i);
   }
+}
+
+/* R <- R C, by columns. */
+static void turn_frame(const Space *g, const double *C, int transposed, Model (*R)[3]) {
+  Model new[3][3];
+  for (int c = 0; c < 3; c++) {
+    double x[3];
+    for (int i = 0; i < 3; i++) x[i] = transposed ? C[3 * c + i] : C[3 * i + c];
+    combine_columns(g, R, x, new[c]);
+  }
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < 3; i++) copy(g, &new[c][i], &R[c][i]);
 }

@@ -1,8 +1,12 @@
 /* Taylor models of the gradient of an arm angle on boxes of joints: see docs/theory.md, "Proved, not sampled".
 
-   Compiled together with taylor.c. The same mathematics as arm_angle.py, LANES boxes at a time. */
+   The same mathematics as arm_angle.py, LANES boxes at a time. */
 
-typedef struct {
+#define MOST 165 /* monomials of eight variables */
+#include "chain.h"
+#include "taylor.h"
+
+typedef struct ArmAngle {
   Space space;
   int P, stereographic;
   const double *R, *p, *a, *bases;    /* P 3 3, P 3, P 3, P 3 3: placements, axes, rotations whose third columns they are */
@@ -10,10 +14,10 @@ typedef struct {
   const double *S, *o;                /* P k, P: positions of the joints */
   const int *joint;                   /* 3: what carries shoulder, elbow and wrist */
   const double *place, *direction;    /* 3 3, 3 */
-} Arm;
+} ArmAngle;
 
 typedef struct {
-  Model R[3][3], o[3];
+  Model R[3][3], o[3], origin[3], axis[3]; /* after the joint; its origin and axis */
 } Frame;
 
 /* x^s for x > 0; r is infinite where x may be 0. */
@@ -27,38 +31,16 @@ static void power_model(const Space *g, const Model *x, double s, Model *out) {
     for (int i = 0; i < 4; i++) f[i][l] = v, v = c > 0 ? v * ((s - i) / ((i + 1) * c)) : 0;
     fourth[l] = sure ? fabs(s * (s - 1) * (s - 2) * (s - 3)) / 24 * pow(least, s - 4) : 0;
   }
-  Model d = *x;
+  Lanes most = (x->n[1] + x->n[2] + x->n[3] + x->r) * (1 + ROUND);
   series(g, x, f, 0, 0, out);
-  d.p[0] = d.n[0] = all(0);
-  Lanes most = most_of(&d);
   out->r += (fourth * most * most * most * most + round) * (1 + 8 * ROUND);
-}
-
-/* R x for constant x; R by columns. */
-static void place_model(const Space *g, Model (*R)[3], const double *x, Model *y) {
-  for (int i = 0; i < 3; i++) {
-    add_scaled(g, x[0], &R[0][i], x[1], &R[1][i], y + i);
-    add(g, y + i, x[2], &R[2][i], y + i);
-  }
-}
-
-/* R <- R C, by columns. */
-static void turned_model(const Space *g, const double *C, int transposed, Model (*R)[3]) {
-  Model new[3][3];
-  for (int c = 0; c < 3; c++) {
-    double x[3];
-    for (int i = 0; i < 3; i++) x[i] = transposed ? C[3 * c + i] : C[3 * i + c];
-    place_model(g, R, x, new[c]);
-  }
-  for (int c = 0; c < 3; c++)
-    for (int i = 0; i < 3; i++) R[c][i] = new[c][i];
 }
 
 static void dot_model(const Space *g, const Model *x, const Model *y, Model *out) {
   Model one, sum;
   product(g, x, y, &sum);
   for (int i = 1; i < 3; i++) product(g, x + i, y + i, &one), add(g, &sum, 1, &one, &sum);
-  *out = sum;
+  copy(g, &sum, out);
 }
 
 static void times_model(const Space *g, const Model *s, const Model *x, Model *out) {
@@ -66,7 +48,7 @@ static void times_model(const Space *g, const Model *s, const Model *x, Model *o
 }
 
 /* The forces at shoulder, elbow and wrist. */
-static void force_models(const Arm *s, const Model *e, const Model *w, Model (*F)[3]) {
+static void force_models(const ArmAngle *s, const Model *e, const Model *w, Model (*F)[3]) {
   const Space *g = &s->space;
   const double *d = s->direction, hat[9] = {0, d[2], -d[1], -d[2], 0, d[0], d[1], -d[0], 0}; /* w -> w x d */
   Model a[3], b[3], square, rho, inverse, lever, x, y, z, along;
@@ -89,11 +71,11 @@ static void force_models(const Arm *s, const Model *e, const Model *w, Model (*F
 }
 
 /* LANES boxes q +- h of the k joints that move the points: the gradient's models, P k of them summed to V (k,). */
-static void arm_boxes(const Arm *s, const double *Q, const double *half, long at, int count, Frame *frames, Model *V,
+static void arm_boxes(const ArmAngle *s, const double *Q, const double *half, long at, int count, Frame *frames, Model *V,
                       double *out_P, double *out_r) {
   const Space *g = &s->space;
   int k = g->k, M = g->M;
-  Model q[k], theta, sine, cosine, points[3][3], axes[s->P][3], x[3], e[3], w[3], F[3][3], whole[3], load[3], one;
+  Model q[k], theta, sine, cosine, points[3][3], x[3], e[3], w[3], F[3][3], whole[3], load[3], one;
   for (int i = 0; i < k; i++) {
     constant(g, 0, q + i), constant(g, 0, V + i);
     for (int l = 0; l < LANES; l++) {
@@ -106,30 +88,33 @@ static void arm_boxes(const Arm *s, const double *Q, const double *half, long at
     constant(g, 0, frames[0].o + i);
     for (int c = 0; c < 3; c++) constant(g, i == c, &frames[0].R[c][i]);
   }
-  Model origins[s->P][3];
   for (int l = 0; l < s->P; l++) {
     Frame *f = frames + 1 + l;
-    *f = frames[1 + s->before[l]];
-    place_model(g, f->R, s->p + 3 * l, x);
-    for (int i = 0; i < 3; i++) add(g, f->o + i, 1, x + i, f->o + i), origins[l][i] = f->o[i];
-    turned_model(g, s->R + 9 * l, 0, f->R);
-    place_model(g, f->R, s->a + 3 * l, axes[l]);
+    const Frame *before = frames + 1 + s->before[l];
+    for (int i = 0; i < 3; i++) {
+      copy(g, before->o + i, f->o + i);
+      for (int c = 0; c < 3; c++) copy(g, &before->R[c][i], &f->R[c][i]);
+    }
+    combine_columns(g, f->R, s->p + 3 * l, x);
+    for (int i = 0; i < 3; i++) add(g, f->o + i, 1, x + i, f->o + i), copy(g, f->o + i, f->origin + i);
+    turn_frame(g, s->R + 9 * l, 0, f->R);
+    combine_columns(g, f->R, s->a + 3 * l, f->axis);
     constant(g, s->o[l], &theta);
     for (int i = 0; i < k; i++)
       if (s->S[l * k + i] != 0) add(g, &theta, s->S[l * k + i], q + i, &theta);
     if (s->revolute[l]) {
       sine_cosine(g, &theta, &sine, &cosine);
-      turned_model(g, s->bases + 9 * l, 0, f->R);
+      turn_frame(g, s->bases + 9 * l, 0, f->R);
       for (int i = 0; i < 3; i++) plane(g, &sine, &cosine, &f->R[0][i], &f->R[1][i]);
-      turned_model(g, s->bases + 9 * l, 1, f->R);
+      turn_frame(g, s->bases + 9 * l, 1, f->R);
     } else {
-      times_model(g, &theta, axes[l], x);
+      times_model(g, &theta, f->axis, x);
       for (int i = 0; i < 3; i++) add(g, f->o + i, 1, x + i, f->o + i);
     }
   }
   for (int c = 0; c < 3; c++) {
     Frame *f = frames + 1 + s->joint[c];
-    place_model(g, f->R, s->place + 3 * c, points[c]);
+    combine_columns(g, f->R, s->place + 3 * c, points[c]);
     for (int i = 0; i < 3; i++) add(g, f->o + i, 1, points[c] + i, points[c] + i);
   }
   for (int i = 0; i < 3; i++)
@@ -139,17 +124,18 @@ static void arm_boxes(const Arm *s, const double *Q, const double *half, long at
   for (int i = 0; i < 3; i++) add(g, whole + i, 1, x + i, whole + i);
   for (int l = 0; l < s->P; l++) {
     const int *on = s->carries + 3 * l;
+    const Frame *f = frames + 1 + l;
     int all_three = on[0] && on[1] && on[2];
     if (all_three && !s->revolute[l]) continue; /* the forces balance */
     for (int i = 0; i < 3; i++) constant(g, 0, load + i);
     for (int c = 0; c < 3 && !all_three; c++) {
       if (!on[c]) continue;
       Model way[3];
-      for (int i = 0; i < 3; i++) add(g, points[c] + i, -1, origins[l] + i, way + i);
+      for (int i = 0; i < 3; i++) add(g, points[c] + i, -1, f->origin + i, way + i);
       if (s->revolute[l]) cross_models(g, way, F[c], x);
       for (int i = 0; i < 3; i++) add(g, load + i, 1, s->revolute[l] ? x + i : F[c] + i, load + i);
     }
-    dot_model(g, axes[l], all_three ? whole : load, &one);
+    dot_model(g, f->axis, all_three ? whole : load, &one);
     for (int i = 0; i < k; i++)
       if (s->S[l * k + i] != 0) add(g, V + i, s->S[l * k + i], &one, V + i);
   }
@@ -160,7 +146,7 @@ static void arm_boxes(const Arm *s, const double *Q, const double *half, long at
     }
 }
 
-int arm_gradients(const Arm *s, long K, const double *Q, const double *half, double *P, double *r) {
+EXPORT int LEVELLED(arm_gradients)(const ArmAngle *s, long K, const double *Q, const double *half, double *P, double *r) {
   Frame *frames = malloc((s->P + 1) * sizeof(Frame));
   Model *V = malloc(s->space.k * sizeof(Model));
   int done = frames && V;

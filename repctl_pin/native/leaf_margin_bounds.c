@@ -4,49 +4,8 @@
 
 #include <math.h>
 
-typedef struct {
-  int P, k, n, N, r, Z, F, F3;
-  double eps, beta;
-  const double *R, *p, *a, *shift, *reach; /* P 3 3, P 3, P 3, 3, P: link placements, axes, middle, offsets */
-  const int *revolute, *level;             /* P, P: level joints keep their axes parallel to the middle link's */
-  const int *first, *column;               /* theta = S q + o in compressed rows: P + 1, nonzeros */
-  const double *S, *o;                     /* nonzeros, P */
-  const double *Zq, *z0;                   /* Z n, Z: arguments z = Zq q - z0 of the features */
-  const int *kind, *parent, *variable;     /* F: 0 constant, 1 product, 2 sine, 3 cosine */
-  const int *third;                        /* F3: the features that third derivatives are of */
-  const double *G, *C, *C3;                /* r n F, r n (n + 1) / 2 F, r n n (n + 1) / 2 F3 */
-  const double *T, *T4, *E;                /* r n n n, r n n n n, r n */
-  const double *round;                     /* 6 + r */
-} Problem;
-
-static void cross(const double *a, const double *b, double *c) {
-  c[0] = a[1] * b[2] - a[2] * b[1];
-  c[1] = a[2] * b[0] - a[0] * b[2];
-  c[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static void apply(const double *R, const double *x, double *y) {
-  for (int i = 0; i < 3; i++) y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2];
-}
-
-static void times(const double *A, const double *B, int transposed, double *C) {
-  double out[9];
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) {
-      double s = 0;
-      for (int l = 0; l < 3; l++) s += A[3 * i + l] * (transposed ? B[3 * j + l] : B[3 * l + j]);
-      out[3 * i + j] = s;
-    }
-  for (int i = 0; i < 9; i++) C[i] = out[i];
-}
-
-static void turn(const double *a, double s, double c, double *E) { /* Rodrigues */
-  double d = 1 - c;
-  double x = a[0], y = a[1], z = a[2];
-  E[0] = c + d * x * x, E[1] = d * x * y - s * z, E[2] = d * x * z + s * y;
-  E[3] = d * y * x + s * z, E[4] = c + d * y * y, E[5] = d * y * z - s * x;
-  E[6] = d * z * x - s * y, E[7] = d * z * y + s * x, E[8] = c + d * z * z;
-}
+#include "chain.h"
+#include "leaf_margin_bounds.h"
 
 static void screw(const double *R, const double *o, const double *a, int revolute, double *xi) {
   double w[3];
@@ -97,7 +56,7 @@ static void screws(const Problem *g, const double *theta, double (*xi)[6], doubl
 }
 
 /* Invert B (N, N) by Gauss-Jordan elimination with row exchanges; 0 if a pivot vanishes. */
-static int invert(int N, double B[N][N], double A[N][N]) {
+int invert(int N, double B[N][N], double A[N][N]) {
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) A[i][j] = i == j;
   for (int c = 0; c < N; c++) {
@@ -122,7 +81,7 @@ static int invert(int N, double B[N][N], double A[N][N]) {
 }
 
 /* Bound the spectral norm of X (n, r), rows r apart: lambda <= (tr G^256)^(1/256), and >= (tr G^256 / r)^(1/256). */
-static double spectral(int n, int r, const double *X, double *below) {
+double spectral(int n, int r, const double *X, double *below) {
   double G[r][r], H[r][r], scale = 0, power = 1;
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
@@ -229,8 +188,8 @@ static int potentials(const Problem *g, const double *q, const double *h, const 
 }
 
 /* Evaluate J, its slopes, and the bounds of the remainders of its columns. */
-static void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6],
-                    double dJ[g->n][g->N][6], char turns[g->n][g->N], double *linear, double *angular) {
+void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6], double dJ[g->n][g->N][6],
+             char turns[g->n][g->N], double *linear, double *angular) {
   int n = g->n, N = g->N, k = g->k;
   double xi[g->P][6], tip[3];
   screws(g, theta, xi, tip);
@@ -275,7 +234,7 @@ static void columns(const Problem *g, const double *theta, const double *eta, do
 }
 
 /* Find Y > 0 with (1 + eps) D Y + F <= (1 - eps) Y, and DY: solved with twice the slack, then checked. */
-static int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]) {
+int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]) {
   double M[N][N];
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) {
@@ -329,8 +288,8 @@ static void axes(int r, double G[r][r], double O[r][r]) {
 }
 
 /* Turn the gauge of V, and of all that belongs to it, so that T'T is diagonal, T = X - V at the centre. */
-static void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k],
-                       double rest[r][n], double *round) {
+void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k], double rest[r][n],
+                double *round) {
   double G[r][r], O[r][r], x[r], y[r], z[r];
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
@@ -413,11 +372,10 @@ static void second_order(const Problem *g, const double *h, double A[g->N][g->N]
 /* From the slopes dN of the null space and those of V in k variables, across V_c: the bound of the leaf margin, and
    where to split.
    P = W'V (V_c'V)^-1 and T = W'N for the complement W of V_c; S = (T - P) (I + P'T)^-1. */
-static void compare(const Problem *g, int k, const double *h, double X[g->n][g->r], double T[g->n][g->r],
-                    double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double defect,
-                    double dN[k][g->N][g->r],
-                    double first[g->N][g->r], double e[g->n][g->r], const double *share, double X_norm, double *bound,
-                    int *split) {
+void compare(const Problem *g, int k, const double *h, double X[g->n][g->r], double T[g->n][g->r],
+             double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double defect,
+             double dN[k][g->N][g->r], double first[g->N][g->r], double e[g->n][g->r], const double *share,
+             double X_norm, double *bound, int *split) {
   int n = g->n, r = g->r;
   double eps = g->eps, slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[k];
   double all[n][r], loose[n][r], wide[n][r], b[r][r], bent[r][r], K[r][r], sum = 0, size = 0, turned = 0, below;
@@ -623,7 +581,7 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
   compare(g, n, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);
 }
 
-void leaf_margins(const Problem *g, long K, const double *Q, const double *half, double *bound, double *center,
+EXPORT void leaf_margins(const Problem *g, long K, const double *Q, const double *half, double *bound, double *center,
                   double *sigma, int *split, const double *arms) {
   long size = g->r * (g->n * g->n + 2 * g->n + 1);
   for (long i = 0; i < K; i++)

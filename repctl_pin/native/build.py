@@ -1,0 +1,135 @@
+"""Build the native library of this folder: ``python repctl_pin/native/build.py``.
+
+Installing the package does the same. After a change of the C code, run this file or install again.
+The compiler is ``CC`` if set, else ``cc``, ``gcc`` or ``clang``, else the one in the package
+ziglang. ``REPCTL_TARGET`` names a machine for which ziglang builds, such as
+``aarch64-linux-gnu.2.17``.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parent
+LIBRARY = FOLDER / "library.so"
+
+_FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
+"""Without fused multiply-add, every compiler and processor computes the same numbers."""
+
+_LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
+_LEVELLED = "cell_bounds.c", "arm_angle.c"
+"""Files that are compiled for each level of the vector units, and these levels on x86-64."""
+
+_SECONDS = 300
+"""Maximum time of one run of the compiler."""
+
+
+class NoCompilerError(Exception):
+    """No C compiler works here."""
+
+
+def target() -> str:
+    """Name the machine that the library is for, as zig does: ``x86_64-linux-gnu.2.17``."""
+    machine = {"arm64": "aarch64", "AMD64": "x86_64"}
+    here = machine.get(platform.machine(), platform.machine())
+    system = "macos.11.0" if sys.platform == "darwin" else "linux-gnu.2.17"
+    return os.environ.get("REPCTL_TARGET") or f"{here}-{system}"
+
+
+def compiler(zig: bool = True) -> list[str]:
+    """Find a C compiler that makes shared libraries.
+
+    Parameters
+    ----------
+    zig
+        False to leave out the compiler of the package ziglang.
+
+    Raises
+    ------
+    NoCompilerError
+        If there is none.
+    """
+    found = [["cc"], ["gcc"], ["clang"]]
+    if "REPCTL_TARGET" in os.environ:
+        found = []
+    elif os.environ.get("CC"):
+        found = [shlex.split(os.environ["CC"])]
+    for command in found:
+        if shutil.which(command[0]) and _works(command):
+            return command
+    if zig and importlib.util.find_spec("ziglang") is not None:
+        return [sys.executable, "-m", "ziglang", "cc", "-s", "-target", target()]
+    tried = ", ".join(shlex.join(command) for command in found)
+    raise NoCompilerError(f"no C compiler works (tried {tried or 'none'})")
+
+
+def _works(command: list[str]) -> bool:
+    """Test a compiler on a file that needs the C library, as ``cc`` may be there without it."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "test.c"
+        source.write_text("#include <math.h>\ndouble f(double x) { return sin(x); }\n")
+        try:
+            _run([*command, *_FLAGS, "-shared", "test.c", "-o", "test.so"], folder)
+        except NoCompilerError:
+            return False
+    return True
+
+
+def _run(line: list[str], folder: str) -> None:
+    """Run a compiler in a folder."""
+    zig = {f"ZIG_{which}_CACHE_DIR": f"{folder}/zig" for which in ("LOCAL", "GLOBAL")}
+    try:
+        subprocess.run(
+            line,
+            cwd=folder,
+            env=zig | {"MACOSX_DEPLOYMENT_TARGET": "11.0"} | os.environ,
+            check=True,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_SECONDS,
+        )
+    except subprocess.CalledProcessError as error:
+        raise NoCompilerError(f"{shlex.join(line)}:\n{error.stderr}") from None
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise NoCompilerError(str(error)) from None
+
+
+def build(library: Path = LIBRARY) -> None:
+    """Compile the C files of this folder, two at a time, and link the library.
+
+    Raises
+    ------
+    NoCompilerError
+        If no compiler works.
+    """
+    command = compiler()
+    levels = _LEVELS if target().startswith("x86_64") else {"plain": ""}
+    with tempfile.TemporaryDirectory() as folder:
+        lines, objects = [], []
+        for source in sorted(FOLDER.glob("*.c")):
+            for level in levels if source.name in _LEVELLED else ("plain",):
+                objects.append(f"{source.stem}-{level}.o")
+                flags = [*_FLAGS, "-w", f"-DLEVEL={level}", *levels[level].split()]
+                lines.append([*command, *flags, "-c", str(source), "-o", objects[-1]])
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(_run, lines, [folder] * len(lines)))
+        link = [*command, *_FLAGS, "-shared", *objects, "-o", "library.so", "-lm"]
+        _run(link, folder)
+        draft = library.with_name(f"{library.name}.{os.getpid()}")
+        shutil.copyfile(Path(folder) / "library.so", draft)
+        draft.replace(library)  # a running process keeps the old file
+
+
+if __name__ == "__main__":
+    build()
+    print(LIBRARY)

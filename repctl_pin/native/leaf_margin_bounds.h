@@ -1,0 +1,33 @@
+/* What bounds of the leaf margin over boxes of joints share with those over boxes of poses. */
+
+#ifndef REPCTL_LEAF_MARGIN_BOUNDS_H
+#define REPCTL_LEAF_MARGIN_BOUNDS_H
+
+typedef struct {
+  int P, k, n, N, r, Z, F, F3;
+  double eps, beta;
+  const double *R, *p, *a, *shift, *reach; /* P 3 3, P 3, P 3, 3, P: link placements, axes, middle, offsets */
+  const int *revolute, *level;             /* P, P: level joints keep their axes parallel to the middle link's */
+  const int *first, *column;               /* theta = S q + o in compressed rows: P + 1, nonzeros */
+  const double *S, *o;                     /* nonzeros, P */
+  const double *Zq, *z0;                   /* Z n, Z: arguments z = Zq q - z0 of the features */
+  const int *kind, *parent, *variable;     /* F: 0 constant, 1 product, 2 sine, 3 cosine */
+  const int *third;                        /* F3: the features that third derivatives are of */
+  const double *G, *C, *C3;                /* r n F, r n (n + 1) / 2 F, r n n (n + 1) / 2 F3 */
+  const double *T, *T4, *E;                /* r n n n, r n n n n, r n */
+  const double *round;                     /* 6 + r */
+} Problem;
+
+int invert(int N, double B[N][N], double A[N][N]);
+double spectral(int n, int r, const double *X, double *below);
+void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6], double dJ[g->n][g->N][6],
+             char turns[g->n][g->N], double *linear, double *angular);
+int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]);
+void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k], double rest[r][n],
+                double *round);
+void compare(const Problem *g, int k, const double *h, double X[g->n][g->r], double T[g->n][g->r],
+             double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double defect,
+             double dN[k][g->N][g->r], double first[g->N][g->r], double e[g->n][g->r], const double *share,
+             double X_norm, double *bound, int *split);
+
+#endif

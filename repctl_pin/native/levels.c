@@ -1,0 +1,48 @@
+/* The Taylor models for the vector units of this processor. Every level gives the same numbers, bit by bit.
+
+   The processor is asked by hand: the compiler's own test of it brings zig's sine and cosine in place of the system's. */
+
+#include "levels.h"
+
+#include "chain.h"
+
+CellBounds cell_bounds_plain;
+ArmGradients arm_gradients_plain;
+
+#ifdef __x86_64__
+#include <cpuid.h>
+
+CellBounds cell_bounds_avx2, cell_bounds_avx512;
+ArmGradients arm_gradients_avx2, arm_gradients_avx512;
+
+enum { UNKNOWN, PLAIN, AVX2, AVX512 };
+
+static int level_of_processor(void) {
+  unsigned a, b, c, d, saved, high; /* saved: the registers that the system keeps for each process */
+  if (!__get_cpuid(1, &a, &b, &c, &d) || !(c >> 27 & 1)) return PLAIN;
+  __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
+  if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return PLAIN;
+  if ((saved & 0xe6) == 0xe6 && b >> 16 & 1 && b >> 17 & 1) return AVX512; /* F and DQ */
+  return (saved & 6) == 6 && b >> 5 & 1 ? AVX2 : PLAIN;
+}
+
+static int level(void) {
+  static int found = UNKNOWN;
+  if (found == UNKNOWN) found = level_of_processor();
+  return found;
+}
+
+#define CHOSEN(name) (level() == AVX512 ? name##_avx512 : level() == AVX2 ? name##_avx2 : name##_plain)
+#else
+#define CHOSEN(name) name##_plain
+#endif
+
+EXPORT int cell_bounds(const struct Cell *cell, long K, const double *U, const double *half,
+                       const struct Margins *out) {
+  return CHOSEN(cell_bounds)(cell, K, U, half, out);
+}
+
+EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, const double *half, double *P,
+                         double *r) {
+  return CHOSEN(arm_gradients)(arm, K, Q, half, P, r);
+}

@@ -1,0 +1,150 @@
+"""The native library: it is built when the package is installed, and its absence is said once."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from controls import NEEDS_C, c_compiler
+
+import repctl_pin as rp
+
+ROOT = Path(__file__).parents[2]
+NATIVE = ROOT / "repctl_pin" / "native"
+BUILD = "python repctl_pin/native/build.py"
+
+
+def proved(
+    folder: Path, *words: str, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Prove a design of the planar arm twice in another process, with the package in a folder."""
+    code = """
+import warnings
+import repctl_pin as rp
+task = rp.Robot.load("planar3r").task("tool", "xy")
+q0 = [0.3, 0.8, 0.8]
+few = rp.FitOptions(samples=64, held_out=64)
+bases = rp.Polynomial(q0, 2, 0.5), rp.Box(q0, 0.1)
+design = rp.nearest_repeatable(rp.Pseudoinverse(task), *bases, options=few)
+for margin in (0.3, 0.4):
+    proof = rp.prove(design, margin=margin)
+    print(bool(proof), proof.boxes)
+"""
+    return subprocess.run(
+        [sys.executable, *words, "-c", code],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder)} | environment,
+        capture_output=True,
+        text=True,
+    )
+
+
+@NEEDS_C
+def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_sources() -> (
+    None
+):
+    """Issue 38, item 2."""
+    library = NATIVE / "library.so"
+    assert library.exists(), f"the native library is not built; run `{BUILD}`"
+    newest = max(NATIVE.glob("*.[ch]"), key=lambda file: file.stat().st_mtime)
+    assert library.stat().st_mtime >= newest.stat().st_mtime, (
+        f"{newest.name} is newer than the library; run `{BUILD}`"
+    )
+
+
+def test_without_the_library_numpy_proves_the_same_and_one_warning_says_why(
+    tmp_path: Path,
+) -> None:
+    """Issue 38, item 2: installed where neither a compiler nor ziglang could be had."""
+    shutil.copytree(
+        ROOT / "repctl_pin",
+        tmp_path / "repctl_pin",
+        ignore=shutil.ignore_patterns("*.so"),
+    )
+    (tmp_path / "repctl_pin" / "urdf" / "files").symlink_to(ROOT / "urdf")
+    without, with_library = proved(tmp_path), proved(ROOT, "-W", "error::UserWarning")
+    assert without.stdout == with_library.stdout and with_library.returncode == 0
+    said = without.stderr
+    assert said.count("no native library: repctl_pin was installed without a C") == 1
+    assert (
+        "install a C compiler (cc, gcc or clang), then install repctl_pin again" in said
+    )
+
+
+def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
+    shutil.copytree(
+        ROOT / "repctl_pin",
+        tmp_path / "repctl_pin",
+        ignore=shutil.ignore_patterns("*.so"),
+    )
+    (tmp_path / "repctl_pin" / "urdf" / "files").symlink_to(ROOT / "urdf")
+    (tmp_path / "repctl_pin" / "native" / "library.so").write_bytes(b"\x7fELF")
+    said = proved(tmp_path)
+    assert said.returncode == 0 and said.stderr.count("it does not load (") == 1
+
+
+def test_the_library_is_switched_off_without_a_word() -> None:
+    off = proved(ROOT, "-W", "error::UserWarning", REPCTL_NATIVE="no")
+    assert off.returncode == 0 and not off.stderr
+    assert off.stdout == proved(ROOT).stdout
+
+
+def test_a_motion_is_the_same_without_the_library(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q0 = np.array([0.3, 0.8, 0.8])
+    path = rp.circle(task, q0, radius=0.1)
+    native = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=2)
+    monkeypatch.setenv("REPCTL_NATIVE", "no")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plain = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=2)
+    np.testing.assert_allclose(native.q, plain.q, atol=1e-12)
+
+
+@NEEDS_C
+def test_the_library_needs_no_compiler_at_run_time() -> None:
+    found = proved(ROOT, "-W", "error::UserWarning", CC="no-such-compiler", PATH="")
+    assert found.returncode == 0, found.stderr
+
+
+@pytest.mark.parametrize(
+    ("compiler", "index", "asked"),
+    [
+        ("cc", "", []),
+        ("no-such-compiler", "--find-links={wheels}", ["ziglang"]),
+        ("no-such-compiler", "", []),
+    ],
+)
+def test_the_build_asks_for_ziglang_only_without_a_compiler_and_where_it_can_be_had(
+    compiler: str, index: str, asked: list[str], tmp_path: Path
+) -> None:
+    """Issue 38, item 2: an installation never fails for want of a compiler."""
+    pytest.importorskip("hatchling")
+    if compiler == "cc" and c_compiler() is None:
+        pytest.skip("there is no C compiler")
+    name = "ziglang-0.16.0-py3-none-any.whl"
+    subprocess.run(  # an empty wheel
+        [sys.executable, "-m", "zipfile", "-c", str(tmp_path / name), __file__],
+        check=True,
+    )
+    code = "import hatch_build; print(hatch_build.needed())"
+    options = ["--no-index", *([index.format(wheels=tmp_path)] if index else [])]
+    asking = [sys.executable, "-c", code]
+    frontend = "import subprocess, sys; subprocess.run(sys.argv[1:4], check=True)"
+    answer = subprocess.run(
+        [sys.executable, "-c", frontend, *asking, *options],
+        cwd=ROOT,
+        env=os.environ | {"CC": compiler},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert answer.stdout.strip() == str(asked)
