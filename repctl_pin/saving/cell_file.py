@@ -18,7 +18,7 @@ from ..inverse_function.monomials import Monomials
 from ..inverse_function.sector import SPIN
 from ..inverse_function.turning import Turn
 from ..robot.task import Task
-from .design_file import head
+from .design_file import FileKind, head
 from .schema import (
     Desired,
     Part,
@@ -34,7 +34,7 @@ from .schema import (
     proof_of,
 )
 
-FORMAT = "repctl cell"
+_FORMAT = "repctl cell"
 _MOST_DEGREE = 64
 
 
@@ -159,7 +159,7 @@ def cell_file(design: CellDesign) -> CellFile:
     return described(
         CellFile,
         design,
-        **head(FORMAT, design.task),
+        **head(_FORMAT, design.task),
         desired=desired_file(design.desired),
         placement=cell.placement.homogeneous.tolist(),
         widths=cell.widths.tolist(),
@@ -278,3 +278,6 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         evaluation=evaluation,
         proof=proof_of(content.proof),
     )
+
+
+KIND = FileKind(CellFile, CellDesign, cell_file, cell_of)

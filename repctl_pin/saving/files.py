@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from ..arguments import file_name, require_type
+from ..arguments import file_name
 from ..design import Design
-from ..errors import InputError, RepctlError
+from ..errors import InputError, RepctlError, shown
+from ..plugins import Extension, extensions
 from ..robot.robot import Robot
 from ..robot.task import Task, require_task
-from .design_file import FORMAT, design_file, design_of, read, write
-from .schema import DesignFile
+from .design_file import FORMAT, KIND, FileKind, read, write
+from .schema import Sealed
 from .task_identity import compare, task_of
 
-if TYPE_CHECKING:
-    from ..inverse_function import CellDesign
-    from .cell_file import CellFile
+
+def _extended(extension: Extension, module: str) -> FileKind:
+    """Import a kind of file from an extension."""
+    kind: FileKind = extension.module(module).KIND
+    return kind
 
 
-def save(design: Design | CellDesign, path: str | Path) -> Path:
+def _kinds() -> dict[str, Callable[[], FileKind]]:
+    """Find the kinds of design files, by ``format``; those of extensions are imported if called."""
+    return {FORMAT: lambda: KIND} | {
+        name: partial(_extended, extension, module)
+        for extension in extensions()
+        for name, module in extension.files.items()
+    }
+
+
+def save(design: Any, path: str | Path) -> Path:
     """Write a design to a file atomically.
 
     The file is JSON. It contains a schema version; the robot, frame, task kind and joints with a
@@ -49,18 +63,16 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     >>> rp.save(design, "design.json").name
     'design.json'
     """
-    if isinstance(design, Design):
-        return write(design_file(design), file_name(path))
-    from ..inverse_function import CellDesign  # a study has no need of it
-    from .cell_file import cell_file
-
-    what = "a design, as rp.nearest_repeatable makes them"
-    return write(
-        cell_file(require_type(design, CellDesign, "design", what)), file_name(path)
+    for kind in _kinds().values():  # a study saves a Design, and imports no other kind
+        if isinstance(design, kind().result):
+            return write(kind().to_content(design), file_name(path))
+    raise InputError(
+        f"must be a design, as rp.nearest_repeatable makes them; got {shown(design)}",
+        argument="design",
     )
 
 
-def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
+def load(path: str | Path, task: Task | None = None) -> Any:
     """Read a design from a file, and check that it was made for this task.
 
     Parameters
@@ -135,7 +147,7 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
     raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
 
 
-def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
+def load_cell(path: str | Path, task: Task | None = None) -> Any:
     """Read a function over a cell from a file, see :func:`load`.
 
     Parameters
@@ -164,19 +176,12 @@ def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
     raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")
 
 
-def read_design(path: str | Path) -> DesignFile | CellFile:
-    """Read the content of a design file of either kind, and check that it was not changed."""
-    from . import cell_file
-
-    content: DesignFile | CellFile = read(
-        path, {FORMAT: DesignFile, cell_file.FORMAT: cell_file.CellFile}
-    )
-    return content
+def read_design(path: str | Path) -> Any:
+    """Read the content of a design file of any kind, and check that it was not changed."""
+    return read(path, _kinds())
 
 
-def made_of(
-    content: DesignFile | CellFile, task: Task, where: str
-) -> Design | CellDesign:
+def made_of(content: Sealed, task: Task, where: str) -> Any:
     """Create a design from the content of a file, for the task it was made for.
 
     Raises
@@ -187,11 +192,7 @@ def made_of(
     """
     try:
         compare(content.task, task, where)
-        if isinstance(content, DesignFile):
-            return design_of(content, task)
-        from .cell_file import cell_of
-
-        return cell_of(content, task)
+        return _kinds()[content.format]().to_result(content, task)
     except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
         raise InputError(
             str(error) if where in str(error) else f"{where}: {error}"

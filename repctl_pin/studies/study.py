@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from time import thread_time
@@ -28,7 +27,7 @@ from ..problem import (
     own_failure,
     shrunk_note,
 )
-from ..proof import prove
+from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..robot.bodies import bodies_of
@@ -44,12 +43,6 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 
 POSTURE_GAIN = 1.0
 """Gain of the posture task in the null space, 1/s."""
-
-PROVED = 0.9
-"""Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
-
-PROVING, LEAST_PROVING = 0.05, 0.3
-"""Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
 
 EDGE = 1e-6
 """Distance between the start and a second start, rad or m. Their motions are compared to see
@@ -175,14 +168,16 @@ def study(
         )
 
     problem, design = design_for(problem, desired, make, seed=options.seed, say=say)
-    say("proving its leaf margin")
-    design = _proved(design, max(LEAST_PROVING, PROVING * (thread_time() - begun)))
+    for addition in parts("study_design"):
+        design = addition(design, thread_time() - begun, say)
     say(f"following the path for {cycles} cycles")
     rows, time, slower = _followed(
         problem, design, custom, cycles=cycles, steps=steps, period=period
     )
     say("evaluating body distances and fastest cycles")
     rows = [evaluated(row) for row in rows]
+    for addition in parts("study_row"):
+        rows = [addition(row) for row in rows]
     design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
     notes = [
         *problem.warnings,
@@ -206,24 +201,6 @@ def study(
         notes=tuple(notes),
         period=time,
     )
-
-
-def _proved(design: Design, seconds: float) -> Design:
-    """Add a certificate of the leaf margin to a design; return it unchanged if the proof fails.
-
-    The proof fails, too, if it takes more than ``seconds`` of processor time.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # without a compiler it takes longer
-            proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
-    except (
-        InputError
-    ):  # bounds of these potentials, or the region's shape, are not known
-        return design
-    return replace(design, proof=proof) if proof else design
 
 
 def _followed(
