@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import comb
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -19,6 +20,7 @@ from ..inverse_function.sector import SPIN
 from ..inverse_function.turning import Turn
 from ..robot.task import Task
 from .design_file import FileKind, head
+from .files import load
 from .schema import (
     Desired,
     Part,
@@ -281,3 +283,32 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
 
 
 KIND = FileKind(CellFile, CellDesign, cell_file, cell_of)
+
+
+def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
+    """Read a function over a cell from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    CellDesign
+
+    Raises
+    ------
+    InputError
+        If the file holds a repeatable inverse, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
+    >>> again.cost == found.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, CellDesign):
+        return design
+    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")

@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..arguments import file_name
+from ..arguments import file_name, shown
 from ..design import Design
-from ..errors import InputError, RepctlError, shown
+from ..errors import InputError, RepctlError
 from ..plugins import Extension, extensions
 from ..robot.robot import Robot
 from ..robot.task import Task, require_task
@@ -145,35 +145,6 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
     if isinstance(design, Design):
         return design
     raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
-
-
-def load_cell(path: str | Path, task: Task | None = None) -> Any:
-    """Read a function over a cell from a file, see :func:`load`.
-
-    Parameters
-    ----------
-    path, task
-        As for :func:`load`.
-
-    Returns
-    -------
-    CellDesign
-
-    Raises
-    ------
-    InputError
-        If the file holds a repeatable inverse, or as for :func:`load`.
-
-    Examples
-    --------
-    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
-    >>> again.cost == found.cost
-    True
-    """
-    design = load(path, task)
-    if not isinstance(design, Design):
-        return design
-    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")
 
 
 def read_design(path: str | Path) -> Any:

@@ -16,6 +16,7 @@ from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..motion import Motion, check_length, follow
 from ..paths import Cycle, TaskPath
+from ..plugins import parts
 from ..problem import (
     PERIOD,
     Problem,
@@ -27,7 +28,6 @@ from ..problem import (
     own_failure,
     shrunk_note,
 )
-from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..robot.bodies import bodies_of
