@@ -68,7 +68,7 @@ class Extension:
 
 
 @cache
-def extensions() -> tuple[Extension, ...]:
+def all_extensions() -> tuple[Extension, ...]:
     """Find the extensions of this package, in alphabetical order."""
     package = import_module("repctl_pin.extensions")
     names = sorted(found.name for found in iter_modules(package.__path__))
@@ -89,7 +89,7 @@ def parts(place: str) -> list[Any]:
         ``live``: the class of the simulation that ``animate --live`` runs.
     """
     found = []
-    for extension in extensions():
+    for extension in all_extensions():
         if place in extension.parts:
             module, _, name = extension.parts[place].partition(":")
             found.append(getattr(extension.module(module), name))

@@ -18,7 +18,7 @@ from typing import Any
 
 from .._version import __version__
 from ..errors import RepctlError
-from ..plugins import extensions
+from ..plugins import all_extensions
 from ..show.text.lines import capital
 from . import animate, check, completion, design, follow, inspect, robots, study
 from .endings import exit_code
@@ -135,7 +135,7 @@ def parser() -> Parser:
 def _commands() -> Iterator[tuple[str, Any]]:
     """Yield the commands, each a name and a module: those of extensions stand in the middle."""
     yield from ((command.__name__.rpartition(".")[2], command) for command in _FIRST)
-    for extension in extensions():
+    for extension in all_extensions():
         for name, module in extension.commands.items():
             yield name, extension.module(module)
     yield from ((command.__name__.rpartition(".")[2], command) for command in _LAST)

@@ -10,7 +10,7 @@ from typing import Any
 from ..arguments import file_name, shown
 from ..design import Design
 from ..errors import InputError, RepctlError
-from ..plugins import Extension, extensions
+from ..plugins import Extension, all_extensions
 from ..robot.robot import Robot
 from ..robot.task import Task, require_task
 from .design_file import FORMAT, KIND, FileKind, read, write
@@ -28,7 +28,7 @@ def _kinds() -> dict[str, Callable[[], FileKind]]:
     """Find the kinds of design files, by ``format``; those of extensions are imported if called."""
     return {FORMAT: lambda: KIND} | {
         name: partial(_extended, extension, module)
-        for extension in extensions()
+        for extension in all_extensions()
         for name, module in extension.files.items()
     }
 
