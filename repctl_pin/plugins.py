@@ -3,7 +3,7 @@
 A folder in ``extensions/`` registers what it adds in its ``__init__``, as an :class:`Extension`.
 The core imports none of them: it finds them here, by name, when they are needed.
 
-Other packages register strategies, potentials and paths as entry points. In the ``pyproject.toml`` of such a package::
+Other packages register strategies, potentials and paths as entry points, in ``pyproject.toml``::
 
     [project.entry-points."repctl_pin.strategies"]
     my_control = "my_package:MyControl"          # task → strategy

@@ -203,13 +203,6 @@ class JointLimits:
         return 1 / np.maximum(used, 1e-9)
 
 
-LIMITS_MOVED = {
-    name: f"rp.Limits({name}=...) as limits"
-    for name in ("acceleration", "velocity", "jerk", "torque", "tool_speed")
-}
-"""Options that are limits, and their place."""
-
-
 def joint_limits(task: Task, limits: Limits) -> JointLimits:
     """Compute the limits of a task's joints as numbers, given by the user or else by the URDF.
 

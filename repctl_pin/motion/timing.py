@@ -13,7 +13,6 @@ from ..arguments import (
     MOST_STEPS,
     Array,
     flag,
-    moved,
     positive,
     require_choice,
     require_type,
@@ -21,7 +20,7 @@ from ..arguments import (
 from ..errors import InputError
 from ..robot.bodies import bodies_of
 from .jerk import fastest_with_jerk
-from .limits import LIMITS_MOVED, JointLimits, Limits, joint_limits
+from .limits import JointLimits, Limits, joint_limits
 from .motion import CLOSED, Motion
 from .own_times import with_own_times
 from .profile import (
@@ -42,7 +41,6 @@ _MOST_SAMPLES = MOST_STEPS // 5
 """Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
 
-@moved(LIMITS_MOVED)
 def timed(
     motion: Motion,
     limits: Limits,
@@ -312,7 +310,6 @@ _LOOKED_AT = 101
 """Number of points of an approach at which collisions are checked."""
 
 
-@moved(LIMITS_MOVED)
 def approach(
     q_now: ArrayLike,
     motion: Motion,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, function, moved, positive, require_type
+from ..arguments import Array, as_int, function, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
@@ -55,19 +55,6 @@ POSTURE_OFFSET = 0.57
 """Distance of the second posture from the start, rad, along the first null vector."""
 
 
-_PLACE = "rp.study(rp.Problem(robot, {}))"
-_MOVED = {
-    **{
-        name: _PLACE.format(f"{name}=...")
-        for name in ("frame", "kind", "start", "path", "plane", "region")
-    },
-    "radius": _PLACE.format("path='circle:RADIUS'"),
-    "seed": "options=rp.FitOptions(seed=...)",
-}
-"""Options that have moved, and their place."""
-
-
-@moved(_MOVED)
 def study(
     robot: str | Robot | Task | Problem,
     *,
