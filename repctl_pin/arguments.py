@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from functools import wraps
 from inspect import signature
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,28 +70,6 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
     except ValueError:  # a built-in function
         return True
     return True
-
-
-def moved(places: Mapping[str, str]) -> Callable[[F], F]:
-    """Function decorator: refuse keywords that have moved, and name the new place of each.
-
-    ``places`` gives the expression that replaces ``name=…``, by name.
-    """
-
-    def decorated(takes: F) -> F:
-        @wraps(takes)
-        def refusing(*args: Any, **options: Any) -> Any:
-            for name in places.keys() & options.keys():
-                raise InputError(
-                    f": {takes.__qualname__.removesuffix('.__init__')}() has no such option",
-                    argument=name,
-                    remedy=f"give {places[name]}",
-                )
-            return takes(*args, **options)
-
-        return cast(F, refusing)
-
-    return decorated
 
 
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:

@@ -1,6 +1,9 @@
-"""Plugins: strategies, potentials and paths that other packages register as entry points.
+"""Additions to the core: this package's extensions, and plugins of other packages.
 
-In the ``pyproject.toml`` of such a package::
+A folder in ``extensions/`` registers what it adds in its ``__init__``, as an :class:`Extension`.
+The core imports none of them: it finds them here, by name, when they are needed.
+
+Other packages register strategies, potentials and paths as entry points, in ``pyproject.toml``::
 
     [project.entry-points."repctl_pin.strategies"]
     my_control = "my_package:MyControl"          # task → strategy
@@ -16,7 +19,12 @@ A plugin is imported only when it is requested by name.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from pkgutil import iter_modules
 from typing import Any
 
 from .errors import InputError, unknown
@@ -27,6 +35,65 @@ _ONE_OF = {
     "paths": "path",
 }
 """Kinds of plugins, and the singular noun for each."""
+
+
+@dataclass(frozen=True)
+class Extension:
+    """Additions of one extension to the core, as names of its modules; it imports none of them.
+
+    Attributes
+    ----------
+    package : str
+        The extension's own name, ``__name__``.
+    names
+        Names at the door, separated by spaces, by the module that defines them.
+    commands
+        Modules of the commands, by the name of the command.
+    files
+        Modules with a ``KIND`` of design files, by the file's ``format``.
+    parts
+        What the core uses where it has a place for additions, as ``module:name``, by the name of
+        the place: see :func:`parts`.
+    """
+
+    package: str
+    names: Mapping[str, str] = field(default_factory=dict)
+    commands: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
+
+    def module(self, name: str) -> Any:
+        """Import a module of the extension."""
+        return import_module(f"{self.package}.{name}")
+
+
+@cache
+def all_extensions() -> tuple[Extension, ...]:
+    """Find the extensions of this package, in alphabetical order."""
+    package = import_module("repctl_pin.extensions")
+    names = sorted(found.name for found in iter_modules(package.__path__))
+    return tuple(
+        import_module(f"{package.__name__}.{name}").EXTENSION for name in names
+    )
+
+
+def parts(place: str) -> list[Any]:
+    """Import what extensions add to a place of the core.
+
+    Parameters
+    ----------
+    place
+        ``study_design``: functions (design, seconds spent, say) → design, for a study's design;
+        ``study_row``: functions row → row, for each strategy of a study;
+        ``problem``: a kind of design, and the function (design, start, path, plane) → problem;
+        ``live``: the class of the simulation that ``animate --live`` runs.
+    """
+    found = []
+    for extension in all_extensions():
+        if place in extension.parts:
+            module, _, name = extension.parts[place].partition(":")
+            found.append(getattr(extension.module(module), name))
+    return found
 
 
 def registered(kind: str) -> dict[str, EntryPoint]:

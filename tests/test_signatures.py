@@ -89,31 +89,6 @@ def test_functions_take_at_most_six_options() -> None:
     assert many == []
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "place"),
-    [
-        *(
-            ("study", {part: 0.1}, rf"give rp.study\(rp.Problem\(robot, {part}=...\)\)")
-            for part in ("frame", "kind", "start", "path", "plane", "region")
-        ),
-        ("study", {"radius": 0.1}, "Problem.robot, path='circle:RADIUS'"),
-        ("study", {"seed": 1}, r"give options=rp.FitOptions\(seed=...\)"),
-        *(
-            (name, {limit: 1.0}, rf"give rp.Limits\({limit}=...\) as limits")
-            for name in ("timed", "approach", "Governor")
-            for limit in ("acceleration", "velocity", "jerk", "torque", "tool_speed")
-        ),
-    ],
-)
-def test_an_option_that_has_moved_is_refused_with_its_new_place(
-    name: str, options: dict[str, Any], place: str
-) -> None:
-    with pytest.raises(rp.InputError, match=place) as caught:
-        getattr(rp, name)("panda", **options)
-    assert caught.value.argument == next(iter(options))
-    assert str(caught.value).startswith(f"{caught.value.argument}: {name}() ")
-
-
 def test_the_users_script_names_everything_at_the_door_and_is_type_checked() -> None:
     """``mypy``, which the house runs, checks the script."""
     tree = ast.parse(SCRIPT.read_text(encoding="utf-8"))

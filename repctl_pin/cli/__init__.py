@@ -12,28 +12,15 @@ import os
 import shlex
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import Any
 
 from .._version import __version__
 from ..errors import RepctlError
+from ..plugins import all_extensions
 from ..show.text.lines import capital, with_options
-from . import (
-    animate,
-    audit,
-    cell,
-    check,
-    completion,
-    design,
-    export,
-    follow,
-    inspect,
-    relabel,
-    robots,
-    ros2,
-    study,
-)
+from . import animate, check, completion, design, follow, inspect, robots, study
 from .endings import exit_code
 from .executors import BLAS_THREADS
 from .given import is_saved
@@ -44,21 +31,8 @@ _AS_WRITTEN: dict[str, Any] = {
     "formatter_class": argparse.RawDescriptionHelpFormatter,
     "allow_abbrev": False,
 }
-_COMMANDS = (
-    study,
-    design,
-    cell,
-    follow,
-    audit,
-    check,
-    animate,
-    export,
-    relabel,
-    ros2,
-    robots,
-    inspect,
-    completion,
-)
+_FIRST = (study, design, follow, check, animate)
+_LAST = (robots, inspect, completion)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation
@@ -150,21 +124,26 @@ def parser() -> Parser:
     )
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     commands = whole.add_subparsers(metavar="COMMAND", required=True)
-    for command in _COMMANDS:
-        name, about = (
-            command.__name__.rpartition(".")[2],
-            f"{capital(command.HELP)}.",
-        )
+    for name, command in _commands():
         part = commands.add_parser(
             name,
             help=command.HELP,
-            description=about,
+            description=f"{capital(command.HELP)}.",
             epilog=command.EXAMPLE,
             **_AS_WRITTEN,
         )
         command.add_options(part)
         part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
     return whole
+
+
+def _commands() -> Iterator[tuple[str, Any]]:
+    """Yield the commands, each a name and a module: those of extensions stand in the middle."""
+    yield from ((command.__name__.rpartition(".")[2], command) for command in _FIRST)
+    for extension in all_extensions():
+        for name, module in extension.commands.items():
+            yield name, extension.module(module)
+    yield from ((command.__name__.rpartition(".")[2], command) for command in _LAST)
 
 
 def join_values(arguments: list[str]) -> list[str]:

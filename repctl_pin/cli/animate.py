@@ -133,8 +133,8 @@ def _run_live(
     options: Options, design: rp.Design | None, say: Callable[[str], None]
 ) -> int:
     """Run both controllers of a design in real time, in the browser, until Ctrl-C or SIGTERM."""
-    from ..motion.governed_loop import GovernedLoop
     from ..motion.loop import Loop
+    from ..plugins import parts
 
     if design is None:
         found = _study(options, say, cycles=1)
@@ -143,7 +143,8 @@ def _run_live(
         say("finding a path")
         problem = options.problem_of(design)
         q0, path = problem.start, problem.cycle
-    kind = Loop if design.task.coordinates is not None else GovernedLoop
+    governed = parts("live") if design.task.coordinates is None else []
+    kind = (governed or [Loop])[0]
     loop = kind(
         [design.desired, design.inverse], path, q0, period=options.seconds or 4.0
     )

@@ -1,4 +1,4 @@
-"""Motions of a strategy on closed paths: integration, limits, timing and files."""
+"""Motions of a strategy on closed paths: integration, limits and files."""
 
 from ..robot.length import elbow as elbow
 from .best_leaf import BestLeaf as BestLeaf
@@ -8,8 +8,6 @@ from .csv_file import read_motions as read_motions
 from .fitting_circle import fitting_circle as fitting_circle
 from .follow import check_length as check_length
 from .follow import follow as follow
-from .governor import Governor as Governor
-from .governor import Status as Status
 from .joint_motion import refuse_violations as refuse_violations
 from .joint_motion import violations_of as violations_of
 from .leaf_lock import LeafLock as LeafLock
@@ -18,11 +16,7 @@ from .least_start import least_start as least_start
 from .limits import Limits as Limits
 from .loop import Loop as Loop
 from .motion import Motion as Motion
-from .run import Run as Run
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik
-from .timing import TimedMotion as TimedMotion
-from .timing import approach as approach
-from .timing import timed as timed
 from .write_motion import write_motion as write_motion

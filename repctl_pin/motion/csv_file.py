@@ -17,7 +17,7 @@ from ..files import read_whole
 from ..paths.waypoint_file import number
 from .joint_motion import rows_of
 from .motion import Motion
-from .timing import TimedMotion
+from .timed_motion import TimedMotion
 
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_numbers, moved, positive, require_type, row, shown
+from ..arguments import Array, as_numbers, positive, require_type, row, shown
 from ..errors import InputError, SingularityError
 from ..robot.chain_formulas import Placement, as_placement, is_rotation
 from ..strategies.repeatable import RepeatableInverse
@@ -22,7 +22,7 @@ from .governor_law import (
 )
 from .governor_plans import MOST, STRIDE, Planner
 from .leaf_direction import leaf_direction
-from .limits import LIMITS_MOVED, Limits, joint_limits
+from .limits import Limits, joint_limits
 from .status import BLOCKED
 from .status import Status as Status
 from .target_joints import TargetJoints
@@ -99,7 +99,6 @@ class Governor:
     'OK'
     """
 
-    @moved(LIMITS_MOVED)
     def __init__(
         self,
         inverse: RepeatableInverse,

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .profile import STAGES, JointLimits, Segment, fastest, most_used
+from .limits import JointLimits
+from .profile import STAGES, Segment, fastest, most_used
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

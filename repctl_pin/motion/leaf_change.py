@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from ..errors import InputError
 from ..strategies.repeatable import RepeatableInverse
-from .profile import JointLimits
+from .limits import JointLimits
 
 _PIECE = 0.1
 """Maximum motion of a joint per call, from rest to rest, rad or m; a stop takes effect after it."""

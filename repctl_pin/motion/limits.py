@@ -22,7 +22,6 @@ from ..arguments import (
 from ..errors import InputError
 from ..robot.task import Task
 from ..urdf.rules import NO_EFFORT
-from .profile import JointLimits
 
 PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": (
@@ -169,11 +168,39 @@ def _known(
     return array
 
 
-LIMITS_MOVED = {
-    name: f"rp.Limits({name}=...) as limits"
-    for name in ("acceleration", "velocity", "jerk", "torque", "tool_speed")
-}
-"""Options that are limits, and their place."""
+InverseDynamics = Callable[[Array, Array, Array], Array]
+"""Function (q, q̇, q̈) → joint torques τ, (n,) each."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class JointLimits:
+    """Limits of the joints (n,) and of the tool.
+
+    Attributes
+    ----------
+    velocity, acceleration, jerk : (n,) arrays
+        Rad or m, per s, s² and s³; None if jerk is not limited.
+    torque, dynamics
+        Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
+    tool
+        Function of q and q′ (K, n) → (K,): the fraction of the tool's speed limit used at
+        ṡ = 1; or None.
+    """
+
+    velocity: Array
+    acceleration: Array
+    torque: Array | None = None
+    dynamics: InverseDynamics | None = None
+    jerk: Array | None = None
+    tool: Callable[[Array, Array], Array] | None = None
+
+    def most_rate(self, Q: Array, slope: Array) -> Array:
+        """Compute the largest ṡ within the speed limits at points of a path: (K,)."""
+        used = (np.abs(slope) / self.velocity).max(axis=1)
+        if self.tool is not None:
+            used = np.maximum(used, self.tool(Q, slope))
+        return 1 / np.maximum(used, 1e-9)
 
 
 def joint_limits(task: Task, limits: Limits) -> JointLimits:

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .profile import JointLimits, Segment, most_used
+from .limits import JointLimits
+from .profile import Segment, most_used
 
 _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""

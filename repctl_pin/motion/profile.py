@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,7 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
-
-InverseDynamics = Callable[[Array, Array, Array], Array]
-"""Function (q, q̇, q̈) → joint torques τ, (n,) each."""
+from .limits import JointLimits
 
 _BEND = 0.05
 """Change of direction of the joint path, rad, above which a point is a corner."""
@@ -27,37 +25,6 @@ STAGES = 450
 
 LEAST_STAGES = 50
 """Minimum number of stages (grid points of the profile) between two stops."""
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
-class JointLimits:
-    """Limits of the joints (n,) and of the tool.
-
-    Attributes
-    ----------
-    velocity, acceleration, jerk : (n,) arrays
-        Rad or m, per s, s² and s³; None if jerk is not limited.
-    torque, dynamics
-        Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
-    tool
-        Function of q and q′ (K, n) → (K,): the fraction of the tool's speed limit used at
-        ṡ = 1; or None.
-    """
-
-    velocity: Array
-    acceleration: Array
-    torque: Array | None = None
-    dynamics: InverseDynamics | None = None
-    jerk: Array | None = None
-    tool: Callable[[Array, Array], Array] | None = None
-
-    def most_rate(self, Q: Array, slope: Array) -> Array:
-        """Compute the largest ṡ within the speed limits at points of a path: (K,)."""
-        used = (np.abs(slope) / self.velocity).max(axis=1)
-        if self.tool is not None:
-            used = np.maximum(used, self.tool(Q, slope))
-        return 1 / np.maximum(used, 1e-9)
 
 
 @dataclass(frozen=True, eq=False)

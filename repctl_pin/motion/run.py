@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, finite, positive, read_only, require_type, shown, vector
 from ..errors import InputError
-from .timing import TimedMotion
+from .timed_motion import TimedMotion
 
 _TOLERANCE = 1.005
 """Factor up to which a limit may be exceeded and count as kept; a time-optimal motion meets one of

@@ -14,7 +14,7 @@ from ..strategies import Strategy
 from .csv_file import csv_text
 from .joint_motion import refuse_violations
 from .motion import Motion
-from .timing import TimedMotion
+from .timed_motion import TimedMotion
 
 
 def write_motion(

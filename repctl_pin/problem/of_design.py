@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +12,13 @@ from ..design import Design
 from ..motion.fitting_circle import fitting_circle
 from ..paths import ClosedPath
 from ..paths.task_path import Cycle
+from ..plugins import parts
 from .choose_start import SAME, PathOf
 from .problem import SAVED, Problem
 
-if TYPE_CHECKING:
-    from ..inverse_function import CellDesign
-
 
 def problem_of(
-    design: Design | CellDesign,
+    design: Any,
     *,
     start: ArrayLike | None = None,
     path: str | ClosedPath | PathOf | Literal[False] | None = None,
@@ -34,8 +32,7 @@ def problem_of(
     Parameters
     ----------
     design
-        Design of a repeatable inverse; or of a cell's function, in which case the region is the
-        cell.
+        :class:`Design`, or the design of an extension, such as :class:`CellDesign`.
     start, path, plane
         As for :class:`Problem`.
 
@@ -45,7 +42,8 @@ def problem_of(
         If no circle lies inside Ω, or the path cannot be followed from the start.
     """
     if not isinstance(design, Design):
-        return _of_cell(design, start, path, plane)
+        kinds = dict(parts("problem"))
+        return kinds[type(design)](design, start, path, plane)
     task, region, cycle = design.task, design.region, design.cycle
     if path is False:
         begin = region.center if start is None else start
@@ -80,33 +78,3 @@ def _of_cycle(design: Design, cycle: Cycle, start: ArrayLike | None) -> Problem:
         return Problem(task, start=start, path=cycle.path, region=region)
     inside = partial(fitting_circle, control=design.inverse, region=region)
     return Problem(task, start=start, path=inside, region=region)
-
-
-def _of_cell(
-    design: CellDesign,
-    start: ArrayLike | None,
-    path: str | ClosedPath | PathOf | Literal[False] | None,
-    plane: str | None,
-) -> Problem:
-    """Create a problem inside a cell.
-
-    By default it begins at the configuration that the function gives for the path's first pose.
-    """
-    from ..inverse_function import Sector  # slow to import, and not needed by a study
-    from ..inverse_function.sample_path import tour
-
-    begin = design.posture if start is None else start
-    inside = partial(fitting_circle, control=design.inverse, region=design.cell)
-    draw = inside if path is None and plane is None else path
-    if draw is inside and isinstance(design.cell, Sector):
-        draw = tour(
-            design.cell
-        )  # the orientation turns with the angle, which no circle does
-    problem = Problem(design.task, start=begin, path=draw, plane=plane)._with(
-        region=design.cell
-    )
-    if start is not None or path is False:
-        return problem
-    q0 = design.function(problem.cycle.placement(0.0))
-    name = "the configuration that the function gives where the path begins"
-    return problem._with(start=q0, start_is=name, moved=(), region=design.cell)

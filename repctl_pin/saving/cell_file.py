@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from math import comb
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -21,8 +22,9 @@ from ..inverse_function.turning import Turn
 from ..robot.body_parts import bodies_at, shapes_fingerprint
 from ..robot.task import Task
 from ..robot.task_parts import check_configurations
-from .changes import configurations
-from .design_file import head
+from .changes import configurations, require_masses, require_ranges
+from .design_file import FileKind, head
+from .files import load
 from .schema import (
     Desired,
     Part,
@@ -38,7 +40,7 @@ from .schema import (
     proof_of,
 )
 
-FORMAT = "repctl cell"
+_FORMAT = "repctl cell"
 _MOST_DEGREE = 64
 
 
@@ -175,7 +177,7 @@ def cell_file(design: CellDesign) -> CellFile:
     return described(
         CellFile,
         design,
-        **head(FORMAT, design.task),
+        **head(_FORMAT, design.task),
         desired=desired_file(design.desired),
         placement=cell.placement.homogeneous.tolist(),
         widths=cell.widths.tolist(),
@@ -336,3 +338,45 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         evaluation=evaluation,
         proof=proof_of(content.proof),
     )
+
+
+def _unchecked(content: CellFile, task: Task) -> list[str]:
+    """Refuse a changed robot; see :class:`repctl_pin.saving.design_file.FileKind`."""
+    known = content.bodies is not msgspec.UNSET
+    return [
+        *require_ranges(content.task, task, speeds=False),
+        *([] if known else ["the collision bodies"]),
+        *require_masses(content.desired, content.task, task),
+    ]
+
+
+KIND = FileKind(CellFile, CellDesign, cell_file, cell_of, _unchecked)
+
+
+def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
+    """Read a function over a cell from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    CellDesign
+
+    Raises
+    ------
+    InputError
+        If the file holds a repeatable inverse, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
+    >>> again.cost == found.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, CellDesign):
+        return design
+    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")

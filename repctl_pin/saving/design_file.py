@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -18,6 +18,7 @@ from ..files import read_whole, write_whole
 from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema
+from .changes import require_arm_angles, require_masses, require_ranges
 from .schema import DesignFile, Figures, Sealed, described, made
 from .task_identity import identity
 
@@ -39,10 +40,31 @@ def write(content: Sealed, path: str | Path) -> Path:
     return write_whole(path, text + "\n")
 
 
-def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
+class FileKind(NamedTuple):
+    """One kind of design file.
+
+    Attributes
+    ----------
+    content, result : type
+        Class of the file's content, and of the design.
+    to_content, to_result : function
+        Conversions: design → content, and (content, task) → design.
+    check : function
+        (content, task) → names of what an older file does not hold, so that it is not checked. It
+        raises InputError if anything has changed that numbers of the file depend on.
+    """
+
+    content: type[Sealed]
+    result: type
+    to_content: Callable[[Any], Sealed]
+    to_result: Callable[[Any, Task], Any]
+    check: Callable[[Any, Task], list[str]]
+
+
+def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
     """Read the content of a design file, and check format, schema version and checksum.
 
-    ``kinds`` are the classes of the content, by the file's ``format``.
+    ``kinds`` are functions that return the kind of file, by the file's ``format``.
 
     Raises
     ------
@@ -71,7 +93,7 @@ def read(path: str | Path, kinds: Mapping[str, type[Sealed]]) -> Any:
                 f"{where} has schema {head.schema}, and this version reads {SCHEMA}; "
                 "design again, or use the repctl-pin that wrote it"
             )
-        content = msgspec.json.decode(text, type=kinds[head.format])
+        content = msgspec.json.decode(text, type=kinds[head.format]().content)
     except msgspec.ValidationError as error:
         raise InputError(f"{where} is not a valid design file: {error}") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
@@ -197,3 +219,16 @@ def checksum_of(content: dict[str, Any]) -> str:
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return "sha256:" + hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _unchecked(content: DesignFile, task: Task) -> list[str]:
+    """Refuse a changed robot; see :class:`FileKind`."""
+    timed = content.cycle is not None
+    return [
+        *require_ranges(content.task, task, speeds=timed),
+        *require_arm_angles(content.potentials, content.task, task),
+        *require_masses(content.desired, content.task, task),
+    ]
+
+
+KIND = FileKind(DesignFile, Design, design_file, design_of, _unchecked)

@@ -3,27 +3,38 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-import msgspec
-
-from ..arguments import file_name, require_type
+from ..arguments import file_name, shown
 from ..design import Design
 from ..errors import InputError, RepctlError
+from ..plugins import Extension, all_extensions
 from ..robot.robot import Robot
 from ..robot.task import Task, require_task
-from .changes import require_arm_angles, require_masses, require_ranges
-from .design_file import FORMAT, design_file, design_of, read, write
-from .schema import DesignFile
+from .design_file import FORMAT, KIND, FileKind, read, write
+from .schema import Sealed
 from .task_identity import compare, task_of
 
-if TYPE_CHECKING:
-    from ..inverse_function import CellDesign
-    from .cell_file import CellFile
+
+def _extended(extension: Extension, module: str) -> FileKind:
+    """Import a kind of file from an extension."""
+    kind: FileKind = extension.module(module).KIND
+    return kind
 
 
-def save(design: Design | CellDesign, path: str | Path) -> Path:
+def _kinds() -> dict[str, Callable[[], FileKind]]:
+    """Find the kinds of design files, by ``format``; those of extensions are imported if called."""
+    return {FORMAT: lambda: KIND} | {
+        name: partial(_extended, extension, module)
+        for extension in all_extensions()
+        for name, module in extension.files.items()
+    }
+
+
+def save(design: Any, path: str | Path) -> Path:
     """Write a design to a file atomically.
 
     The file is JSON. It contains a schema version; the robot, frame, task kind and joints with a
@@ -54,18 +65,16 @@ def save(design: Design | CellDesign, path: str | Path) -> Path:
     >>> rp.save(design, "design.json").name
     'design.json'
     """
-    if isinstance(design, Design):
-        return write(design_file(design), file_name(path))
-    from ..inverse_function import CellDesign  # a study has no need of it
-    from .cell_file import cell_file
-
-    what = "a design, as rp.nearest_repeatable makes them"
-    return write(
-        cell_file(require_type(design, CellDesign, "design", what)), file_name(path)
+    for kind in _kinds().values():  # a study saves a Design, and imports no other kind
+        if isinstance(design, kind().result):
+            return write(kind().to_content(design), file_name(path))
+    raise InputError(
+        f"must be a design, as rp.nearest_repeatable makes them; got {shown(design)}",
+        argument="design",
     )
 
 
-def load(path: str | Path, task: Task | None = None) -> Design | CellDesign:
+def load(path: str | Path, task: Task | None = None) -> Any:
     """Read a design from a file, and check that it was made for this task.
 
     Parameters
@@ -146,48 +155,12 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
     raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
 
 
-def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
-    """Read a function over a cell from a file, see :func:`load`.
-
-    Parameters
-    ----------
-    path, task
-        As for :func:`load`.
-
-    Returns
-    -------
-    CellDesign
-
-    Raises
-    ------
-    InputError
-        If the file holds a repeatable inverse, or as for :func:`load`.
-
-    Examples
-    --------
-    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
-    >>> again.cost == found.cost
-    True
-    """
-    design = load(path, task)
-    if not isinstance(design, Design):
-        return design
-    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")
+def read_design(path: str | Path) -> Any:
+    """Read the content of a design file of any kind, and check that it was not changed."""
+    return read(path, _kinds())
 
 
-def read_design(path: str | Path) -> DesignFile | CellFile:
-    """Read the content of a design file of either kind, and check that it was not changed."""
-    from . import cell_file
-
-    content: DesignFile | CellFile = read(
-        path, {FORMAT: DesignFile, cell_file.FORMAT: cell_file.CellFile}
-    )
-    return content
-
-
-def made_of(
-    content: DesignFile | CellFile, task: Task, where: str
-) -> Design | CellDesign:
+def made_of(content: Sealed, task: Task, where: str) -> Any:
     """Create a design from the content of a file, for the task it was made for.
 
     Raises
@@ -198,7 +171,8 @@ def made_of(
     """
     try:
         compare(content.task, task, where)
-        unchecked = _require_unchanged(content, task)
+        kind = _kinds()[content.format]()
+        unchecked = kind.check(content, task)
         if unchecked:
             warnings.warn(
                 f"{where} was written by repctl-pin {content.written_by}: it does not hold, so a "
@@ -206,29 +180,8 @@ def made_of(
                 UserWarning,
                 stacklevel=3,
             )
-        if isinstance(content, DesignFile):
-            return design_of(content, task)
-        from .cell_file import cell_of
-
-        return cell_of(content, task)
+        return kind.to_result(content, task)
     except (ValueError, IndexError, OverflowError, TypeError, RepctlError) as error:
         raise InputError(
             str(error) if where in str(error) else f"{where}: {error}"
         ) from None
-
-
-def _require_unchanged(content: DesignFile | CellFile, task: Task) -> list[str]:
-    """Check that everything is as it was that numbers of the file depend on, but for the bodies.
-
-    Returns the names of what an older file does not hold, so that it is not checked.
-    """
-    made_for = content.task
-    if isinstance(content, DesignFile):
-        timed = content.cycle is not None
-        unchecked = require_ranges(made_for, task, speeds=timed)
-        unchecked += require_arm_angles(content.potentials, made_for, task)
-    else:
-        unchecked = require_ranges(made_for, task, speeds=False)
-        known = content.bodies is not msgspec.UNSET
-        unchecked += [] if known else ["the collision bodies"]
-    return unchecked + require_masses(content.desired, made_for, task)

@@ -4,7 +4,6 @@ from ..potentials.arm_angle import ArmAngle as ArmAngle
 from .custom import CustomInverse as CustomInverse
 from .custom import FunctionStrategy as FunctionStrategy
 from .extended import ExtendedJacobian as ExtendedJacobian
-from .impedance import LeafImpedance as LeafImpedance
 from .limit_weight import LimitWeight as LimitWeight
 from .pseudoinverse import PostureControl as PostureControl
 from .pseudoinverse import Pseudoinverse as Pseudoinverse

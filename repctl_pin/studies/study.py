@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_int, function, moved, positive, require_type
+from ..arguments import Array, as_int, function, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..motion import Motion, check_length, follow
 from ..paths import Cycle, TaskPath
+from ..plugins import parts
 from ..problem import (
     PERIOD,
     Problem,
@@ -27,7 +28,6 @@ from ..problem import (
     own_failure,
     shrunk_note,
 )
-from ..proof import prove
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..robot.bodies import bodies_of
@@ -44,12 +44,6 @@ Control = Strategy | Callable[[Array, Array], ArrayLike]
 POSTURE_GAIN = 1.0
 """Gain of the posture task in the null space, 1/s."""
 
-PROVED = 0.9
-"""Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
-
-PROVING, LEAST_PROVING = 0.05, 0.3
-"""Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
-
 EDGE = 1e-6
 """Distance between the start and a second start, rad or m. Their motions are compared to see
 whether the start lies on an edge between different motions."""
@@ -61,19 +55,6 @@ POSTURE_OFFSET = 0.57
 """Distance of the second posture from the start, rad, along the first null vector."""
 
 
-_PLACE = "rp.study(rp.Problem(robot, {}))"
-_MOVED = {
-    **{
-        name: _PLACE.format(f"{name}=...")
-        for name in ("frame", "kind", "start", "path", "plane", "region")
-    },
-    "radius": _PLACE.format("path='circle:RADIUS'"),
-    "seed": "options=rp.FitOptions(seed=...)",
-}
-"""Options that have moved, and their place."""
-
-
-@moved(_MOVED)
 def study(
     robot: str | Robot | Task | Problem,
     *,
@@ -174,14 +155,16 @@ def study(
         )
 
     problem, design = design_for(problem, desired, make, seed=options.seed, say=say)
-    say("proving its leaf margin")
-    design = _proved(design, max(LEAST_PROVING, PROVING * (thread_time() - begun)))
+    for addition in parts("study_design"):
+        design = addition(design, thread_time() - begun, say)
     say(f"following the path for {cycles} cycles")
     rows, time, slower = _followed(
         problem, design, custom, cycles=cycles, steps=steps, period=period
     )
     say("evaluating body distances and fastest cycles")
     rows = [evaluated(row) for row in rows]
+    for addition in parts("study_row"):
+        rows = [addition(row) for row in rows]
     design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
     notes = [
         *problem.warnings,
@@ -205,20 +188,6 @@ def study(
         notes=tuple(notes),
         period=time,
     )
-
-
-def _proved(design: Design, seconds: float) -> Design:
-    """Add a certificate of the leaf margin to a design; return it unchanged if the proof fails.
-
-    The proof fails, too, if it takes more than ``seconds`` of processor time.
-    """
-    try:
-        proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
-    except (
-        InputError
-    ):  # bounds of these potentials, or the region's shape, are not known
-        return design
-    return replace(design, proof=proof) if proof else design
 
 
 def _followed(

@@ -10,11 +10,10 @@ import numpy as np
 from ..arguments import Array, read_only, require_choice
 from ..certificate import proved_words
 from ..design import Design
-from ..errors import InputError
-from ..motion import Motion, elbow, timed
+from ..motion import Motion, elbow
 from ..motion.displacement import end_displacements, farthest_link
 from ..motion.joint_motion import Violation, violations_of
-from ..motion.limits import Limits, presumed_acceleration
+from ..motion.limits import presumed_acceleration
 from ..paths import TaskPath
 from ..paths.winding import winding
 from ..regions import Region
@@ -84,7 +83,7 @@ class Row:
 
 
 def evaluated(row: Row) -> Row:
-    """Add the motion's body distance, violations and fastest first cycle to a row."""
+    """Add the motion's body distance and violations to a row."""
     motion = row.motion
     if motion is None:
         return row
@@ -93,21 +92,7 @@ def evaluated(row: Row) -> Row:
         row,
         body_distance=distance if np.isfinite(distance) else None,
         violations=violations_of(motion, motion.coarse),
-        cycle_time=fastest_cycle(motion),
     )
-
-
-def fastest_cycle(motion: Motion) -> float | None:
-    """Compute the minimum time of the first cycle from rest to rest, s; None without a solution."""
-    end = motion.steps + 1
-    once = replace(
-        motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end]
-    )
-    acceleration = presumed_acceleration(motion.task)[0]
-    try:
-        return timed(once, Limits(acceleration=acceleration)).duration
-    except InputError:  # it does not move, or no speed is slow enough
-        return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...motion import Motion, TimedMotion
+from ...motion import Motion
+from ...motion.timed_motion import TimedMotion
 from ..palette import BLUE, INK
 from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
 

@@ -1,0 +1,98 @@
+"""Motion from rest to rest over time, within limits: the result of :func:`timed`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array, as_int, read_only
+from ..errors import InputError
+from .motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class TimedMotion:
+    """Positions of the robot's own joints over time, from rest to rest, at even time steps.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Names of the joints.
+    t : (T,) array
+        Time, s, from 0; the samples begin and end a little outside the motion, at rest.
+    q, qdot, qddot : (T, n) arrays
+        Positions, velocities and accelerations, rad or m. Velocities and accelerations are central
+        differences over a millisecond (or a sample, if shorter) to either side, because
+        time-optimal q̈ jumps.
+    starts : (cycles + 1,) array
+        Times at which the cycles begin and the last one ends, s.
+    length, speed : (K,) arrays
+        The phase-plane profile: length of the joint path from the start, and its rate, per s; of
+        the first three cycles if there are more.
+    velocity, acceleration, jerk : (n,) arrays
+        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it is
+        not limited.
+    stops : int
+        Number of times that the arm stands still within a cycle, not counting its start: at corners
+        of the joint path, and during pauses.
+    motion : Motion, optional
+        The motion that was timed; None in a result of :func:`approach`.
+    trajectory
+        The timed motion as a function of time, with exact derivatives; for :class:`Run`.
+
+    Examples
+    --------
+    >>> timed = rp.timed(motion, rp.Limits(acceleration=5.0))
+    >>> timed.q.shape == timed.qdot.shape == (len(timed.t), 3)
+    True
+    >>> bool(np.abs(timed.qdot[[0, -1]]).max() < 0.02)  # rad/s: from rest to rest
+    True
+    """
+
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    qdot: Array
+    qddot: Array
+    starts: Array
+    length: Array
+    speed: Array
+    velocity: Array
+    acceleration: Array
+    stops: int
+    motion: Motion | None = None
+    jerk: Array | None = None
+    trajectory: Any = field(default=None, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        many = f"{len(self.joints)} joint{'s' if len(self.joints) > 1 else ''}"
+        samples = f"{len(self.t):,} samples"
+        return f"<TimedMotion of {many}: {self.duration:.4g} s from rest to rest, {samples}>"
+
+    @property
+    def duration(self) -> float:
+        """Time from leaving rest to rest, s."""
+        return float(self.starts[-1] - self.starts[0])
+
+    @property
+    def cycle_time(self) -> float:
+        """Time of a steady cycle, s; the mean over all cycles if there are fewer than three."""
+        times = np.diff(self.starts)
+        return float(times[1] if len(times) > 2 else times.mean())
+
+    def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
+        """Samples of cycle k, counted from 0: time from its start, q, q̇, q̈."""
+        if as_int(k, "k") >= len(self.starts) - 1:
+            raise InputError(
+                f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"
+            )
+        rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
+        return (
+            self.t[rows] - self.starts[k],
+            self.q[rows],
+            self.qdot[rows],
+            self.qddot[rows],
+        )
