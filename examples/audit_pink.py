@@ -26,7 +26,7 @@ import pinocchio as pin
 from pink.tasks import FrameTask
 
 import repctl_pin as rp
-from repctl_pin.integrations.pink import RepeatableTask
+from repctl_pin.extensions.integrations.pink import RepeatableTask
 from repctl_pin.show.text.table import table
 
 Q0 = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])

@@ -26,7 +26,7 @@ KINDS = ("pose", "axis", "position", "xy", "xz", "yz")
 
 def catalogue() -> dict[str, dict[str, Any]]:
     """The table of known robots, as the package's data have it: a row per name."""
-    file = Path(rp.__file__).parent / "urdf" / "arms.toml"
+    file = Path(rp.__file__).parent / "model" / "arms.toml"
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from arms import Q_PANDA
 
 import repctl_pin as rp
-from repctl_pin.inverse_function.reference import fitted, rays
+from repctl_pin.extensions.cells.reference import fitted, rays
 
 CELLS = {
     "poses": ("pose", 0.3),

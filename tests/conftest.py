@@ -101,8 +101,8 @@ def quick_choices(few_nodes: None, monkeypatch: pytest.MonkeyPatch) -> None:
         ("design.singularity_search", "_CORNERS", 32),
         ("motion.fitting_circle", "follow", briefly),
         ("motion.solve_ik", "_POINTS", 12),
-        ("problem.choose_start", "follow", briefly),
-        ("problem.around_motion", "FitOptions", few),
+        ("studies.choose_start", "follow", briefly),
+        ("studies.around_motion", "FitOptions", few),
     ):
         monkeypatch.setattr(import_module(package + module), name, value)
 

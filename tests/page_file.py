@@ -15,7 +15,7 @@ import pinocchio as pin
 import umsgpack
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Visuals as Visuals  # what a page draws
+from repctl_pin.model.visuals import Visuals as Visuals  # what a page draws
 
 ORANGE, GREEN, BLUE, VERMILLION = "#E69F00", "#009E73", "#0072B2", "#D55E00"
 COLOURS = {

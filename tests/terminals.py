@@ -60,8 +60,8 @@ def fit_terminals(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return reported
 
     reported = reporting(cli.terminal.report)
-    for command in vars(cli).values():
-        if hasattr(command, "report") and command is not cli.terminal:
+    for _, command in cli.commands():
+        if hasattr(command, "report"):
             monkeypatch.setattr(command, "report", reported)
     return small
 

@@ -123,14 +123,23 @@ def test_every_public_name_exists() -> None:
 
 
 def test_public_names_are_those_of_the_type_checker() -> None:
-    lines = Path(repctl_pin.__file__).read_text().split("_DOOR")[0].splitlines()
-    assert (Path(repctl_pin.__file__).parent / "py.typed").exists()
-    typed = {
-        line.split(" as ")[1]
-        for line in lines
-        if line.startswith("    from ") and " as " in line
+    package = Path(repctl_pin.__file__).parent
+    assert (package / "py.typed").exists()
+    stub = ast.parse((package / "__init__.pyi").read_text(encoding="utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    typed = {name.asname for node in imports for name in node.names}
+    assert typed == set(dir(repctl_pin))
+
+
+def test_the_core_imports_no_extension() -> None:
+    """Issue 21: it finds them by name, through ``plugins.py``."""
+    package = ROOT / "repctl_pin"
+    extensions = package / "extensions"
+    core = [path for path in package.rglob("*.py") if extensions not in path.parents]
+    found = {
+        path: [p for p in imports_of(path) if extensions in p.parents] for path in core
     }
-    assert typed == set(dir(repctl_pin)) - {"__version__"}
+    assert len(core) > 100 and not any(found.values()), found
 
 
 def test_import_and_help_load_no_large_package() -> None:

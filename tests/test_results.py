@@ -16,7 +16,7 @@ import pytest
 
 import repctl_pin as rp
 
-MEMORY = {"repctl_pin.inverse_function.fast_sector.FastCoordinates"}
+MEMORY = {"repctl_pin.extensions.cells.fast_sector.FastCoordinates"}
 """Memory that the functions of a control loop write to."""
 
 

@@ -123,9 +123,9 @@ def parser() -> Parser:
         help="before COMMAND: show the traceback of an internal error",
     )
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
-    commands = whole.add_subparsers(metavar="COMMAND", required=True)
-    for name, command in _commands():
-        part = commands.add_parser(
+    parts = whole.add_subparsers(metavar="COMMAND", required=True)
+    for name, command in commands():
+        part = parts.add_parser(
             name,
             help=command.HELP,
             description=f"{capital(command.HELP)}.",
@@ -137,7 +137,7 @@ def parser() -> Parser:
     return whole
 
 
-def _commands() -> Iterator[tuple[str, Any]]:
+def commands() -> Iterator[tuple[str, Any]]:
     """Yield the commands, each a name and a module: those of extensions stand in the middle."""
     yield from ((command.__name__.rpartition(".")[2], command) for command in _FIRST)
     for extension in all_extensions():

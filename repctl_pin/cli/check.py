@@ -179,7 +179,7 @@ class _Case(NamedTuple):
 
 def _named(options: Options) -> _Case:
     """Make the case of J⁺, or of the weighted inverse of ``--weight``."""
-    from ..problem import choose_desired
+    from ..studies.desired import choose_desired
 
     half_width = options.region or REGION
     box = partial(box_within_limits, half_width=half_width)
@@ -226,7 +226,7 @@ def _as_dict(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
     """Convert the result to plain Python types, for JSON output."""
-    from ..studies import picked, region_dict
+    from ..studies.study_result import picked, region_dict
 
     found: dict[str, Any] = {
         **case.strategy.task.as_dict(),

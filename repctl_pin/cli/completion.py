@@ -51,7 +51,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
     needed("shtab", by="completion")
     import shtab
 
-    from ..urdf.catalogue import entries
+    from ..model.catalogue import entries
 
     robots = [entry.name for entry in entries()]
     commands = next(

@@ -134,10 +134,11 @@ def run(options: Options) -> int:
     _check(options, degree)
 
     from ..design.design_map import degree_curve, design_map
-    from ..problem import choose_desired, design_for, shrunk_note
     from ..show.plots.designs import design_figure
     from ..show.plots.motions import png
     from ..show.text.table import table
+    from ..studies.around_motion import design_for, shrunk_note
+    from ..studies.desired import choose_desired
 
     problem = _problem(options, degree)
     task = problem.task
@@ -235,7 +236,7 @@ def _check(options: Options, degree: Any) -> None:
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
     """Make the problem: with the path of ``--path`` or, without it, with :func:`_region` as Ω."""
-    from ..problem import check_degree
+    from ..studies.work import check_degree
 
     region = None if options.path is not None else partial(_region, options)
     problem = options.problem(path=options.path or False, region=region)
@@ -269,7 +270,8 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
     """
     from dataclasses import replace
 
-    from ..problem import problem_of, timed_cycle
+    from ..studies.around_motion import timed_cycle
+    from ..studies.of_design import problem_of
 
     try:
         closed = (
@@ -316,7 +318,7 @@ def _as_dict(
     notes: list[str],
 ) -> dict[str, Any]:
     """Convert the result to plain Python types, for JSON output."""
-    from ..studies import picked, region_dict
+    from ..studies.study_result import picked, region_dict
 
     figures = ("cost", "cost_error", "relative_distance", "leaf_margin")
     fit = (

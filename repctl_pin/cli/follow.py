@@ -107,10 +107,10 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Follow the path, evaluate the motion, and write it."""
     say = progress(options.json)
+    from ..model.bodies import bodies_of
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations, violations_of
     from ..motion.write_motion import commanded, yaml_text
-    from ..robot.bodies import bodies_of
     from ..show.text.table import outside_words
     from ..strategies import RepeatableInverse
 
@@ -201,7 +201,7 @@ def run(options: Options) -> int:
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
     """Write the remedy for a violation: options that may avoid it."""
-    from ..problem import NO_BETTER
+    from ..studies.around_motion import NO_BETTER
 
     tried = options.start is None and not options.saved
     remedies = [
@@ -284,7 +284,7 @@ def _nearest(
     options: Options, problem: rp.Problem, say: Callable[[str], None]
 ) -> _Case:
     """Design the nearest repeatable inverse in a region around the motion on the path."""
-    from ..problem import design_for, shrunk_note, timed_cycle
+    from ..studies.around_motion import design_for, shrunk_note, timed_cycle
 
     plain = rp.Pseudoinverse(problem.task)
 
@@ -355,7 +355,7 @@ def _result(
 
     ``asked`` is the duration, s, before the motion was slowed down to meet the speed limits.
     """
-    from ..studies import bodies_dict, limits_dict
+    from ..studies.study_result import bodies_dict, limits_dict
 
     task = motion.task
     return {

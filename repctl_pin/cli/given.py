@@ -86,7 +86,7 @@ class Options(argparse.Namespace):
 
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
         """Make the problem of a saved design, with the start and path of the options, if given."""
-        from ..problem import problem_of
+        from ..studies.of_design import problem_of
 
         asked = {"start": self.asked_start()}
         if "path" in self:
@@ -257,7 +257,7 @@ def with_options(
     error: rp.SingularRegionError, *, shrink: bool = False
 ) -> rp.SingularRegionError:
     """Rewrite the remedy of an error on a singular Ω in terms of options; return the error."""
-    from ..problem import half_width_within
+    from ..studies.around_motion import half_width_within
 
     if error.free is None:
         center = "cut at the joint limits, it has another centre"

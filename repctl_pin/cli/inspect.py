@@ -28,8 +28,8 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Inspect a robot and print the result."""
-    from ..problem import redundant_kinds
     from ..show.text.inspection import inspection, inspection_text
+    from ..studies.task_choice import redundant_kinds
 
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames

@@ -24,9 +24,9 @@ def add_options(parser: Parser) -> None:
 
 def run(options: Options) -> int:
     """Print the catalogue: the joints and the redundancy of every offered frame."""
-    from ..problem import redundant_kinds
+    from ..model.catalogue import entries
     from ..show.text.table import table
-    from ..urdf.catalogue import entries
+    from ..studies.task_choice import redundant_kinds
 
     say = progress(options.json)
     rows: list[dict[str, Any]] = []

@@ -66,10 +66,10 @@ def run(options: Options) -> int:
     """Run the study and write its files."""
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
-    from ..problem import at_minimum_speed
     from ..show.study_files import run_name, write_study
     from ..show.text.answer import study_answer
     from ..show.text.table import study_table
+    from ..studies.minimum_speed import at_minimum_speed
 
     say("loading the robot and finding a start and a path")
     try:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
+from ..model.task import Task
 from ..potentials.basis import PotentialBasis
 from ..redundancy.inverses import inverse_condition_number, row_factor
-from ..robot.task import Task
 from ..strategies import Pseudoinverse
 from ..strategies.strategy import Inverse
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from ..arguments import Array, percentage, read_only
 from ..certificate import Proof, own_proof, proved_words
 from ..errors import InputError
+from ..model.task import Task
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
 from ..progress import Report, reporter
 from ..regions import Region
-from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .evaluation import Baseline, baselines, spectral_cost

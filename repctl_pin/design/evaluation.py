@@ -8,11 +8,11 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..errors import RepctlError
+from ..model.task import Task
 from ..potentials.polynomial import Polynomial
 from ..progress import Report
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
-from ..robot.task import Task
 from ..strategies import Pseudoinverse
 from ..strategies.extended import ExtendedJacobian
 from ..strategies.repeatable import RepeatableInverse

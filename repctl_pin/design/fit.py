@@ -11,8 +11,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
+from ..model.task import Task
 from ..potentials.basis import PotentialBasis
-from ..robot.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
 from .batches import BarrierCost, Batches, Local

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import SingularityError
+from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..regions import Region
-from ..robot.task import Task
 from ..solvers import StepLengths, descend_in_box
 from .criterion import named
 

@@ -9,11 +9,11 @@ import numpy as np
 from ..arguments import Array
 from ..certificate import fingerprint
 from ..errors import SingularityError
+from ..model.task import Task
+from ..model.task_parts import check_configurations, points_at, rounded, task_parts
 from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
 from ..potentials.arm_angle import ArmAngle
 from ..regions import Box, Region, Tube, WorkspaceBox
-from ..robot.task import Task
-from ..robot.task_parts import check_configurations, points_at, rounded, task_parts
 from ..strategies.repeatable import RepeatableInverse
 
 

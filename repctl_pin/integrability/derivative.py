@@ -10,11 +10,11 @@ import numpy as np
 
 from ..arguments import Array, read_only, require_type
 from ..errors import SingularityError
+from ..model.length import joint_scale
+from ..model.task import Task
 from ..potentials.basis import CurvedPotentials
 from ..redundancy.augmented import augmented_inverse
 from ..redundancy.inverses import pseudoinverse_derivative
-from ..robot.length import joint_scale
-from ..robot.task import Task
 from ..strategies.pseudoinverse import Pseudoinverse
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Inverse

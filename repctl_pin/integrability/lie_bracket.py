@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, flag, read_only, vector
-from ..robot.length import joint_scale
+from ..model.length import joint_scale
 from ..strategies.strategy import Inverse
 from .derivative import derivative, require_inverse
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..blas import one_blas_thread
+from ..model.length import joint_scale
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
-from ..robot.length import joint_scale
 from ..strategies.strategy import Inverse
 from .derivative import SHORTEST_STEP, derivative, differentiate
 from .lie_bracket import measure

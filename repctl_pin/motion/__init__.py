@@ -1,6 +1,6 @@
 """Motions of a strategy on closed paths: integration, limits and files."""
 
-from ..robot.length import elbow as elbow
+from ..model.length import elbow as elbow
 from .best_leaf import BestLeaf as BestLeaf
 from .best_leaf import best_leaf as best_leaf
 from .csv_file import csv_text as csv_text

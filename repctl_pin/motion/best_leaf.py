@@ -19,11 +19,11 @@ from ..arguments import (
     require_type,
 )
 from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement
+from ..model.length import arm_length, joint_scale
+from ..model.task import Task
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
-from ..robot.chain_formulas import Placement
-from ..robot.length import arm_length, joint_scale
-from ..robot.task import Task
 from ..strategies import Bounded, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Inverse
 from .fast_starts import fast_starts

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement
+from ..model.task import Task
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse, row_factor
-from ..robot.chain_formulas import Placement
-from ..robot.task import Task
 from ..solvers import newton_rows, solve_block_tridiagonal
 
 LONGEST = 0.3

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
+from ..model.joint_chain import native_chain
 from ..native import LAW, filled_struct, library
 from ..potentials.polynomial import PolynomialMap
 from ..redundancy.inverses import RANK_TOLERANCE
-from ..robot.joint_chain import native_chain
 from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strategy
 from ..strategies.pseudoinverse import WELL_CONDITIONED
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..robot.arm_links import arm_links, link_origins, other_ends
-from ..robot.body_corners import corners
-from ..robot.task import Task
-from ..robot.visuals import Shape, Visuals
+from ..model.arm_links import arm_links, link_origins, other_ends
+from ..model.body_corners import corners
+from ..model.task import Task
+from ..model.visuals import Shape, Visuals
 from .joint_motion import JointMotion
 
 MOST_CYCLES = 100

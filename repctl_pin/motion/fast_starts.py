@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..model.chain_formulas import Placement
+from ..model.random_configurations import random_configurations
+from ..model.task import Task
 from ..paths.task_path import TaskPath
-from ..robot.chain_formulas import Placement
-from ..robot.random_configurations import random_configurations
-from ..robot.task import Task
 from ..solvers import newton_rows
 
 _STARTS, _STEPS = 96, 16

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
+from ..model.length import arm_length
+from ..model.task import Task
 from ..paths.shapes import Normal, circle
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import inverse_condition_number
-from ..robot.length import arm_length
-from ..robot.task import Task
 from ..strategies import Bounded, Pseudoinverse, Strategy
 from .follow import follow
 

@@ -23,9 +23,9 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError, SingularityError
+from ..model.length import joint_scale
+from ..model.task import Task, require_task
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
-from ..robot.length import joint_scale
-from ..robot.task import Task, require_task
 from ..strategies import FunctionStrategy, RepeatableInverse, Strategy
 from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock

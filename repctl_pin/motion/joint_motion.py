@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, as_int, as_matrices, read_only
 from ..errors import InputError
-from ..robot.bodies import Nearest, bodies_of
-from ..robot.length import joint_scale
-from ..robot.task import Task
+from ..model.bodies import Nearest, bodies_of
+from ..model.length import joint_scale
+from ..model.task import Task
 
 if TYPE_CHECKING:
     from typing_extensions import Self

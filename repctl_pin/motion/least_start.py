@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
+from ..model.task import Task
 from ..paths.task_path import TaskPath
 from ..redundancy import nullspace
-from ..robot.task import Task
 from .least_motion import least_closed_motion
 from .motion import Motion
 from .self_motion import self_motions

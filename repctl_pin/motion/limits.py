@@ -20,8 +20,8 @@ from ..arguments import (
     shown,
 )
 from ..errors import InputError
-from ..robot.task import Task
-from ..urdf.rules import NO_EFFORT
+from ..model.rules import NO_EFFORT
+from ..model.task import Task
 
 PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": (

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, per_joint, positive, read_only
+from ..model.chain_formulas import Placement
+from ..model.length import arm_length
+from ..model.task import Task
 from ..paths.task_path import TaskPath
-from ..robot.chain_formulas import Placement
-from ..robot.length import arm_length
-from ..robot.task import Task
 from ..strategies import Bounded
 from .joint_motion import CLOSED as CLOSED
 from .joint_motion import JointMotion

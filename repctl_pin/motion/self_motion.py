@@ -8,10 +8,10 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement
+from ..model.length import joint_scale
+from ..model.task import Task
 from ..redundancy import nullspace
-from ..robot.chain_formulas import Placement
-from ..robot.length import joint_scale
-from ..robot.task import Task
 from .solve_ik import solve_near
 
 

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement, as_placement
+from ..model.length import arm_length, longest_reach
+from ..model.random_configurations import random_configurations
+from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
-from ..robot.chain_formulas import Placement, as_placement
-from ..robot.length import arm_length, longest_reach
-from ..robot.random_configurations import random_configurations
-from ..robot.task import Task, require_task
 from ..solvers import newton
 
 _THERE = 1e-9

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..arguments import Array, require_type
 from ..errors import InputError
+from ..model.task import Task
 from ..paths.polyline import MOST_POINTS, polygon
 from ..paths.shapes import PLANES, figure_eight, rose
 from ..paths.task_path import TaskPath
 from ..paths.waypoint_file import number, waypoint_path
 from ..plugins import plugin, registered
-from ..robot.task import Task
 from .fitting_circle import circle_at, fitting_circle, planes_of
 
 PathMaker = Callable[[Task, Array], TaskPath]

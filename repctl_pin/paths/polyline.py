@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from ..arguments import Array, as_numbers, list_of, positive, read_only
 from ..errors import InputError
-from ..robot.chain_formulas import as_placements
-from ..robot.task import Task, require_task
+from ..model.chain_formulas import as_placements
+from ..model.task import Task, require_task
 from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .task_path import TaskPath
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_int, finite, positive, require_type, shown, vector
 from ..errors import InputError
-from ..robot.task import Task, require_task
+from ..model.task import Task, require_task
 from .orientation import facing
 from .task_path import TaskPath
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..arguments import file_name
 from ..errors import InputError
 from ..files import read_whole
-from ..robot.task import Task
+from ..model.task import Task
 from .polyline import MOST_POINTS, Waypoints, waypoints
 from .task_path import TaskPath
 

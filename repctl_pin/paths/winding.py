@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..robot.task import Task
+from ..model.task import Task
 from .task_path import TaskPath
 
 _POINTS = 2000

@@ -15,8 +15,8 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError, SingularityError
-from ..robot.model import frame_id
-from ..robot.task import Task, require_task
+from ..model.model import frame_id
+from ..model.task import Task, require_task
 from .basis import PotentialBasis
 
 _SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

@@ -31,8 +31,8 @@ class Region(ABC):
     """A region Ω of joint space with quadrature nodes: the base class of all regions.
 
     A subclass has a ``center`` and defines ``bounds``, ``random``, ``ratio``, ``clip`` and
-    ``shrunk``. Saved files, generated C code and proofs support only the types of regions that are
-    listed in ``saving/schema.py``, ``codegen/source.py`` and ``proof/regions.py``.
+    ``shrunk``. Saved files, generated C code and proofs support only the types of regions of this
+    package.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from ..robot.task import Task, own_task
+from ..model.task import Task, own_task
 from .box import Box
 from .region import Density, Region, check_density, evaluate_density, normalised, span
 

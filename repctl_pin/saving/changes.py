@@ -13,8 +13,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
-from ..robot.task import Task
-from ..robot.task_parts import points_at
+from ..model.task import Task
+from ..model.task_parts import points_at
 from .schema import (
     ArmAngleFile,
     BasisFile,

@@ -15,7 +15,7 @@ from .._version import __version__
 from ..design.design_result import Design
 from ..errors import InputError, printable
 from ..files import read_whole, write_whole
-from ..robot.task import Task
+from ..model.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema
 from .changes import require_arm_angles, require_masses, require_ranges

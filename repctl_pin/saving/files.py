@@ -11,9 +11,9 @@ from typing import Any
 from ..arguments import file_name, shown
 from ..design import Design
 from ..errors import InputError, RepctlError
+from ..model.robot import Robot
+from ..model.task import Task, require_task
 from ..plugins import Extension, all_extensions
-from ..robot.robot import Robot
-from ..robot.task import Task, require_task
 from .design_file import FORMAT, KIND, FileKind, read, write
 from .schema import Sealed
 from .task_identity import compare, task_of

@@ -12,13 +12,13 @@ import numpy as np
 
 from ..certificate import Proof
 from ..errors import InputError
+from ..model.task import Task
+from ..model.task_parts import check_configurations, points_at
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.task_path import Cycle
 from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
 from ..potentials.arm_angle import ArmAngle
 from ..regions import Box, Region, Tube, WorkspaceBox
-from ..robot.task import Task
-from ..robot.task_parts import check_configurations, points_at
 from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 
 if TYPE_CHECKING:

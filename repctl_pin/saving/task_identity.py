@@ -7,9 +7,9 @@ from typing import cast
 import numpy as np
 
 from ..errors import InputError
-from ..robot.robot import Robot
-from ..robot.task import Kind, Task
-from ..robot.task_parts import check_configurations
+from ..model.robot import Robot
+from ..model.task import Kind, Task
+from ..model.task_parts import check_configurations
 from .changes import ranges_of
 from .schema import Check, TaskFile
 

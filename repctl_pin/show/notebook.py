@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ..arguments import as_int
 from ..errors import InputError
-from ..studies import Study
+from ..studies.study_result import Study
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions

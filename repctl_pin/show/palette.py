@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..studies import Study
+from ..studies.study_result import Study
 
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION, PURPLE, INK = "#0072B2", "#D55E00", "#CC79A7", "#222222"

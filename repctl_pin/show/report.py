@@ -14,8 +14,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .._version import __version__
-from ..studies import Study
 from ..studies.study_maps import StudyMaps
+from ..studies.study_result import Study
 from .page.html import render
 from .page.snapshot import still_figure
 from .page.summaries import study_headline

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
-from ..studies import Study
+from ..studies.study_result import Study
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png

@@ -17,12 +17,12 @@ from scipy.linalg.blas import daxpy, ddot, dscal
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
 from ..arguments import Array
+from ..model import fast_kinematics
+from ..model.task import Task
 from ..potentials import fast_potentials
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
-from ..robot import fast_kinematics
-from ..robot.task import Task
 from .fast_loop import FastLoop, StepLimits, checked, failure
 
 

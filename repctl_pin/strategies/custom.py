@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, positive, row, vector
 from ..arguments import function as wanted_function
 from ..errors import InputError
-from ..robot.task import Task, own_task
+from ..model.task import Task, own_task
 from .pseudoinverse import at_rows, redundant
 from .strategy import described
 

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, function, row, vector
 from ..errors import InputError, SingularityError
+from ..model.task import Task, own_task
 from ..potentials.basis import Potentials
 from ..redundancy.inverses import pseudoinverse
 from ..redundancy.nullspace import nullspace
-from ..robot.task import Task, own_task
 from .repeatable import RepeatableInverse
 
 _DIFFERENCE = 1e-5

@@ -4,15 +4,15 @@ In a control step of 5 µs, Python's function calls and attribute look-ups take 
 arithmetic. So each part of the law is a closure (a function that holds its arrays). It writes into
 memory of its caller, serves one thread, and checks nothing:
 
-- :func:`repctl_pin.robot.fast_kinematics.in_place`: J, task error and task velocity of a task;
+- :func:`repctl_pin.model.fast_kinematics.in_place`: J, task error and task velocity of a task;
 - :func:`repctl_pin.potentials.fast_potentials.in_place`: Vᵀ and c − h of potentials, whose class
   may bring an ``in_place`` of its own;
-- :func:`repctl_pin.inverse_function.fast_function.fast_coordinates`: coordinates of a cell.
+- :func:`repctl_pin.extensions.cells.fast_function.fast_coordinates`: coordinates of a cell.
 
 :mod:`repctl_pin.strategies.control_step` combines them into the control law;
-:mod:`repctl_pin.codegen.compiled_loop` has the law in C. :func:`checked` adds the argument check to
-either of these: arrays of doubles of the right size are passed on as they are, other values are
-converted, or refused by an error that names the argument.
+an extension can have it in C. :func:`checked` adds the argument check to either: arrays of doubles
+of the right size are passed on as they are, other values are converted,
+or refused by an error that names the argument.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from numpy.typing import ArrayLike
 
 from ..arguments import FLOAT, Array, per_joint, positive, row, vector
 from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement, as_placement
+from ..model.task import Task
 from ..redundancy.augmented import SINGULAR
-from ..robot.chain_formulas import Placement, as_placement
-from ..robot.task import Task
 
 
 class StepLimits(NamedTuple):

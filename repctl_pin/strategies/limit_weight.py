@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, positive, vector
 from ..errors import InputError
-from ..robot.task import Task, require_task
+from ..model.task import Task, require_task
 
 
 class LimitWeight:

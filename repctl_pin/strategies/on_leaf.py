@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, percentage, vector
 from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement, as_placement, axis_turn
+from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
-from ..robot.chain_formulas import Placement, as_placement, axis_turn
-from ..robot.task import Task
 from ..solvers import newton
 
 _STEP = 0.3

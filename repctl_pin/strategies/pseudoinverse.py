@@ -22,9 +22,9 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError, SingularityError
+from ..model.fast_kinematics import in_place
+from ..model.task import Task, own_task
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
-from ..robot.fast_kinematics import in_place
-from ..robot.task import Task, own_task
 from ..threads import PerThread
 from .fast_loop import checked_velocity, failure
 from .strategy import described

@@ -24,10 +24,10 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
+from ..model.chain_formulas import Placement
+from ..model.task import Task
 from ..potentials.basis import Potentials, check_joints
 from ..redundancy.augmented import augmented_inverse
-from ..robot.chain_formulas import Placement
-from ..robot.task import Task
 from ..threads import PerThread
 from .control_step import python_loops
 from .fast_loop import FastLoop, step_limits
@@ -71,8 +71,8 @@ class RepeatableInverse:
         Design region Ω, which the argument ``outside`` of :meth:`step` checks.
     loops
         Function of task and potentials that returns a factory of the fast functions of the control
-        loop. The factory is called once per thread. :func:`repctl_pin.codegen.compiled` has the
-        functions in C.
+        loop. The factory is called once per thread; :func:`compiled` has one
+        for C.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from ..arguments import Array, read_only
-from ..robot.task import Task
+from ..model.task import Task
 
 AN_INVERSE = (
     "an inverse q̇ = G(q) ẋ, such as rp.Pseudoinverse(task) or design.inverse; "

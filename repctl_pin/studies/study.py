@@ -14,30 +14,25 @@ from ..arguments import Array, as_int, function, positive, require_type
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
+from ..model.bodies import bodies_of
+from ..model.robot import Robot
+from ..model.task import Task
 from ..motion import Motion, check_length, follow
 from ..paths import Cycle, TaskPath
 from ..plugins import parts
-from ..problem import (
-    PERIOD,
-    Problem,
-    choose_degree,
-    choose_desired,
-    choose_period,
-    design_for,
-    kind_note,
-    own_failure,
-    shrunk_note,
-)
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
-from ..robot.bodies import bodies_of
-from ..robot.robot import Robot
-from ..robot.task import Task
 from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
+from .around_motion import design_for, own_failure, shrunk_note
+from .desired import choose_desired
 from .least_motion_notes import least_motion_notes
+from .period import PERIOD, choose_period
+from .problem import Problem
 from .study_notes import motion_notes, unlimited_speeds
 from .study_result import Row, Study, evaluated
+from .task_choice import kind_note
+from .work import choose_degree
 
 Control = Strategy | Callable[[Array, Array], ArrayLike]
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..arguments import Array
 from ..integrability import drift_per_area
+from ..model.task import Task
 from ..motion import Motion
 from ..motion.joint_motion import TOO_FAST, cycle_of
 from ..motion.motion import ON_PATH
-from ..robot.task import Task
 from ..strategies import Pseudoinverse
 from .study_result import Row
 

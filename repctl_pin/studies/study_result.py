@@ -10,6 +10,9 @@ import numpy as np
 from ..arguments import Array, read_only, require_choice
 from ..certificate import proved_words
 from ..design import Design
+from ..model.bodies import bodies_of
+from ..model.mechanism import Mechanism
+from ..model.task import Task
 from ..motion import Motion, elbow
 from ..motion.displacement import end_displacements, farthest_link
 from ..motion.joint_motion import Violation, violations_of
@@ -17,9 +20,6 @@ from ..motion.limits import presumed_acceleration
 from ..paths import TaskPath
 from ..paths.winding import winding
 from ..regions import Region
-from ..robot.bodies import bodies_of
-from ..robot.mechanism import Mechanism
-from ..robot.task import Task
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,9 @@ def test_a_missing_rclpy_is_one_line(
     saved: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    monkeypatch.delitem(sys.modules, "repctl_pin.integrations.ros2", raising=False)
+    monkeypatch.delitem(
+        sys.modules, "repctl_pin.extensions.integrations.ros2", raising=False
+    )
     assert main(["ros2", str(saved)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and said.startswith(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from cell_functions import CELLS, function_of
 
-from repctl_pin.codegen.cell_function import elimination_order
-from repctl_pin.codegen.expressions import Graph, assignments, number
+from repctl_pin.extensions.runtime.codegen.cell_function import elimination_order
+from repctl_pin.extensions.runtime.codegen.expressions import Graph, assignments, number
 
 
 def test_expressions_simplify_and_write_what_they_mean() -> None:

@@ -19,7 +19,7 @@ from controls import NEEDS_C, control, own_cache  # noqa: F401
 from test_governor_c import DOUBLE, Pose, in_c
 
 import repctl_pin as rp
-from repctl_pin.integrations.servo import Servo, State
+from repctl_pin.extensions.integrations.servo import Servo, State
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "attack"))
 

@@ -16,7 +16,7 @@ from sectors import WIDTHS
 from sectors import found as sector_design
 
 import repctl_pin as rp
-from repctl_pin.integrations.jax import inverse_function, pose_and_leaf
+from repctl_pin.extensions.integrations.jax import inverse_function, pose_and_leaf
 
 COUNT = 16
 

@@ -10,7 +10,7 @@ import pytest
 from cell_functions import function_of
 
 import repctl_pin as rp
-from repctl_pin.integrations.lerobot import FunctionKinematics
+from repctl_pin.extensions.integrations.lerobot import FunctionKinematics
 
 
 @runtime_checkable

@@ -13,7 +13,7 @@ pytest.importorskip("daqp")
 
 from pink.tasks import FrameTask, PostureTask  # noqa: E402
 
-from repctl_pin.integrations.pink import RepeatableTask  # noqa: E402
+from repctl_pin.extensions.integrations.pink import RepeatableTask  # noqa: E402
 
 STEPS = 500
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.integrations.position_ik import (
+from repctl_pin.extensions.integrations.position_ik import (
     NO_SOLUTION,
     SUCCESS,
     WRONG_FRAME,

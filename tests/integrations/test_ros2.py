@@ -26,7 +26,7 @@ pytest.importorskip(
 from ros2_stage import Stage, on_loopback
 from std_msgs.msg import Float64MultiArray
 
-from repctl_pin.integrations.ros2 import spin
+from repctl_pin.extensions.integrations.ros2 import spin
 
 RATE = 100.0
 LIMITS = ("acceleration:=panda", "jerk:=panda", f"rate:={RATE}")

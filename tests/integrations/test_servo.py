@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.integrations.messages import SteadyTime
-from repctl_pin.integrations.servo import Servo, State
+from repctl_pin.extensions.integrations.messages import SteadyTime
+from repctl_pin.extensions.integrations.servo import Servo, State
 
 Q0, RATE, A, J = np.array([0.3, 0.8, 0.8]), 200.0, 6.0, 400.0
 FEW = rp.FitOptions(samples=64, held_out=64)

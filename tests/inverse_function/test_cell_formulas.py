@@ -15,11 +15,11 @@ from cell_functions import cell_of, chart_of, middle, panda, rays
 from sectors import found as sector_design
 
 import repctl_pin as rp
-from repctl_pin.inverse_function import kinematics, margins, turning
-from repctl_pin.inverse_function.cell_evaluation import evaluate_cell
-from repctl_pin.inverse_function.cell_fit import CellFit
-from repctl_pin.inverse_function.cost import Cost, Penalty, descend, predicted_gain
-from repctl_pin.inverse_function.margins import (
+from repctl_pin.extensions.cells import kinematics, margins, turning
+from repctl_pin.extensions.cells.cell_evaluation import evaluate_cell
+from repctl_pin.extensions.cells.cell_fit import CellFit
+from repctl_pin.extensions.cells.cost import Cost, Penalty, descend, predicted_gain
+from repctl_pin.extensions.cells.margins import (
     CandidateFunction,
     Margin,
     distances_of,
@@ -27,8 +27,8 @@ from repctl_pin.inverse_function.margins import (
     lowest_distances,
     singular_values_of,
 )
-from repctl_pin.inverse_function.penalty import ActiveConstraint, PenaltyMethod
-from repctl_pin.inverse_function.posture_search import (
+from repctl_pin.extensions.cells.penalty import ActiveConstraint, PenaltyMethod
+from repctl_pin.extensions.cells.posture_search import (
     Candidate,
     chosen,
     judged,

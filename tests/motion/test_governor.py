@@ -12,9 +12,13 @@ from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.motion.course import FreeCourse
-from repctl_pin.motion.frame_motion import brake, change_of_acceleration, landing
-from repctl_pin.motion.governor_law import longest_landing
+from repctl_pin.extensions.runtime.course import FreeCourse
+from repctl_pin.extensions.runtime.frame_motion import (
+    brake,
+    change_of_acceleration,
+    landing,
+)
+from repctl_pin.extensions.runtime.governor_law import longest_landing
 
 DT = 0.001
 Q0 = np.array([0.3, 0.8, 0.8])

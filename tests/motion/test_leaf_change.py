@@ -13,7 +13,7 @@ from controls import control
 from proofs import design_of
 
 import repctl_pin as rp
-from repctl_pin.integrations.servo import Servo, State
+from repctl_pin.extensions.integrations.servo import Servo, State
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*Python serves")
 RATE = 200.0

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.motion import Loop, governed_loop
+from repctl_pin.extensions.runtime import governed_loop
+from repctl_pin.motion import Loop
 
 PERIOD = 1.0
 

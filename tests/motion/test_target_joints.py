@@ -11,8 +11,8 @@ import pinocchio as pin
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.motion.leaf_direction import leaf_direction
-from repctl_pin.motion.target_joints import TargetJoints
+from repctl_pin.extensions.runtime.leaf_direction import leaf_direction
+from repctl_pin.extensions.runtime.target_joints import TargetJoints
 
 Q0 = np.array([0.3, 0.8, 0.8])
 

@@ -67,7 +67,7 @@ def test_without_the_library_numpy_proves_the_same_and_one_warning_says_why(
         tmp_path / "repctl_pin",
         ignore=shutil.ignore_patterns("*.so"),
     )
-    (tmp_path / "repctl_pin" / "urdf" / "files").symlink_to(ROOT / "urdf")
+    (tmp_path / "repctl_pin" / "model" / "files").symlink_to(ROOT / "urdf")
     without, with_library = proved(tmp_path), proved(ROOT, "-W", "error::UserWarning")
     assert without.stdout == with_library.stdout and with_library.returncode == 0
     said = without.stderr
@@ -83,7 +83,7 @@ def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
         tmp_path / "repctl_pin",
         ignore=shutil.ignore_patterns("*.so"),
     )
-    (tmp_path / "repctl_pin" / "urdf" / "files").symlink_to(ROOT / "urdf")
+    (tmp_path / "repctl_pin" / "model" / "files").symlink_to(ROOT / "urdf")
     (tmp_path / "repctl_pin" / "native" / "library.so").write_bytes(b"\x7fELF")
     said = proved(tmp_path)
     assert said.returncode == 0 and said.stderr.count("it does not load (") == 1

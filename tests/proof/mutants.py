@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-PACKAGE = "repctl_pin.proof"
+PACKAGE = "repctl_pin.extensions.proof"
 NATIVE = "repctl_pin.native"
 
 NUMPY = {

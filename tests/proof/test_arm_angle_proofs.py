@@ -17,7 +17,12 @@ from mutants import ARM, ARM_C, POWER, compiled, wrong
 from proofs import design_of, margins
 
 import repctl_pin as rp
-from repctl_pin.proof import arm_angle, arm_angle_kernel, leaf_margin_bounds, taylor
+from repctl_pin.extensions.proof import (
+    arm_angle,
+    arm_angle_kernel,
+    leaf_margin_bounds,
+    taylor,
+)
 
 PANDA = ("panda_link2", "panda_link4", "panda_link6")
 UNDEFINED = "the arm angle is not defined there"

@@ -25,7 +25,13 @@ from second_order import Ratios, crossed, in_chain, made_up, worst
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.proof import chain, leaf_margin_bounds, regions, remainder, screws
+from repctl_pin.extensions.proof import (
+    chain,
+    leaf_margin_bounds,
+    regions,
+    remainder,
+    screws,
+)
 
 TASKS: dict[str, Callable[[Path], rp.Task]] = {
     "pose, r = 1": lambda folder: spatial_task(7, folder, kind="pose", seed=3),

@@ -18,7 +18,7 @@ from second_order import monomials
 from sectors import sector_of
 
 import repctl_pin as rp
-from repctl_pin.proof import (
+from repctl_pin.extensions.proof import (
     cell_kernel,
     cell_poses,
     cells,

@@ -15,7 +15,7 @@ from cell_functions import chart_of
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.proof import cells
+from repctl_pin.extensions.proof import cells
 
 
 def function_over(

@@ -12,7 +12,7 @@ from cell_functions import cell_of, chart_of
 from mutants import TAYLOR, wrong
 from second_order import monomials
 
-from repctl_pin.proof import cells, chart_bounds, taylor, taylor_chain
+from repctl_pin.extensions.proof import cells, chart_bounds, taylor, taylor_chain
 
 T = np.linspace(-1, 1, 201)[:, None]
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])

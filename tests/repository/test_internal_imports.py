@@ -21,7 +21,7 @@ PLACE = re.compile(r"repctl_pin(\.[a-z_]+){2,}\.?\w*")
 
 def behind_the_door(source: str) -> list[list[str]]:
     """The names that each import takes from below ``repctl_pin``, if they are not public ones."""
-    public = ("repctl_pin.integrations", "repctl_pin.redundancy")
+    public = ("repctl_pin.extensions.integrations", "repctl_pin.redundancy")
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -51,6 +51,7 @@ def named_inside(source: str) -> list[str]:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     ]
     public = "repctl_pin.integrations"
+    values = [v.replace("repctl_pin.extensions.", "repctl_pin.") for v in values]
     return [v for v in values if PLACE.fullmatch(v) and not v.startswith(public)]
 
 
@@ -60,8 +61,8 @@ def named_inside(source: str) -> list[str]:
         ("import repctl_pin as rp", []),
         ("from repctl_pin import Box, redundancy", []),
         ("from repctl_pin.redundancy import nullspace", []),
-        ("import repctl_pin.integrations.pink", []),
-        ("from repctl_pin.integrations.ros2 import node", []),
+        ("import repctl_pin.extensions.integrations.pink", []),
+        ("from repctl_pin.extensions.integrations.ros2 import node", []),
         ("from repctl_pin import Box, files", [["files"]]),
         ("def f():\n    from repctl_pin.show.text import a, b as c", [["a", "b"]]),
         ("import repctl_pin.cli, numpy", [["repctl_pin.cli"]]),

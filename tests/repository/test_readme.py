@@ -244,7 +244,7 @@ def test_the_commands_for_ones_own_arm_run(
     )  # the same in less time
     in_three_cycles(monkeypatch)
     few = some_of_them()
-    monkeypatch.setattr("repctl_pin.urdf.catalogue.table", lambda: few)
+    monkeypatch.setattr("repctl_pin.model.catalogue.table", lambda: few)
     fit_terminals(monkeypatch)
     for file in OWN:
         shutil.copy(file, tmp_path)

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 
 import repctl_pin as rp
-from repctl_pin.robot.visuals import Visuals
+from repctl_pin.model.visuals import Visuals
 
 
 def configurations(robot: rp.Robot, count: int = 4) -> np.ndarray:

@@ -15,7 +15,7 @@ import pytest
 from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
-from repctl_pin.robot.surfaces import grouped, read_surface, smooth
+from repctl_pin.model.surfaces import grouped, read_surface, smooth
 from repctl_pin.show.page.html import differences, pack
 from repctl_pin.show.page.scene import choose_frames, poses_of
 from repctl_pin.show.palette import luminance, readable

@@ -18,7 +18,7 @@ import repctl_pin as rp
 from repctl_pin.studies.study import edge_warning
 
 NO_BETTER = "none of the default starts keeps the joint limits"
-STARTS = "repctl_pin.problem.start_candidates.default_starts"
+STARTS = "repctl_pin.studies.start_candidates.default_starts"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 
@@ -204,7 +204,7 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
             raise rp.SingularityError("the path is out of reach")
         return real(strategy, *args, **options)
 
-    monkeypatch.setattr("repctl_pin.problem.around_motion.follow", failing)
+    monkeypatch.setattr("repctl_pin.studies.around_motion.follow", failing)
     why = (
         "^the design fails on its own cycle, which J⁺ can follow; "
         "choose another start, a smaller path or another degree$"

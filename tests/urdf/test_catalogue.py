@@ -18,7 +18,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.urdf.catalogue import reference_posture
+from repctl_pin.model.catalogue import reference_posture
 
 NAMES = list(catalogue())
 PLANAR = {

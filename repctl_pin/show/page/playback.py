@@ -11,31 +11,24 @@ import pinocchio as pin
 
 from ...arguments import Array, read_only
 from ...errors import InputError
+from ...model.arm_links import arm_links
+from ...model.body_corners import corners
+from ...model.model import frame_id
+from ...model.robot import Robot
+from ...model.surfaces import read_surfaces
+from ...model.task import Task, unit_of
+from ...model.visuals import Visuals
 from ...motion import Motion
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
-from ...robot.arm_links import arm_links
-from ...robot.body_corners import corners
-from ...robot.model import frame_id
-from ...robot.robot import Robot
-from ...robot.surfaces import read_surfaces
-from ...robot.task import Task, unit_of
-from ...robot.visuals import Visuals
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.parts import controlled, part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift
-from .scene import (
-    Arm,
-    FirstViolation,
-    Frames,
-    animation_page,
-    frames_for,
-    is_planar,
-)
+from .scene import Arm, FirstViolation, Frames, animation_page, frames_for, is_planar
 from .summaries import for_headline
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from ...arguments import Array, read_only
 from ...errors import InputError
-from ...robot.surfaces import Surfaces
-from ...robot.visuals import Shape
+from ...model.surfaces import Surfaces
+from ...model.visuals import Shape
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from ...model.task import Task
 from ...motion import Motion
-from ...robot.task import Task
-from ...studies import Study
+from ...studies.study_result import Study
 from ..palette import COLOURS, INK
 from ..plots.motions import plain
 from .scene import is_planar

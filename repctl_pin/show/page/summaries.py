@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from ...motion.displacement import farthest_link, leaves_range
 from ...motion.joint_motion import JointMotion
-from ...studies import Row, Study
+from ...studies.study_result import Row, Study
 from ..text.headline import Headline, headline_of, stopped_words
 from ..text.verdict import MotionSummary, motion_summary, verdict
 

@@ -34,15 +34,15 @@ from ...arguments import (
     vector,
 )
 from ...errors import InputError
+from ...model.arm_links import arm_links
+from ...model.body_corners import corners
+from ...model.length import arm_length
+from ...model.surfaces import read_surfaces
+from ...model.task import Task, require_task
+from ...model.visuals import Visuals
 from ...motion import elbow
 from ...motion.displacement import farthest
 from ...paths import TaskPath
-from ...robot.arm_links import arm_links
-from ...robot.body_corners import corners
-from ...robot.length import arm_length
-from ...robot.surfaces import read_surfaces
-from ...robot.task import Task, require_task
-from ...robot.visuals import Visuals
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
 from ..text.parts import controlled, part_name
 from .body_points import body_drift

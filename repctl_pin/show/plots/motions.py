@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
+from ...model.task import Task
 from ...motion import Motion
 from ...motion.joint_motion import violations_of
 from ...motion.motion import CLOSED
-from ...robot.task import Task
-from ...studies import Study
+from ...studies.study_result import Study
 from ..palette import GREY, INK, colours, readable
 from ..text.numbers import number
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ...certificate import proved_words
+from ...model.bodies import bodies_of
 from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
-from ...robot.bodies import bodies_of
-from ...studies import Row, Study
 from ...studies.study_notes import violation_texts
+from ...studies.study_result import Row, Study
 from ..page.summaries import row_summary, study_headline
 from .headline import end_name, ends_off, off_of
 from .lines import Span, fitted, with_options, wrapped

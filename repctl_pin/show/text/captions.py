@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...arguments import ratio_in_percent
+from ...model.bodies import bodies_of
 from ...motion import Motion
-from ...robot.bodies import bodies_of
-from ...studies import Row, Study
 from ...studies.study_maps import StudyMaps
+from ...studies.study_result import Row, Study
 from ..palette import COLOURS
 from .numbers import counted, number, percent
 from .verdict import without_shape

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ...model.end_effectors import words as link_words
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
-from ...urdf.end_effectors import words as link_words
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
 from .verdict import SMALL, TURNED, MotionSummary, without_shape

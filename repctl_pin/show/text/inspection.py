@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ...robot.robot import Robot
+from ...model.robot import Robot
 from .table import table
 
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 
 from ...arguments import Array
-from ...robot.length import elbow, in_the_middle
-from ...robot.task import Task
+from ...model.length import elbow, in_the_middle
+from ...model.task import Task
 
 _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripper", "hand", "head",
           "torso")  # fmt: skip

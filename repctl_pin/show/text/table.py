@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...arguments import percentage, ratio_in_percent
+from ...model.bodies import bodies_of
 from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
-from ...robot.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ..page.summaries import study_verdict
 from .lines import fitted, terminal_width, with_options
 from .numbers import number
 
 if TYPE_CHECKING:
-    from ...studies import Row, Study
+    from ...studies.study_result import Row, Study
 
 NARROW = 10
 """Maximum width of a strategy's name, in characters per line."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...model.bodies import bodies_of
+from ...model.length import arm_length
 from ...motion.displacement import end_displacements
 from ...motion.joint_motion import TOO_FAST, JointMotion, cycle_of
 from ...motion.motion import ON_PATH, Motion
 from ...paths.winding import winding
-from ...robot.bodies import bodies_of
-from ...robot.length import arm_length
 from .lines import capital
 from .numbers import NOTHING, counted, metres, percent, radians
 from .parts import part_name

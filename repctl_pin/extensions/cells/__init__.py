@@ -1,0 +1,18 @@
+"""Functions q = F(x) over a cell of poses: one configuration for each pose."""
+
+from ...plugins import Extension
+
+EXTENSION = Extension(
+    __name__,
+    names={
+        "cell": "Cell",
+        "cell_design": "CellDesign",
+        "cell_file": "load_cell",
+        "function": "InverseFunction",
+        "nearest_function": "NoFunctionError nearest_inverse_function",
+        "sector": "Sector",
+    },
+    commands={"cell": "cell_command"},
+    files={"repctl cell": "cell_file"},
+    parts={"problem": "problem_of_cell:PROBLEM"},
+)

@@ -1,0 +1,646 @@
+"""Cell of the workspace: a box of positions, and a box of rotations around one orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ...arguments import (
+    MOST_NODES,
+    Array,
+    as_configurations,
+    as_int,
+    as_matrices,
+    freeze,
+    positive,
+    read_only,
+    vector,
+)
+from ...errors import InputError
+from ...model.chain_formulas import Placement, as_placement, as_placements
+from ...model.task import Task, require_task
+from ...regions.sobol import scrambled_points
+from .cell_arguments import LEAST_WIDTH, as_middle, sizes, stacked
+from .kinematics import placed
+from .rotations import exp3, left_jacobian, log3, tilts
+
+EDGE = 1e-9
+"""Tolerance of ``|u_i| ≤ 1``."""
+
+TURNED = 1e-6
+"""Tolerance, m or rad, along a coordinate of width 0."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+@read_only
+class Cell:
+    r"""All placements ``p = p_0 + w ∘ u``, ``R = exp(\hat ω) R_0`` with ``ω = θ ∘ u``, every
+    ``|u_i| ≤ 1``.
+
+    p has only the components that the task commands. ω is a rotation vector, in base axes for a
+    pose task; for an axis task it lies along the tool's own x and y axes. Other tasks leave the
+    rotation free. A coordinate of half-width 0 is held constant and does not belong to u.
+
+    Parameters
+    ----------
+    task
+        The task.
+    placement
+        Middle of the cell: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with
+        the orientation of the task's reference.
+    half_width : float or (k,) array
+        w, m: one number, or one per position that the task commands, in base axes.
+    half_angle : float or (3,) array
+        θ, rad: one number, or one per axis; with 0 the cell has one orientation. Every rotation by
+        an angle up to θ is inside, and some larger ones, because each component of ω is bounded
+        separately.
+
+    Attributes
+    ----------
+    k : int
+        Number of coordinates u.
+    widths : (m,) array
+        Half-widths (w, θ) of all m task coordinates, m and rad; 0 for those held constant.
+
+    Raises
+    ------
+    InputError
+        If a half-width is not valid, all half-widths are 0, or the rotations reach half a turn.
+
+    Examples
+    --------
+    >>> cell = rp.Cell(task, task.placement(q0), 0.1)  # m to either side
+    >>> cell.k  # coordinates
+    2
+    >>> cell.at([1.0, -1.0]).translation - task.placement(q0).translation  # a corner, m
+    array([ 0.1, -0.1,  0. ])
+    """
+
+    task: Task
+    placement: pin.SE3
+    widths: Array
+
+    def __init__(
+        self,
+        task: Task,
+        placement: Placement,
+        half_width: ArrayLike,
+        half_angle: ArrayLike = 0.0,
+    ) -> None:
+        if require_task(task).coordinates is not None:
+            raise InputError(
+                "a cell requires the robot's own joints; use the task before in_coordinates()"
+            )
+        positions = min(3, task.m)
+        turns = task.m - positions
+        w = sizes(
+            half_width,
+            positions,
+            "half_width",
+            "m",
+            "one per position that the task commands",
+        )
+        theta = sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
+        if not turns and theta.any():
+            raise InputError(
+                f": a {task.kind} task leaves the rotation free",
+                argument="half_angle",
+                remedy="omit it",
+            )
+        if np.linalg.norm(theta) >= 0.95 * np.pi:
+            raise InputError(
+                f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the "
+                "cell's corners, where two rotation vectors describe one pose; "
+                "keep the length of half_angle below 2.98 rad"
+            )
+        widths = np.concatenate([w, theta[:turns]])
+        if not widths.any():
+            raise InputError(
+                "a cell needs at least one half_width or half_angle above 0"
+            )
+        freeze(self, task=task, placement=as_middle(task, placement), widths=widths)
+
+    @classmethod
+    def around(
+        cls,
+        task: Task,
+        poses: Sequence[Placement] | object,
+        margin: ArrayLike = 0.02,
+        half_angle: ArrayLike = 0.0,
+    ) -> Cell:
+        """Make the cell that encloses several poses or a closed path, with a margin.
+
+        Parameters
+        ----------
+        task
+            The task.
+        poses
+            Placements, or a closed path such as ``rp.circle(task, q0)``.
+        margin
+            Addition to the half-widths, m: one number, or one per position that the task commands.
+        half_angle
+            Addition to the half-widths of the rotations, rad.
+        """
+        require_task(task)
+        if hasattr(poses, "placement"):
+            poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
+        what = "a list of placements, or a closed path"
+        listed = as_placements(poses, "placement", what)
+        if not listed:
+            raise InputError(f"placements must be {what}, not an empty list")
+        p, R = stacked(task, listed, "placement")
+        middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
+        positions, turns = min(3, task.m), task.m - min(3, task.m)
+        unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
+        if turns:  # again, with the orientation in the middle of all of them
+            y = unit._measured(p, R)[:, positions:]
+            mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
+            unit = cls(
+                task,
+                pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation),
+                1.0,
+                0.1,
+            )
+        reach = np.abs(unit._measured(p, R)).max(axis=0)
+        reach[reach < LEAST_WIDTH] = 0.0
+        more = sizes(
+            margin, positions, "margin", "m", "one per position that the task commands"
+        )
+        turn = (
+            reach[positions:]
+            + sizes(half_angle, turns, "half_angle", "rad", "one per axis")
+            if turns
+            else half_angle
+        )
+        return cls(task, unit.placement, reach[:positions] + more, turn)
+
+    @property
+    def k(self) -> int:
+        """Number of coordinates u."""
+        return int(np.count_nonzero(self._active))
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths w, m: one per position that the task commands."""
+        return self.widths[: min(3, self.task.m)]
+
+    @property
+    def rotation(self) -> Array:
+        """Half-angles θ, rad: one per axis; of size 0 if the task leaves the rotation free."""
+        return self.widths[min(3, self.task.m) :]
+
+    def scaled(self, factor: float) -> Cell:
+        """Return a cell with the same middle and all half-widths multiplied by a factor."""
+        factor = positive(factor, "the factor")
+        turn = self.rotation * factor if len(self.rotation) else 0.0
+        return Cell(self.task, self.placement, self.half_width * factor, turn)
+
+    @property
+    def centre(self) -> Array:
+        """Values (m,) of all task coordinates at the middle, m and rad; the angles are 0."""
+        centre = np.zeros(len(self.widths))
+        positions = len(self.half_width)
+        centre[:positions] = self.placement.translation[self.task.rows[:positions]]
+        return centre
+
+    # ---- between placements and coordinates
+    # -------------------------------------------------------
+
+    def placements(self, U: ArrayLike) -> tuple[Array, Array]:
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
+        return self._placed(self.spread(U))
+
+    def _placed(self, Y: Array) -> tuple[Array, Array]:
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
+        positions = len(self.half_width)
+        moved = np.eye(3)[self.task.rows[:positions]]
+        p = self.placement.translation + Y[:, :positions] @ moved
+        R_0 = self.placement.rotation
+        if not self.rotation.any():
+            return p, np.broadcast_to(R_0, (len(Y), 3, 3))
+        R = exp3(self.vectors(Y[:, positions:]))
+        return p, (R.reshape(-1, 3) @ R_0).reshape(-1, 3, 3)
+
+    def at(self, u: ArrayLike) -> pin.SE3:
+        """Convert coordinates u (k,) to a placement."""
+        p, R = self.placements(
+            vector(u, self.k, "u", "one per coordinate of the cell")[None]
+        )
+        return pin.SE3(R[0].copy(), p[0])
+
+    def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
+        """Convert placements to coordinates u, and their deviation in the coordinates of width 0.
+
+        Parameters
+        ----------
+        p, R : (K, 3) and (K, 3, 3) arrays
+            Positions, m, and rotation matrices.
+
+        Returns
+        -------
+        U : (K, k) array
+            Coordinates; beyond ±1 if a placement lies outside the cell.
+        off : (K,) array
+            Largest deviation from the cell in a coordinate of width 0, m or rad; 0 inside.
+        """
+        p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
+        Y = self._measured(p, R)
+        off = np.abs(Y[:, self.widths == 0]).max(axis=1, initial=0.0)
+        return (Y - self._offset)[:, self._active] / self._active_widths, off
+
+    def coordinates_of(self, target: Placement) -> Array:
+        """Convert one placement, which must lie in the cell, to coordinates u (k,).
+
+        Raises
+        ------
+        InputError
+            If the placement lies outside; the message names the coordinate and its value.
+        """
+        target = as_placement(target)
+        return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[
+            0
+        ]
+
+    def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
+        """Test whether placements lie in the cell, (K,), given the result (U, off) of
+        :meth:`coordinates`."""
+        within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
+        return within & (off <= TURNED)
+
+    def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
+        """Return U if all placements lie in the cell, given the result (U, off) of
+        :meth:`coordinates`.
+
+        Raises
+        ------
+        InputError
+            If a placement lies outside; the message names it by its number.
+        """
+        U, off = as_matrices(
+            ("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False
+        )
+        bad = ~self._contains(U, off)
+        if not bad.any():
+            return U
+        at = int(np.argmax(bad))
+        which = f"target {at}" if len(U) > 1 else "the target"
+        if not np.isfinite(U[at]).all():
+            raise InputError(f"{which} must be finite numbers, m and a rotation")
+        if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
+            raise InputError(
+                f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
+                "width 0; widen the cell along that coordinate"
+            )
+        i = int(np.argmax(np.abs(U[at]) - self._bounds))
+        name, unit, width = self.names[i], self.units[i], self._active_widths[i]
+        raise InputError(
+            f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} "
+            f"from the middle, and the cell goes to ±{width:.3g}"
+        )
+
+    def ratio(self, Q: ArrayLike) -> Array:
+        """Compute the factor by which the cell must be scaled to have given poses on its boundary.
+
+        The poses are those of the configurations Q (K, n). The factors (K,) are above 1 for poses
+        outside, and infinite for those that deviate in a coordinate of width 0.
+        """
+        U, off = self.coordinates(
+            *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]
+        )
+        return np.where(off <= TURNED, np.abs(U / self._bounds).max(axis=1), np.inf)
+
+    # ---- one placement, in all m task coordinates
+    # -------------------------------------------------------------------------------
+
+    def _course_y(self, place: pin.SE3) -> Array:
+        """Compute the offsets y (m,) of a placement in all task coordinates, m and rad."""
+        return self._measured(*stacked(self.task, [place], "placement"))[0]
+
+    def _course_place(self, y: Array) -> pin.SE3:
+        """Compute the placement with offsets y (m,) in all task coordinates, m and rad."""
+        p, R = self._placed(y[None])
+        return pin.SE3(np.array(R[0]), p[0])
+
+    def _course_rates(self, y: Array, R: Array) -> Array:
+        """Evaluate ∂x/∂y (m, m) at offsets y (m,), where the frame's rotation is R (3, 3)."""
+        return self._all_twists(y[None], R[None])[0]
+
+    def _course_bounds(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest offsets y (m,) in all task coordinates."""
+        reach = np.zeros(len(self.widths))
+        reach[self._active] = self._active_widths * self._bounds
+        return self._offset - reach, self._offset + reach
+
+    def _course_holds(self, place: pin.SE3) -> bool:
+        """Test whether a placement lies in the cell."""
+        U, off = self.coordinates(*stacked(self.task, [place], "placement"))
+        return bool(self._contains(U, off)[0])
+
+    # ---- symmetries
+    # --------------------------------------------------------------------------------
+
+    @property
+    def along(self) -> Array:
+        """∂F/∂y (n, l) for the l coordinates y, m or rad, that symmetries of the arm remove from u.
+
+        Only a :class:`Sector` can have such symmetries; here l = 0.
+        """
+        return np.zeros((self.task.n, 0))
+
+    def _shifts(self, p: Array, R: Array) -> Array:
+        """Evaluate the term (K, n) that symmetries of the arm add to F at placements.
+
+        Only a :class:`Sector` can have such symmetries; here the term is 0.
+        """
+        return np.zeros((len(p), self.task.n))
+
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Compute the distance (…, n) of each joint to its nearer limit; negative outside."""
+        return self.task.limit_margin(q)
+
+    def _split(self, U: Array) -> tuple[Array, Array]:
+        """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
+
+        Return also the term (K, n) that the symmetries add to F there; here it is 0.
+        """
+        return U, np.zeros((len(U), self.task.n))
+
+    def _lifted(self, u: Array) -> Array:
+        """Convert coordinates u (k,) to those of :attr:`whole`, with 0 for the removed ones."""
+        return u
+
+    def _wrapped(self, away: Array) -> Array:
+        """Remove full turns from differences of configurations (…, n), in the joints of removed
+        symmetries; here there are none."""
+        return away
+
+    @property
+    def whole(self) -> Cell:
+        """The same cell, with the coordinates that symmetries remove included in u."""
+        return self
+
+    # ---- velocities
+    # --------------------------------------------------------------------------------
+
+    def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
+        """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate.
+
+        The last l columns belong to the coordinates that symmetries remove, see :attr:`along`.
+
+        Parameters
+        ----------
+        U : (K, k) array
+            Coordinates u.
+        R : (K, 3, 3) array
+            Actual rotations of the frame. For an axis task they may differ from those of
+            :meth:`placements` by a rotation about the tool's axis.
+        """
+        U, R = as_matrices(
+            ("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False
+        )
+        E = self._all_twists(self.spread(U), R)
+        return np.concatenate(
+            [E[:, :, self._active] * self._active_widths, E[:, :, self._removed]], 2
+        )
+
+    def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
+        """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements.
+
+        The rows of ∂u/∂x are in the order of the columns of :meth:`twists`.
+        """
+        p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
+        Y, on = self._measured(p, R), self._active
+        inverse = np.linalg.inv(self._all_twists(Y, R))
+        slopes = [
+            inverse[:, on] / self._active_widths[:, None],
+            inverse[:, self._removed],
+        ]
+        U = (Y - self._offset)[:, on] / self._active_widths
+        return U, np.concatenate(slopes, axis=1)
+
+    def speeds(self, U: ArrayLike) -> Array:
+        """Evaluate ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l), with E of :meth:`twists`.
+
+        The product ∂F/∂u C is in joint speed per unit of task speed.
+        """
+        _, R = self.placements(U)
+        E = self.twists(U, R)
+        s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
+        return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
+
+    def errors(
+        self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike
+    ) -> Array:
+        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`."""
+        p_goal, R_goal, p, R = as_matrices(
+            ("p_goal", p_goal, "K 3"),
+            ("R_goal", R_goal, "K 3 3"),
+            ("p", p, "K 3"),
+            ("R", R, "K 3 3"),
+            exact=True,
+            finite=False,
+        )
+        e = p_goal - p
+        if self.task.kind == "pose":
+            return np.concatenate([e, log3(R_goal @ np.swapaxes(R, 1, 2))], axis=1)
+        if self.task.kind == "axis":
+            return np.concatenate([e, tilts(R, R_goal)], axis=1)
+        return e[:, self.task.rows]
+
+    # ---- nodes
+    # -------------------------------------------------------------------------------------
+
+    def sample(self, count: int, seed: int = 0) -> Array:
+        """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points."""
+        count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
+        power = int(np.ceil(np.log2(max(count, 2))))
+        random = np.random.default_rng(seed)
+        return 2 * scrambled_points(self.k, power, random)[:count] - 1
+
+    def corners(self) -> Array:
+        """Return the coordinates (K, k) of the corners of the box, and its face centres."""
+        faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
+        return np.concatenate(
+            [np.array(list(product((-1.0, 1.0), repeat=self.k))), faces]
+        )
+
+    # ---- words
+    # -------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each of the k coordinates u: ``x``, ``y``, ``z``, and rotations ``about x`` …"""
+        return tuple(
+            name
+            for name, on in zip(self.coordinate_names, self._active, strict=True)
+            if on
+        )
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Name of each of the m task coordinates, those of width 0 included."""
+        positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
+        turns = (
+            ["about x", "about y", "about z"]
+            if self.task.kind == "pose"
+            else ["about tool x", "about tool y"]
+        )
+        return [*positions, *turns[: len(self.rotation)]]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each of the k coordinates u, m or rad."""
+        return tuple(
+            unit
+            for unit, on in zip(self.coordinate_units, self._active, strict=True)
+            if on
+        )
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Unit of each of the m task coordinates, m or rad."""
+        return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
+
+    def size(self) -> str:
+        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
+        text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
+        if not self.rotation.any():
+            return text + (", one orientation" if len(self.rotation) else "")
+        same = np.ptp(self.rotation) < 1e-12
+        turn = (
+            f"±{self.rotation[0]:.3g}"
+            if same
+            else f"±({', '.join(f'{w:.3g}' for w in self.rotation)})"
+        )
+        return f"{text}, turned by {turn} rad"
+
+    def where(self, u: ArrayLike) -> str:
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
+        x = self.at(u)
+        text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
+        if self.rotation.any():
+            u = vector(u, self.k, "u", "one per coordinate of the cell")
+            turn = self.spread(u[None])[0, len(self.half_width) :]
+            by = ", ".join(f"{v:.2g}" for v in turn)
+            turned = f", turned by ({by}) rad from the middle's orientation"
+            text += turned if turn.any() else ""
+        return text
+
+    def __repr__(self) -> str:
+        middle = self.where(np.zeros(self.k))
+        return (
+            f"<Cell {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"
+        )
+
+    # ---- inside
+    # ------------------------------------------------------------------------------------
+
+    @property
+    def moved(self) -> NDArray[np.intp]:
+        """Indices, among the m task coordinates, of the k coordinates u, in order."""
+        return np.flatnonzero(self._active)
+
+    @property
+    def _removed(self) -> list[int]:
+        """Indices, among the m task coordinates, of those that symmetries remove from u."""
+        return []
+
+    @property
+    def excepted(self) -> tuple[str, ...]:
+        """Joints that limit margins leave out; none in a box."""
+        return ()
+
+    @property
+    def _active(self) -> NDArray[np.bool_]:
+        """Mask (m,) of the task coordinates that belong to u."""
+        active = np.array(self.widths > 0, bool)
+        active[self._removed] = False
+        return active
+
+    @property
+    def _bounds(self) -> Array:
+        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate of a :class:`Sector` whose
+        range is set by the joint limits (``"all"``)."""
+        return np.ones(self.k)
+
+    @property
+    def _active_widths(self) -> Array:
+        return self.widths[self._active]
+
+    @property
+    def _offset(self) -> Array:
+        """Task coordinates (m,) of the middle relative to the placement, m and rad; 0 but for the
+        spin of some sectors."""
+        return np.zeros(len(self.widths))
+
+    def spread(self, U: ArrayLike) -> Array:
+        """Convert coordinates U (K, k) to offsets (K, m) from the placement in all m task
+        coordinates, m and rad."""
+        (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
+        Y = np.tile(self._offset, (len(U), 1))
+        Y[:, self._active] += U * self._active_widths
+        return Y
+
+    def _measured(self, p: Array, R: Array) -> Array:
+        """Convert placements to offsets (K, m) from that of the cell in all m task coordinates.
+
+        They are in m and rad. Coordinates of width 0 are included.
+        """
+        Y = np.empty((len(p), len(self.widths)))
+        positions = len(self.half_width)
+        Y[:, :positions] = (p - self.placement.translation)[
+            :, self.task.rows[:positions]
+        ]
+        R_0 = self.placement.rotation
+        if self.task.kind == "pose":
+            Y[:, 3:] = log3(R @ R_0.T)
+        elif self.task.kind == "axis":
+            Y[:, 3:] = tilts(np.broadcast_to(R_0, R.shape), R)
+        return Y
+
+    def vectors(self, turns: ArrayLike) -> Array:
+        """Convert the rotational coordinates, rad, to rotation vectors (K, 3) in base axes.
+
+        The coordinates are about the base axes, (K, 3), for a pose task, and about the x and y axes
+        of the middle placement, (K, 2), for an axis task.
+        """
+        (turns,) = as_matrices(
+            ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"),
+            exact=True,
+            finite=False,
+        )
+        return (
+            turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
+        )
+
+    def _all_twists(self, Y: Array, R: Array) -> Array:
+        """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
+
+        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame.
+        """
+        T = self._frame_twists(Y)
+        if self.task.kind != "axis":
+            return T[:, self.task.rows]
+        return np.concatenate(
+            [T[:, :3], np.swapaxes(R[:, :, :2], 1, 2) @ T[:, 3:]], axis=1
+        )
+
+    def _frame_twists(self, Y: Array) -> Array:
+        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
+        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
+        positions = len(self.half_width)
+        T = np.zeros((len(Y), 6, self.task.m))
+        T[:, self.task.rows[:positions], np.arange(positions)] = 1.0
+        if len(self.rotation):
+            turn = (
+                np.eye(3)
+                if self.task.kind == "pose"
+                else self.placement.rotation[:, :2]
+            )
+            T[:, 3:, 3:] = left_jacobian(Y[:, 3:] @ turn.T) @ turn
+        return T

@@ -1,0 +1,445 @@
+"""``repctl cell``: design one inverse kinematic function for a cell of poses, and evaluate it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import repctl_pin as rp
+
+from ...cli.given import (
+    Options,
+    integer,
+    natural,
+    numbers_of,
+    positive,
+    proof_code,
+    proved,
+    save_control,
+)
+from ...cli.options import Parser
+from ...cli.terminal import in_percent, progress, report
+from ...errors import InputError, RepctlError, needed
+from ...files import prepare_folder, write_whole
+from ...show.text.lines import Span, fitted, wrapped
+
+HELP = (
+    "find one function for a whole cell, a box of poses or a sector around the base: each pose "
+    "gives one configuration, always the same"
+)
+EXAMPLE = """examples:
+  repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
+  repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
+  repctl cell panda --path circle:0.1 --half-width 0.03
+  repctl cell panda --sector --radius 0.17 --height 0.2 --angle all
+  repctl cell my_arm.urdf --task position --half-width 0.2 --shrink
+  repctl follow repctl-out/panda/cell.json --path circle:0.05 --csv motion.csv"""
+
+
+_STEPS = 240
+"""Steps per cycle of the sample path."""
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of this subcommand."""
+    parser.robot()
+    parser.task()
+    parser.surroundings()
+    add = parser.add_argument
+    _add_sector(parser)
+    width = (
+        "half-width of the box, m: one number, or x,y,z along the axes of the base; with --path, "
+        "the margin around the path"
+    )
+    add("--half-width", metavar="W", help=width)
+    add(
+        "--half-angle",
+        default="0",
+        metavar="A",
+        help="rotations of up to A rad about each axis; in a sector, tilts about the tool's x "
+        "and y (default 0)",
+    )
+    add(
+        "--at",
+        metavar="X,Y,Z",
+        help="middle of the cell, m from the base (default: position of the frame at the start, "
+        "chosen such that the cell fits)",
+    )
+    parser.path("closed path that the box encloses, beginning at --start: ", "")
+    add(
+        "--degree",
+        default="auto",
+        metavar="D",
+        help="degree of the polynomial, or auto (default)",
+    )
+    add(
+        "--limit-margin",
+        type=positive,
+        default=0.05,
+        help="joint-limit margin to keep where possible, rad (default 0.05)",
+    )
+    add(
+        "--body-distance",
+        type=float,
+        default=0.0,
+        help="body distance to keep where possible, m (default 0: none)",
+    )
+    sigma = "σ_min(J) to keep where possible (default 0: none)"
+    add("--sigma-min", type=float, default=0.0, help=sigma)
+    add(
+        "--shrink",
+        action="store_true",
+        help="shrink the cell until one function covers it",
+    )
+    add(
+        "--keep",
+        action="store_true",
+        help="keep the function on the part of the cell that it covers",
+    )
+    add(
+        "--held-out",
+        type=integer,
+        default=8192,
+        help="number of held-out poses (default 8192)",
+    )
+    add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
+    add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
+    add(
+        "--prove",
+        action="store_true",
+        help="prove bounds of the margins over the whole cell, for at most a minute",
+    )
+    add("--json", action="store_true", help="print JSON instead of the table")
+    add(
+        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
+    )
+
+
+def _add_sector(parser: Parser) -> None:
+    """Add the options of a sector."""
+    add = parser.add_argument
+    add(
+        "--sector",
+        action="store_true",
+        help="cell in cylindrical coordinates around an axis, in place of a box",
+    )
+    add("--radius", metavar="W", help="half-width of the radius, m (with --sector)")
+    add(
+        "--height",
+        default="0",
+        metavar="W",
+        help="half-width of the height, m (default 0)",
+    )
+    add(
+        "--angle",
+        default="all",
+        metavar="A",
+        help="half-width of the angle around the base, rad, or all: as far as the joints go "
+        "(default)",
+    )
+    add(
+        "--spin",
+        default="0",
+        metavar="A",
+        help="half-width of the rotation about the tool, rad, or all (default 0)",
+    )
+    add(
+        "--axis",
+        metavar="X,Y,Z,A,B,C",
+        help="axis of the sector: a point, m from the base, and a direction (default: the base's "
+        "z axis)",
+    )
+
+
+def run(options: Options) -> int:
+    """Find the function, print its table, and write cell.json, cell.html and cell.png."""
+    folder = options.output_folder(Path(options.robot).stem)
+    say = progress(options.quiet)
+    needed("matplotlib", "meshcat", by="repctl cell")
+    if options.shrink and options.keep:
+        raise InputError("--shrink and --keep are mutually exclusive")
+    if options.keep and options.prove:
+        raise InputError(
+            "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
+        )
+    asked = _asked(options)
+    cell = asked.cell
+    try:
+        design = rp.nearest_inverse_function(
+            rp.Pseudoinverse(cell.task),
+            cell,
+            posture=asked.posture,
+            degree=options.asked_degree(),
+            incomplete="shrink"
+            if options.shrink
+            else "keep"
+            if options.keep
+            else "refuse",
+            **options.of("limit_margin", "body_distance", "sigma_min"),
+            options=rp.FitOptions(**options.of("held_out", "seed")),
+            progress=in_percent(say),
+        )
+    except rp.NoFunctionError as error:
+        error.remedy = _remedy(error, asked)
+        raise
+    design = proved(design, say) if options.prove else design
+    say("drawing")
+    prepare_folder(folder)
+    pictures, notes = _pictures(design, folder, options.command_line)
+    files = [save_control(design, folder / "cell.json"), *pictures]
+
+    if design.function.chart.cell.widths[0] != cell.widths[0]:
+        sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
+        notes.insert(0, f"--shrink: {sizes}")
+    if options.start is None:
+        notes.append(f"the start is {asked.start_is}")
+
+    def text() -> list[Span]:
+        from .cell_page import cell_headline
+
+        lines = ["", "", design.summary(), ""]
+        if design.proof is not None:
+            lines += [design.proof.summary(), ""]
+        lines += [*(f"note: {note}" for note in [*notes, _MEANING]), ""]
+        said = cell_headline(design)
+        sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]
+        return [*wrapped([*said.sentence, *sentences]), Span(fitted("\n".join(lines)))]
+
+    said = {"start_is": asked.start_is, "notes": notes}
+    report(options, lambda: _as_dict(design) | said, text, files)
+    return proof_code(design.proof)
+
+
+_MEANING = (
+    "extra joint speed: joint speed of F relative to the usual control, the pseudoinverse J⁺, at "
+    "the same configurations; J⁺ gives the minimum-norm joint velocity"
+)
+
+
+def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
+    """Write the remedy for a cell that no function covers, in terms of command-line options."""
+    if error.fits <= 0:
+        remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
+        remedy += "another --start"
+    else:
+        remedy = f"use --shrink to get a cell of {asked.cell.scaled(error.fits).size()}"
+    if asked.crowded:
+        remedy = f"it fits from none of the default starts; {remedy}"
+    return (
+        f"{remedy}, or --keep to keep the covered part of this one"
+        if error.partly
+        else remedy
+    )
+
+
+class _Asked(NamedTuple):
+    """A cell that the options describe.
+
+    Attributes
+    ----------
+    cell : Cell
+        The cell.
+    posture : (n,) array or None
+        Configuration at its middle; None unless ``--start`` is given.
+    start_is : str
+        Description of the start: ``as given``, ``the reference pose``.
+    crowded : bool
+        True if the cell fits from no default start.
+    """
+
+    cell: rp.Cell
+    posture: Any
+    start_is: str
+    crowded: bool
+
+
+def _asked(options: Options) -> _Asked:
+    """Make the cell, with the first default start from which it fits."""
+    import numpy as np
+    import pinocchio as pin
+
+    from .fitting_start import fitting_start
+
+    around = options.path is not None or options.plane is not None
+    _require_one_shape(options, around)
+    if around and options.at is not None:
+        raise InputError("--path and --at are mutually exclusive")
+    at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
+
+    def cell_of(problem: rp.Problem) -> rp.Cell:
+        """Make the box around the path, or the box or sector around the start's pose."""
+        task = problem.task
+        if around:
+            return rp.Cell.around(task, problem.cycle, *_sizes(options))
+        middle = task.placement(problem.start)
+        if at is not None:
+            middle = pin.SE3(middle.rotation, at)
+        if options.sector:
+            return _sector(options, task, middle)
+        return rp.Cell(task, middle, *_sizes(options))
+
+    problem = options.problem() if around else options.problem(path=False)
+    if options.start is None:
+        problem, cell, fits = fitting_start(problem, cell_of)
+        return _Asked(cell, None, problem.start_is, not fits)
+    cell = cell_of(problem)
+    posture = rp.solve_ik(problem.task, problem.start, cell.placement)
+    return _Asked(cell, posture, problem.start_is, False)
+
+
+_OF_A_SECTOR = {
+    "--radius": None,
+    "--height": "0",
+    "--angle": "all",
+    "--spin": "0",
+    "--axis": None,
+}
+"""Options that only a sector has, and their defaults."""
+
+
+def _require_one_shape(options: Options, around: bool) -> None:
+    """Raise an error for options of a box with ``--sector``, or of a sector without it."""
+    said = vars(options)
+    if options.sector:
+        for name, there in (
+            ("--half-width", options.half_width),
+            ("--path", around or None),
+        ):
+            if there is not None:
+                raise InputError(f"--sector and {name} are mutually exclusive")
+        if options.radius is None:
+            raise InputError("--sector requires --radius")
+        return
+    for name, default in _OF_A_SECTOR.items():
+        if said[name[2:]] != default:
+            raise InputError(f"{name} requires --sector")
+    if options.half_width is None:
+        raise InputError("--half-width is missing; give it, or --sector with --radius")
+
+
+def _sizes(options: Options) -> tuple[Any, Any]:
+    """Parse the half-widths of a box: of the positions, m, and of the rotation, rad."""
+    return (
+        _numbers(options.half_width, "--half-width"),
+        _numbers(options.half_angle, "--half-angle"),
+    )
+
+
+def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
+    """Make the sector that the options describe."""
+
+    def turn(text: str, option: str) -> Any:
+        return text if text == "all" else _numbers(text, option, 1)
+
+    axis = None if options.axis is None else _numbers(options.axis, "--axis", 6)
+    return rp.Sector(
+        task,
+        middle,
+        radius=_numbers(options.radius, "--radius", 1),
+        height=_numbers(options.height, "--height", 1),
+        angle=turn(options.angle, "--angle"),
+        half_angle=_numbers(options.half_angle, "--half-angle"),
+        spin=turn(options.spin, "--spin"),
+        axis=None if axis is None else [axis[:3], axis[3:]],
+    )
+
+
+def _numbers(text: str, option: str, size: int | None = None) -> Any:
+    """Parse one number, or a list of numbers separated by commas: ``size`` of them, if given."""
+    wrong = f"must be {size or 'one or more'} numbers separated by commas"
+    numbers = numbers_of(text, option, wrong)
+    if not numbers or size not in (None, len(numbers)):
+        raise InputError(f"{option} {text!r} {wrong}")
+    return numbers if len(numbers) > 1 else numbers[0]
+
+
+def _pictures(
+    design: rp.CellDesign, folder: Path, command: str
+) -> tuple[list[Path], list[str]]:
+    """Write the figure of slices, and the page with a motion along a sample path.
+
+    Return the files, and a note if the period of the motion was increased, or if it failed.
+    """
+    from ...show.plots.motions import png
+    from .cell_design import slices
+    from .cell_page import cell_page
+    from .cell_plots import cell_figure
+
+    cuts = slices(design)
+    motions, notes = _tour(design)
+    picture = png(cell_figure(design, cuts)) if cuts else None
+    page = cell_page(design, picture, motions, notes, command=command)
+    files = [write_whole(folder / "cell.html", page)]
+    if picture is not None:
+        files.append(write_whole(folder / "cell.png", picture))
+    return files, notes
+
+
+def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
+    """Follow a sample path through the cell with G_d and with the function, by label.
+
+    The period is long enough for the speed limits of the joints. Return also a note if it was
+    increased for them, or if a motion failed. Without the function's motion there is none.
+    """
+    from ...strategies.names import LABELS
+    from ...studies.period import PERIOD, choose_period
+    from .sample_path import tour
+
+    path, failed = tour(design.cell), {}
+
+    def followed(
+        label: str, control: Any, period: float, **how: Any
+    ) -> dict[str, rp.Motion]:
+        """Follow the path; return an empty dict if that fails."""
+        try:
+            q0 = design.function(path.placement(0.0))
+            motion = rp.follow(control, path, q0, steps=_STEPS, period=period, **how)
+        except RepctlError as error:
+            failed[label] = f"{label} on the sample path: {error}"
+            return {}
+        return {label: motion}
+
+    def both(period: float) -> dict[str, rp.Motion]:
+        lock = rp.LeafLock(2)
+        own = followed("q = F(x)", design.inverse, period, integrator=lock)
+        usual = LABELS["pseudoinverse"]
+        return followed(usual, design.desired, period) | own if own else {}
+
+    motions = both(PERIOD)
+    period, notes = choose_period(PERIOD, motions)
+    motions = both(period) if notes else motions
+    slowed = [f"sample path: {note}" for note in notes]
+    return motions, [*slowed, *failed.values()]
+
+
+def _widths(cell: rp.Cell) -> dict[str, Any]:
+    """Collect the half-widths of a box, or those of a sector by coordinate, for JSON."""
+    from ...studies.study_result import picked
+
+    if not isinstance(cell, rp.Sector):
+        return picked(cell, "half_width", "rotation")
+    return {"sector": dict(zip(cell.coordinate_names, cell.widths, strict=True))}
+
+
+def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
+    """Convert the result to plain Python types, for JSON output."""
+    from ...studies.study_result import picked
+
+    figures = asdict(design.evaluation)
+    del figures["failures"]  # they come last
+    turns = figures.pop("turns")
+    return {
+        **design.task.as_dict(),
+        "middle": design.cell.placement.homogeneous,
+        **_widths(design.cell),
+        "posture": design.posture,
+        **figures,
+        "everywhere": design.evaluation.everywhere,
+        "failures": [
+            picked(stop, "cause", "share", "what") for stop in design.failures
+        ],
+        **({"turns": turns} if turns else {}),
+        "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
+        **({} if design.proof is None else {"proof": asdict(design.proof)}),
+    }

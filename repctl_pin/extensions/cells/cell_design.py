@@ -1,0 +1,333 @@
+"""Result of designing an inverse function over a cell: the function, its evaluation, and maps over
+slices of the cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array, ratio_in_percent, read_only
+from ...certificate import Proof, fingerprint, own_proof, proved_words
+from ...model.task import Task
+from ...model.task_parts import rounded, task_parts
+from ...strategies import RepeatableInverse
+from ...strategies.strategy import Inverse
+from .cell import Cell
+from .cell_evaluation import Evaluation, speeds
+from .chart import Chart
+from .failures import FailureReason
+from .function import InverseFunction
+from .sector import Sector
+from .turning import turn_at
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class CellDesign:
+    """An inverse kinematic function over a cell, and its evaluation.
+
+    Attributes
+    ----------
+    function : InverseFunction
+        The result: ``q = F(x)``.
+    desired : Inverse
+        Desired inverse G_d.
+    posture : (n,) array
+        Configuration in the middle of the cell, rad (m for prismatic joints).
+    evaluation : Evaluation
+        All figures, on held-out poses; the main ones are attributes of the design as well.
+    degrees : tuple of (degree, cost)
+        Degrees that were tried, in order; the last one is used.
+    samples, held_out : int
+        Numbers of fit nodes and of held-out poses.
+    seed : int
+        Random seed of the fit nodes and of the held-out poses.
+    steps : int
+        Gauss–Newton steps taken.
+    requested_limit_margin, requested_body_distance, requested_sigma_min : float
+        Requested limit margin, rad or m, body distance, m, and σ_min of J.
+    proof : Proof, optional
+        Certificate, if one was added: ``dataclasses.replace(found,
+        proof=rp.prove(found))``. It is saved with the design. A certificate of something else is
+        dropped with a warning.
+
+    Examples
+    --------
+    >>> found.coverage  # share of the cell
+    1.0
+    >>> found.extra_speed < 0.05  # joint speed above the pseudoinverse's
+    True
+    """
+
+    function: InverseFunction
+    desired: Inverse
+    posture: Array
+    evaluation: Evaluation
+    degrees: tuple[tuple[int, float], ...]
+    samples: int
+    held_out: int
+    seed: int
+    steps: int
+    requested_limit_margin: float
+    requested_body_distance: float
+    requested_sigma_min: float
+    proof: Proof | None = None
+
+    def __post_init__(self) -> None:
+        proof = own_proof(self.proof, lambda: self.subject)
+        object.__setattr__(self, "proof", proof)
+
+    @classmethod
+    def of(
+        cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any
+    ) -> CellDesign:
+        """Make a design from a chart, whose function is s = 0, and its evaluation.
+
+        ``how`` are the other attributes of the design.
+        """
+        u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
+        middle = chart.solve(u, np.zeros((1, chart.cell.task.r)))
+        function = function_of(chart, evaluation)
+        return cls(function, desired, middle.Q[0] + shift[0], evaluation, **how)
+
+    @property
+    def task(self) -> Task:
+        """Task that the function inverts."""
+        return self.function.task
+
+    @property
+    def subject(self) -> str:
+        """Fingerprint of all that a certificate proves of the function.
+
+        It covers the joint chain, its limits, the cell and the polynomials.
+        """
+        chart = self.function.chart
+        parts = chart.monomials.degree, chart.coefficients, *_cell_parts(chart.cell)
+        return fingerprint("cell", task_parts(self.task), *parts)
+
+    @property
+    def cell(self) -> Cell:
+        """The cell: set of poses over which the function is designed."""
+        return self.function.cell
+
+    @property
+    def inverse(self) -> RepeatableInverse:
+        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is the function."""
+        return self.function.inverse
+
+    @property
+    def cost(self) -> float:
+        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function covers."""
+        return self.evaluation.cost
+
+    @property
+    def extra_speed(self) -> float:
+        """Rms joint speed over the cell relative to G_d at the same configurations, minus 1."""
+        return self.evaluation.extra_speed
+
+    @property
+    def extra_speed_worst(self) -> float:
+        """Extra joint speed at the worst pose found by a search over the cell."""
+        return self.evaluation.extra_speed_worst
+
+    @property
+    def extra_speed_direction(self) -> float:
+        """Extra joint speed in the worst task direction, at the worst pose found by a search."""
+        return self.evaluation.extra_speed_direction
+
+    @property
+    def limit_margin(self) -> float:
+        """Minimum distance of a joint from its limit on the held-out poses, rad or m."""
+        return self.evaluation.limit_margin
+
+    @property
+    def limit_margin_worst(self) -> float:
+        """Limit margin at the worst pose found by a search over the cell, rad or m."""
+        return self.evaluation.limit_margin_worst
+
+    @property
+    def leaf_margin(self) -> float:
+        """Minimum leaf margin ``σ_min(Nᵀ n̂_ref)``; 1 is best, 0 is an algorithmic singularity."""
+        return self.evaluation.leaf_margin
+
+    @property
+    def coverage(self) -> float:
+        """Fraction of the held-out poses at which F has a configuration inside the limits."""
+        return self.evaluation.coverage
+
+    @property
+    def failures(self) -> tuple[FailureReason, ...]:
+        """Reasons why the function fails at some poses of the cell; empty if it fails at none."""
+        return self.evaluation.failures
+
+    @property
+    def body_distance(self) -> float:
+        """Minimum distance between bodies of the robot and its surroundings, m; infinite if there
+        are no collision bodies, NaN if these have changed since the design was saved."""
+        return self.evaluation.body_distance
+
+    def figures(self) -> dict[str, str]:
+        """Return the figures as text, by their display names."""
+        j, unit = self.evaluation, self.task.unit
+        most = (
+            "best possible there by self-motion:"
+            if self.task.r == 1
+            else "best found there on other leaves:"
+        )
+        margin = (
+            f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
+            f"({most} {j.attainable_margin_worst:.3g})"
+            f"{_unmet(j.limit_margin_worst, self.requested_limit_margin)}\n"
+            f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
+            f"({most} {j.attainable_margin:.3g})"
+            f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
+        )
+        if left_out := self.function.chart.cell.excepted:
+            margin += f"\nwithout {', '.join(left_out)}, whose limits end the range"
+        bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
+        bodies += _unmet(j.body_distance, self.requested_body_distance)
+        sigma = f"{j.smallest_singular_value:.3g}"
+        sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
+        speed = f"{ratio_in_percent(j.extra_speed)} ± {100 * j.extra_speed_error:.1g} on average, "
+        speed += f"{ratio_in_percent(j.extra_speed_worst)} at the worst pose"
+        if np.isfinite(j.extra_speed_direction):
+            worst = ratio_in_percent(j.extra_speed_direction)
+            speed += f"\n{worst} at the worst pose in the worst task direction"
+        terms = self.function.chart.monomials.size
+        cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
+        return {
+            "cell": self.cell.size(),
+            "middle": self.cell.where(np.zeros(self.cell.k)),
+            **self._symmetry(),
+            "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
+            "degree": f"{self.degrees[-1][0]}, evaluated from {terms} terms",
+            "extra joint speed": speed,
+            "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
+            "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
+            "body distance": "not known: the bodies have changed since it was evaluated"
+            if np.isnan(j.body_distance)
+            else bodies
+            if np.isfinite(j.body_distance)
+            else "no collision bodies",
+            "σ_min(J)": sigma,
+            "leaf margin": f"{j.leaf_margin:.3g}, {proved_words(self.proof)}",
+            "residual": f"{j.residual:.1g} m or rad",
+            "coverage": j.covered,
+        } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
+
+    def _symmetry(self) -> dict[str, str]:
+        """Return texts by display name: the symmetries that are used, and the range of each
+        symmetric coordinate; empty if the cell is no sector."""
+        sector = self.function.chart.cell
+        if not isinstance(sector, Sector):
+            return {}
+        turns = {turn.coordinate: str(turn) for turn in self.evaluation.turns}
+        return {"symmetry": sector.symmetry()} | turns
+
+    def summary(self) -> str:
+        """Return the figures as text, one per line; further lines of a figure have no name."""
+        task = self.task
+        lines = [
+            f"  {'' if i else name:17}  {line}"
+            for name, text in self.figures().items()
+            for i, line in enumerate(text.split("\n"))
+        ]
+        return "\n".join(
+            [f"one function for a cell of {task.robot.name} {task}", *lines]
+        )
+
+    def __repr__(self) -> str:
+        return (
+            f"<CellDesign for {self.task.robot.name} {self.task.frame}, {self.cell.size()}: "
+            f"+{ratio_in_percent(self.extra_speed)} joint speed, "
+            f"limit margin {self.limit_margin_worst:.3g}, "
+            f"covered: {self.evaluation.covered}>"
+        )
+
+
+def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
+    """Make the function s = 0 of a chart; on its leaf it checks joint limits if the evaluation
+    demands it.
+
+    It checks them there at every call if some evaluated pose violates a limit, or if the range of a
+    coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0
+    alone; on other leaves the limits are always checked.
+    """
+    free = isinstance(chart.cell, Sector) and bool(chart.cell.free)
+    return InverseFunction(chart, keep_limits=free or not evaluation.everywhere)
+
+
+def _cell_parts(cell: Cell) -> tuple[Any, ...]:
+    """Return the set of poses of a cell as plain data, with the symmetries that are used."""
+    box = rounded(cell.placement.homogeneous), cell.widths
+    if not isinstance(cell, Sector):
+        return "box", *box
+    used = [(one.coordinate, one.joint, one.sign) for one in cell.removed]
+    return "sector", *box, rounded(cell.axis), cell.free, used, cell.spin_middle
+
+
+def _unmet(found: float, asked: float) -> str:
+    """Return a note if a requested margin is not met; an empty text if it is, or is 0."""
+    return f"; the requested {asked:g} is not met" if found < asked and asked else ""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Slice:
+    """Maps of a function over two coordinates of its cell; all other coordinates are 0.
+
+    Attributes
+    ----------
+    axes : (int, int)
+        Indices of the first and the second coordinate, counted from 0.
+    u : (C,) array
+        Grid values of either coordinate, from −1 to 1.
+    limit_margin, extra_speed : (C, C) arrays
+        Smallest joint-limit margin, rad or m, and extra joint speed relative to G_d. The row is the
+        second coordinate, the column the first. NaN where the function has no value.
+    turn : (C, C) array or None
+        Range of the angle of a sector, rad, in which the joint that turns the arm stays inside its
+        limits at every tilt; None if the symmetry of the angle is not used.
+    """
+
+    axes: tuple[int, int]
+    u: Array
+    limit_margin: Array
+    extra_speed: Array
+    turn: Array | None = None
+
+
+def slices(design: CellDesign, count: int = 33) -> list[Slice]:
+    """Evaluate maps over each pair of translational coordinates of a cell, at most three pairs.
+
+    If the cell has fewer than two translational coordinates, pairs of all its coordinates are
+    taken. The symmetric coordinates of a sector are 0; the figures do not depend on them.
+    """
+    cell, chart = design.function.chart.cell, design.function.chart
+    places = [i for i, unit in enumerate(cell.units) if unit == "m"]
+    pairs = list(combinations(places if len(places) > 1 else range(cell.k), 2))[:3]
+    u = np.linspace(-1, 1, count)
+    made = []
+    for first, second in pairs:
+        U = np.zeros((count * count, cell.k))
+        U[:, second], U[:, first] = (
+            grid.ravel() for grid in np.meshgrid(u, u, indexing="ij")
+        )
+        points = chart.solve(U, np.zeros((len(U), cell.task.r)))
+        found = speeds(design.desired, chart, points)
+        margin = np.where(points.found, cell.limit_margin(points.Q).min(axis=1), np.nan)
+        extra = np.sqrt(found.own / found.desired_square) - 1
+        turn = turn_at(chart, U)
+        made.append(
+            Slice(
+                (first, second),
+                u,
+                margin.reshape(count, count),
+                extra.reshape(count, count),
+                None if turn is None else turn.reshape(count, count),
+            )
+        )
+    return made

@@ -1,0 +1,383 @@
+"""File content of a cell's design: conversion to plain data, and back."""
+
+from __future__ import annotations
+
+import warnings
+from math import comb
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pinocchio as pin
+
+from ...arguments import as_int
+from ...errors import InputError
+from ...model.body_parts import bodies_at, shapes_fingerprint
+from ...model.task import Task
+from ...model.task_parts import check_configurations
+from ...saving.changes import configurations, require_masses, require_ranges
+from ...saving.design_file import FileKind, head
+from ...saving.files import load
+from ...saving.schema import (
+    Desired,
+    Part,
+    ProofFile,
+    Row,
+    Rows,
+    Sealed,
+    described,
+    desired_file,
+    desired_of,
+    made,
+    proof_file,
+    proof_of,
+)
+from .cell import Cell
+from .cell_design import CellDesign, function_of
+from .cell_evaluation import Evaluation
+from .chart import Chart
+from .failures import FailureReason
+from .monomials import Monomials
+from .sector import SPIN, Sector
+from .turning import Turn
+
+_FORMAT = "repctl cell"
+_MOST_DEGREE = 64
+
+
+class FailureFile(Part):
+    """Reason why a function fails at some poses of its cell.
+
+    See :class:`repctl_pin.extensions.cells.failures.FailureReason`.
+    """
+
+    cause: str
+    share: float
+    u: Row
+    what: str
+
+
+class TurnFile(Part):
+    """Range of a function along a symmetric coordinate of its sector, rad.
+
+    See :class:`repctl_pin.extensions.cells.turning.Turn`. ``joint_range`` is null for a joint
+    without limits. ``nearly``, ``unasked``, ``covered`` and ``as_covered`` are null if they were
+    not computed.
+    """
+
+    coordinate: str
+    joint: str
+    joint_range: float | None
+    spread: float
+    reach: float
+    most: float
+    nearly: float | None = None
+    price: float = 0.0
+    unasked: float | None = None
+    covered: float | None = None
+    as_covered: float | None = None
+
+
+class SectorFile(Part):
+    """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
+
+    ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
+    ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
+    coordinates that the polynomials leave out, because a single joint turns the whole arm or the
+    tool along them. ``spin_middle`` is the middle of the spin, rad, where the tool
+    tilts and spins as far as the joints go, and only there.
+    """
+
+    axis: Rows
+    free: list[int]
+    symmetric: list[int]
+    spin_middle: float | msgspec.UnsetType = msgspec.UNSET
+
+
+class BodiesFile(Part):
+    """Fingerprint of the collision bodies: of their shapes, and of their places.
+
+    ``places`` has one number per check configuration of the task, which changes with any placement.
+    """
+
+    shapes: str
+    places: Row
+
+
+class CellFigures(Part):
+    """Evaluation of a function over a cell.
+
+    See :class:`repctl_pin.extensions.cells.cell_evaluation.Evaluation`. A margin is null without
+    joint limits, ``body_distance`` is null without collision bodies. Figures with a default are not
+    in older files.
+    """
+
+    cost: float
+    cost_error: float
+    extra_speed: float
+    extra_speed_error: float
+    extra_speed_worst: float
+    limit_margin: float | None
+    attainable_margin: float | None
+    smallest_singular_value: float
+    body_distance: float | None
+    nearest_bodies: tuple[str, str]
+    leaf_margin: float
+    residual: float
+    coverage: float
+    failures: list[FailureFile]
+    limit_margin_worst: float | None = None
+    attainable_margin_worst: float | None = None
+    extra_speed_direction: float | None = None
+    turns: tuple[TurnFile, ...] = ()
+
+
+class CellFile(Sealed):
+    """File content: an inverse kinematic function over a cell of poses.
+
+    ``coefficients`` are those of two polynomials of the cell's coordinates: the reference
+    configuration q_ref and the reference directions n_ref of its null space. ``bodies`` are those
+    of the body distance; they are not in older files, nor where that distance is not known.
+    """
+
+    desired: Desired
+    placement: Rows
+    widths: Row
+    degree: int
+    coefficients: list[Rows]
+    posture: Row
+    figures: CellFigures
+    degrees: tuple[tuple[int, float], ...]
+    samples: int
+    held_out: int
+    seed: int
+    steps: int
+    requested_limit_margin: float
+    requested_body_distance: float = 0.0
+    requested_sigma_min: float = 0.0
+    proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
+    sector: SectorFile | msgspec.UnsetType = msgspec.UNSET
+    bodies: BodiesFile | msgspec.UnsetType = msgspec.UNSET
+
+
+def cell_file(design: CellDesign) -> CellFile:
+    """Convert the design of a cell's function to the content of a file.
+
+    Raises
+    ------
+    InputError
+        If the design contains user-defined functions.
+    """
+    chart, cell, evaluation = design.function.chart, design.cell, design.evaluation
+    figures = described(
+        CellFigures,
+        evaluation,
+        failures=[described(FailureFile, reason) for reason in evaluation.failures],
+        turns=tuple(described(TurnFile, turn) for turn in evaluation.turns),
+    )
+    return described(
+        CellFile,
+        design,
+        **head(_FORMAT, design.task),
+        desired=desired_file(design.desired),
+        placement=cell.placement.homogeneous.tolist(),
+        widths=cell.widths.tolist(),
+        degree=chart.monomials.degree,
+        coefficients=chart.coefficients.tolist(),
+        figures=figures,
+        proof=proof_file(design.proof),
+        sector=_sector_file(chart.cell),
+        bodies=_bodies_file(design),
+    )
+
+
+def _bodies_file(design: CellDesign) -> BodiesFile | msgspec.UnsetType:
+    """Convert the fingerprint of the bodies to plain data; UNSET if no distance is known."""
+    if np.isnan(design.body_distance):
+        return msgspec.UNSET
+    task = design.task
+    places = bodies_at(task, check_configurations(task)).tolist()
+    return BodiesFile(shapes_fingerprint(task), places)
+
+
+def _known_distance(content: CellFile, task: Task) -> float:
+    """Return the body distance of a file, m; NaN with a warning if the bodies have changed."""
+    distance, bodies = content.figures.body_distance, content.bodies
+    if isinstance(bodies, msgspec.UnsetType):
+        return np.nan if distance is None else distance
+    now = bodies_at(task, configurations(content.task))
+    changed = (
+        "their shapes or mesh files"
+        if bodies.shapes != shapes_fingerprint(task)
+        else "their places"
+        if not np.allclose(bodies.places, now, rtol=0, atol=1e-8)
+        else ""
+    )
+    if not changed:
+        return np.inf if distance is None else distance
+    warnings.warn(
+        f"the cell's body distance and collisions were dropped: the bodies of {task.robot.name} "
+        f"have changed since ({changed}); design the cell again to evaluate them",
+        UserWarning,
+        stacklevel=5,
+    )
+    return np.nan
+
+
+def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
+    """Convert the coordinates of a sector to plain data; UNSET for a box."""
+    if not isinstance(cell, Sector):
+        return msgspec.UNSET
+    symmetric = [one.coordinate for one in cell.removed]
+    return SectorFile(
+        cell.axis.tolist(),
+        list(cell.free),
+        symmetric,
+        cell.spin_middle if cell.tilted and SPIN in cell.free else msgspec.UNSET,
+    )
+
+
+def _cell(content: CellFile, task: Task) -> Cell:
+    """Create the cell of a chart: a box, or a sector without its symmetric coordinates."""
+    widths, at, positions = (
+        np.array(content.widths),
+        np.array(content.placement),
+        min(3, task.m),
+    )
+    if widths.shape != (task.m,) or at.shape != (4, 4):
+        raise InputError(
+            f"a cell of this task has {task.m} widths and a placement of 4 × 4 numbers"
+        )
+    if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
+        raise InputError("the last row of the cell's placement must be 0, 0, 0, 1")
+    data = content.sector
+    if isinstance(data, msgspec.UnsetType):
+        turns = widths[positions:] if task.m > positions else 0.0
+        return Cell(task, pin.SE3(at), widths[:positions], turns)
+    w = np.pad(widths, (0, 6 - task.m))
+    names = {
+        "radius": w[0],
+        "angle": w[1],
+        "height": w[2],
+        "half_angle": w[3:5],
+        "spin": w[5],
+    }
+    sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
+    used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
+    if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {
+        *data.symmetric
+    }:
+        raise InputError("the file uses a symmetry that the arm does not have")
+    sector = sector.without(used, data.free)
+    middle, moved = data.spin_middle, sector.tilted and SPIN in data.free
+    if isinstance(middle, msgspec.UnsetType):
+        if moved:
+            raise InputError(
+                "the file lacks the middle of the spin, and tilts of such cells were once about "
+                "the wrong axes; design the cell again"
+            )
+        return sector
+    if not moved or abs(middle) > 2 * np.pi:
+        raise InputError(
+            "the middle of the spin is of a cell that tilts and spins as far as the joints go, "
+            "at most one turn away"
+        )
+    return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
+
+
+def cell_of(content: CellFile, task: Task) -> CellDesign:
+    """Create the design of a cell's function from the content of a file.
+
+    Raises
+    ------
+    InputError
+        If the content does not describe a valid design for this task.
+    """
+    if not content.degrees:
+        raise InputError("a cell's file must name at least one degree that was tried")
+    degree = as_int(
+        content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE
+    )
+    cell = _cell(content, task)
+    C, due = (
+        np.array(content.coefficients),
+        (comb(cell.k + degree, cell.k), task.n, 1 + task.r),
+    )
+    if C.shape != due:
+        raise InputError(
+            f"the coefficients must be {due[0]} × {due[1]} × {due[2]} numbers; "
+            f"they have shape {C.shape}"
+        )
+    figures = content.figures
+    if any(len(reason.u) != cell.whole.k for reason in figures.failures):
+        raise InputError(f"a pose of this cell has {cell.whole.k} coordinates")
+    if figures.limit_margin_worst is None:  # infinite, or not in older files
+        figures.limit_margin_worst = figures.limit_margin
+    if figures.attainable_margin_worst is None:
+        figures.attainable_margin_worst = figures.attainable_margin
+    distance = _known_distance(content, task)
+    failures = tuple(
+        made(FailureReason, reason)
+        for reason in figures.failures
+        if reason.cause != "collision" or not np.isnan(distance)
+    )
+    evaluation = made(
+        Evaluation,
+        figures,
+        body_distance=distance,
+        nearest_bodies=("", "") if np.isnan(distance) else figures.nearest_bodies,
+        failures=failures,
+        turns=tuple(made(Turn, turn) for turn in figures.turns),
+    )
+    chart = Chart(cell, Monomials(cell.k, degree), C)
+    return made(
+        CellDesign,
+        content,
+        function=function_of(chart, evaluation),
+        desired=desired_of(content.desired, task),
+        posture=task.check(content.posture, "the posture"),
+        evaluation=evaluation,
+        proof=proof_of(content.proof),
+    )
+
+
+def _unchecked(content: CellFile, task: Task) -> list[str]:
+    """Refuse a changed robot; see :class:`repctl_pin.saving.design_file.FileKind`."""
+    known = content.bodies is not msgspec.UNSET
+    return [
+        *require_ranges(content.task, task, speeds=False),
+        *([] if known else ["the collision bodies"]),
+        *require_masses(content.desired, content.task, task),
+    ]
+
+
+KIND = FileKind(CellFile, CellDesign, cell_file, cell_of, _unchecked)
+
+
+def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
+    """Read a function over a cell from a file, see :func:`load`.
+
+    Parameters
+    ----------
+    path, task
+        As for :func:`load`.
+
+    Returns
+    -------
+    CellDesign
+
+    Raises
+    ------
+    InputError
+        If the file holds a repeatable inverse, or as for :func:`load`.
+
+    Examples
+    --------
+    >>> again = rp.load_cell(rp.save(found, "cell.json"), task)
+    >>> again.cost == found.cost
+    True
+    """
+    design = load(path, task)
+    if isinstance(design, CellDesign):
+        return design
+    raise InputError(f"{path} holds a repeatable inverse; use rp.load_design")

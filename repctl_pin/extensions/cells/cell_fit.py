@@ -1,0 +1,456 @@
+"""Fit of an inverse function over a cell: choice of the configuration in the middle, minimisation
+of the cost with rising degree, then with penalties on small margins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import comb
+from typing import Literal, cast
+
+import numpy as np
+
+from ... import progress as reporting
+from ...arguments import Array
+from ...redundancy import leaf_margin
+from ...strategies.strategy import Inverse
+from .cell import Cell
+from .cell_design import CellDesign
+from .cell_evaluation import evaluate_cell
+from .chart import Chart
+from .cost import Cost, Descent, descend, predicted_gain
+from .failures import FailureReason, broken_limit, unreached
+from .kinematics import null_bases
+from .margins import (
+    CandidateFunction,
+    Margin,
+    distances_of,
+    limits_of,
+    singular_values_of,
+)
+from .monomials import Monomials
+from .penalty import ActiveConstraint, PenaltyMethod, padded
+from .posture_search import Candidate
+from .reference import Rays, fitted, rays
+from .sector import ANGLE, Sector
+from .turning import Turn, centred
+
+MOST_UNKNOWNS, _MOST_TERMS = 260, 220
+"""Maximum numbers of unknowns of the fit, and of monomials of the final chart."""
+
+_WORTHWHILE = 0.05
+"""Relative decrease of the cost, predicted for the highest degree, for which the degree is
+raised."""
+
+_NOTHING = 2e-4
+"""Cost relative to ‖G_d‖² at which the degree is not raised further: 0.01 % extra joint speed."""
+
+_HOPELESS = 0.98
+"""Fraction of the rays from the middle followed to their ends, below which the cell counts as not
+coverable."""
+
+_DEAR = 0.02
+"""Extra joint speed above which other configurations in the middle are tried."""
+
+_FAR_ROUND = 0.9
+"""Fraction of the joint range that a coordinate with the range ``"all"`` must cover; below it,
+other configurations in the middle are tried."""
+
+_NEARLY = 0.9
+"""Coverage below which no other configuration in the middle is tried."""
+
+_SPARE = 0.5
+"""Surplus of the attainable range over the requested angle of a sector, rad, with which the request
+is assumed to cost no joint speed."""
+
+_PRICED = 1024
+"""Number of held-out poses for the comparison design with the angle ``"all"``."""
+
+_CLOSE = 3e-5
+"""Maximum deviation, rad or m, of q_ref of the final chart from the function, so that Newton's
+method takes two steps."""
+_STRAIGHT = 0.999
+"""Minimum leaf margin at the nodes of the final chart with which n_ref may have a lower degree."""
+
+Found = CellDesign | tuple[FailureReason, ...]
+"""A design, or the reasons for failure."""
+
+
+@dataclass(frozen=True)
+class CellFit:
+    """Arguments of a design over a cell, and methods that compute the design.
+
+    The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
+    ``incomplete="keep"``.
+    """
+
+    desired: Inverse
+    degree: int | Literal["auto"]
+    limit_margin: float
+    body_distance: float
+    sigma_min: float
+    samples: int | None
+    held_out: int
+    seed: int
+    keep: bool
+    report: reporting.Report = reporting.silent
+
+    def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, Found]:
+        """Compute the best design over a cell, given configurations in its middle, the best first.
+
+        The design from the first configuration is returned if it is good. If its margins are too
+        small or its joint speed is high, quick designs from all configurations are compared, and
+        the best configuration is used. If collisions are its only fault, only configurations whose
+        rays are free of collisions are compared. If its coverage is below 90 %, no other is tried.
+        Where rays from the first configuration violate limits, its own quick design decides.
+
+        Return the configuration used (n,), and the design or the reasons for failure."""
+        first = postures[0]
+        doubtful = len(postures) > 1 and first.margin < 0
+        found = self.design(cell, first.q, quick=doubtful)
+        if _rank(found, self.limit_margin)[0] < _NEARLY or self.good(found):
+            postures = [first]
+        elif self.good(found, bodies=False):  # collisions alone are to be mended
+            others = (c for c in postures[1:] if c.share >= first.share)
+            postures = [first, *(c for c in others if c.body_distance >= 0)]
+        ranks, quicks, quiet = [], [], replace(self, report=reporting.silent)
+        for i, c in enumerate(postures if len(postures) > 1 else []):
+            self.report(f"posture {i + 1} of {len(postures)}", 0.1)
+            quick = found if doubtful and not i else quiet.design(cell, c.q, quick=True)
+            ranks.append(_rank(quick, self.limit_margin))
+            quicks.append(quick)
+        best = max(range(len(ranks)), key=lambda i: ranks[i], default=0)
+        designs = [] if doubtful else [(first.q, found)]
+        if best or doubtful:
+            q, guess = postures[best].q, quicks[best] if quicks else found
+            designs.append((q, self.design(cell, q, guess=guess)))
+        return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
+
+    def good(self, found: Found, *, bodies: bool = True) -> bool:
+        """Test whether a design covers the cell with good margins and low extra joint speed.
+
+        With ``bodies=False``, collisions are allowed.
+        """
+        coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
+        kept = (coverage, everywhere, separate or not bodies, margin)
+        least = (1.0, True, True, 0.4 * self.limit_margin)
+        if not kept >= least:
+            return False
+        design = cast(CellDesign, found)
+        return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
+
+    def design(
+        self, cell: Cell, q: Array, *, quick: bool = False, guess: Found = ()
+    ) -> Found:
+        """Design over one cell from the configuration q (n,) in its middle.
+
+        Return the design, or the reasons for failure if too few poses are reached from the middle.
+        A quick design has a lower degree, fewer nodes, and a quick evaluation. ``guess`` is a quick
+        design from the same configuration, with which the fit with penalties begins.
+        """
+        self.report("the reference", 0.1)
+        edge = cell.corners()
+        count = self.samples or (
+            128
+            if quick
+            else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
+        )
+        U = cell.sample(count, self.seed + 1)
+        ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
+        good = ends.reached == 1
+        if good[:count].mean() < 0.5:
+            return _why(cell, ends, len(U))
+        hopeless = not self.keep and bool(good[:count].mean() < _HOPELESS)
+        chart = fitted(
+            cell, ends.U[good], ends.Q[good], ends.N[good], 2 if cell.k > 4 else 4
+        )
+        U, edge = U[good[:count]], edge[good[count:]]
+        at_rest = chart.solve(
+            np.concatenate([U, edge]), np.zeros((len(U) + len(edge), cell.task.r))
+        ).found
+        U, edge = U[at_rest[: len(U)]], edge[at_rest[len(U) :]]
+        if len(U) < count / 4:
+            return _why(cell, ends, count)
+        rounds = 0 if hopeless else 3 if quick else 7
+        descent, terms, degrees = self._descended(
+            cell, chart, U, edge, quick or hopeless, rounds, guess
+        )
+        if not np.isfinite(descent.value.cost):
+            return _why(cell, ends, count)
+        self.report("the last chart", 0.7)
+        quick = quick or hopeless
+        chart, turns = centred(_recharted(cell, chart, descent, terms, quick))
+        if any(turn.reach <= 0 for turn in turns):
+            return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
+        self.report("the evaluation", 0.8)
+        held_out = min(512, self.held_out) if quick else self.held_out
+        evaluation = evaluate_cell(
+            self.desired, chart, held_out, self.seed + 2, quick=quick
+        )
+        evaluation = replace(evaluation, turns=turns)
+        return CellDesign.of(
+            self.desired,
+            chart,
+            evaluation,
+            degrees=degrees,
+            samples=len(U),
+            held_out=held_out,
+            seed=self.seed,
+            requested_limit_margin=self.limit_margin,
+            requested_body_distance=self.body_distance,
+            requested_sigma_min=self.sigma_min,
+            steps=descent.steps,
+        )
+
+    def priced(self, found: CellDesign, q: Array) -> CellDesign:
+        """Add to a design over a sector the extra joint speed that its requested angle costs.
+
+        The cost is the difference from a second design, with the angle ``"all"``, whose range is
+        set by the joint limits. The design is returned unchanged if its angle is not requested in
+        rad, or if the joint stays far from its limits at both ends of the angle."""
+        sector = found.function.chart.cell
+        names = found.cell.coordinate_names
+        turns = {turn.coordinate: turn for turn in found.evaluation.turns}
+        if (
+            not isinstance(sector, Sector)
+            or ANGLE in sector.free
+            or names[ANGLE] not in turns
+        ):
+            return found
+        turn = turns[names[ANGLE]]
+        if not turn.reach < 2 * sector.widths[ANGLE] + _SPARE:
+            return found
+        free = sector.without(sector.removed, (*sector.free, ANGLE))
+        self.report("the price of the angle", 0.9)
+        work = replace(
+            self, held_out=min(_PRICED, self.held_out), report=reporting.silent
+        )
+        other = work.design(free, q)
+        if not isinstance(other, CellDesign) or other.coverage == 0:
+            return found
+        unasked = next(
+            t.reach for t in other.evaluation.turns if t.coordinate == names[ANGLE]
+        )
+        price = found.extra_speed - other.extra_speed
+        turns[names[ANGLE]] = replace(turn, price=price, unasked=unasked)
+        return replace(
+            found, evaluation=replace(found.evaluation, turns=tuple(turns.values()))
+        )
+
+    def _highest(self, cell: Cell) -> int:
+        """Return the highest degree to try, as the number of unknowns allows if it is "auto"."""
+        if self.degree != "auto":
+            return int(self.degree)
+        d = 1
+        while d < 6 and _terms(cell, d + 1) * cell.task.r <= MOST_UNKNOWNS:
+            d += 1
+        return d
+
+    def _descended(
+        self,
+        cell: Cell,
+        chart: Chart,
+        U: Array,
+        edge: Array,
+        quick: bool,
+        rounds: int,
+        guess: Found,
+    ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
+        """Minimise the cost with rising degree, then with penalties on small margins.
+
+        Parameters
+        ----------
+        cell, chart
+            The cell, and the chart in which the function is written.
+        U, edge : (K, k) and (L, k) arrays
+            Nodes of the cost, and corners at which margins are checked, too.
+        quick
+            Try only one degree, at most 2.
+        rounds
+            Maximum number of rounds with penalties.
+        guess
+            Quick design, with whose function the rounds begin.
+
+        Returns
+        -------
+        Descent, Monomials, tuple of (degree, cost)
+            The final coefficients, their monomials, and the degrees that were tried.
+        """
+        highest = min(2, self._highest(cell)) if quick else self._highest(cell)
+        best: list[Descent] = []
+        tried: list[tuple[int, float]] = []
+        for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
+            self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
+            terms = Monomials(cell.k, d)
+            nodes = _nodes(U, terms)
+            below = best[-1].a if best else np.zeros((0, cell.task.r))
+            best.append(
+                _fit(Cost(self.desired, chart, terms, nodes), padded(below, terms))
+            )
+            tried.append((d, best[-1].value.nearness))
+            if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
+                break
+            if d < highest and self.degree == "auto" and not quick:
+                most = Monomials(cell.k, highest)
+                richest = Cost(self.desired, chart, most, _nodes(U, most))
+                if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
+                    break
+        watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
+        constraints = [
+            ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
+            for m in self.margins(cell, quick=quick)
+        ]
+        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds)
+        kept = penalties.kept(
+            best,
+            terms,
+            self.report,
+            enough=1e-2 if quick else 1e-3,
+            guess=_labels(guess, chart, U),
+        )
+        return kept, terms, tuple(tried)
+
+    def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
+        """Make the margins that are constrained: joint limits, and body distance and σ_min(J) if
+        requested."""
+        limits = limits_of(cell, self.limit_margin)
+        found = [replace(limits, starts=24, violators=48) if quick else limits]
+        found += (
+            [distances_of(cell.task, self.body_distance)] if self.body_distance else []
+        )
+        return found + (
+            [singular_values_of(cell.task, self.sigma_min)] if self.sigma_min else []
+        )
+
+
+def _nodes(U: Array, terms: Monomials) -> Array:
+    """Return the first poses of U (K, k): at least 256, and at least three per monomial."""
+    return U[: max(256, _power_of_two(3 * terms.size))]
+
+
+def _labels(guess: Found, chart: Chart, U: Array) -> Array | None:
+    """Fit coefficients (N, r) of degree 2 to the labels of a design's function in a chart.
+
+    ``U`` (K, k) are poses. None if there is no design, or one over another cell.
+    """
+    if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
+        return None
+    points = CandidateFunction.zero(guess.function.chart).at(U)
+    q_ref, n_ref = chart.reference(U)
+    labels = np.einsum("Knr,Kn->Kr", n_ref, points.Q - q_ref)
+    return Monomials(chart.cell.k, 2).fit(U[points.found], labels[points.found])
+
+
+def _fit(cost: Cost, a: Array) -> Descent:
+    """Minimise the cost from coefficients a (N, r).
+
+    If the function of these coefficients does not exist at some node, start from zero, which is the
+    reference function.
+    """
+    found = descend(cost, a)
+    return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
+
+
+def _recharted(
+    cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool
+) -> Chart:
+    """Fit the final chart, in which the optimised function is s = 0.
+
+    Its q_ref approximates the configurations of the function, its n_ref the null spaces there. The
+    degree is raised until q_ref is accurate enough for two Newton steps, unless the design is a
+    quick one.
+    """
+    degree = max(terms.degree, chart.monomials.degree, 3)
+    while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
+        degree += 1
+    for d in range(max(terms.degree, 3), degree + 1):
+        U = np.concatenate(
+            [cell.sample(_power_of_two(3 * _terms(cell, d)), 7), cell.corners()]
+        )
+        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
+        points = CandidateFunction(chart, terms, descent.a).at(U)
+        good = points.found
+        N = null_bases(points.J[good], points.n_ref[good])[0]
+        found = fitted(cell, U[good], points.Q[good], N, d)
+        away = np.abs(found.reference(U[good])[0] - points.Q[good]).max()
+        if away < _CLOSE:
+            break
+    return _with_simple_fibres(found, U[good], N)
+
+
+def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
+    """Reduce the degree of n_ref if it still approximates the null spaces N (K, n, r) at U (K, k).
+
+    The function s = 0 stays close to q_ref for any n_ref near the null space. A lower degree of
+    n_ref makes the C code faster."""
+    for degree in range(1, chart.monomials.degree):
+        low = Monomials(chart.cell.k, degree)
+        fibres = low.fit(U, N)
+        n_ref = np.tensordot(low.values(U), fibres, axes=1)
+        if leaf_margin(N, n_ref).min() > _STRAIGHT:
+            coefficients = chart.coefficients.copy()
+            coefficients[:, :, 1:] = padded(fibres, chart.monomials)
+            return replace(chart, coefficients=coefficients)
+    return chart
+
+
+def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
+    """Return the reasons for failure of a cell, from rays that could not be followed to their ends.
+
+    ``count`` is the number of poses to which the ``share`` of each reason refers.
+    """
+    bad = ends.reached < 1
+    near = ends.Q[np.argsort(-ends.reached)[:8]]
+    failures = unreached(cell, ends.U[bad], near, float(bad.sum() / count))
+    beyond = cell.limit_margin(ends.Q[~bad]).min(axis=1, initial=np.inf) < 0
+    limit = broken_limit(cell, ends.U[~bad], ends.Q[~bad], float(beyond.sum() / count))
+    return tuple(failures) if limit is None else (*failures, limit)
+
+
+def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
+    """Make the failure that no value of a symmetric coordinate has all poses inside the limits."""
+    what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
+    return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
+
+
+def _rank(
+    found: Found, limit_margin: float
+) -> tuple[float, bool, bool, float, float, float]:
+    """Sort key of designs, larger is better.
+
+    It compares coverage of the held-out poses, coverage of all poses, absence of collisions, limit
+    margin up to 0.4 of the requested one, range of the symmetric coordinates, and negative cost.
+    """
+    if not isinstance(found, CellDesign) or found.coverage == 0:
+        return 0.0, False, False, -np.inf, -np.inf, -np.inf
+    margin, everywhere = (
+        min(found.limit_margin, 0.4 * limit_margin),
+        found.evaluation.everywhere,
+    )
+    return (
+        found.coverage,
+        everywhere,
+        found.body_distance >= 0,
+        margin,
+        _share(found),
+        -found.cost,
+    )
+
+
+def _share(found: CellDesign) -> float:
+    """Range of a function along the coordinates of a sector with the range ``"all"``, as a fraction
+    of the joint's range, rounded to 5 %. The minimum of all such coordinates; 1 if there is none.
+    """
+    cell = found.cell
+    free = cell.free if isinstance(cell, Sector) else ()
+    names = [cell.coordinate_names[i] for i in free]
+    turns = [turn for turn in found.evaluation.turns if turn.coordinate in names]
+    shares = [turn.reach / min(turn.joint_range, 2 * np.pi) for turn in turns]
+    return float(np.round(20 * min(shares, default=1.0)) / 20)
+
+
+def _terms(cell: Cell, degree: int) -> int:
+    return comb(cell.k + degree, degree)
+
+
+def _power_of_two(count: int) -> int:
+    return 1 << max(0, int(np.ceil(np.log2(max(count, 1)))))

@@ -1,0 +1,240 @@
+"""Page of a function over a cell: animation of a sample path, slices, and figures of merit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import product
+
+import numpy as np
+
+from ...arguments import Array, ratio_in_percent
+from ...motion import Motion, elbow
+from ...motion.joint_motion import TOO_FAST
+from ...show.page.html import render
+from ...show.page.playback import TracedChain, playback_of, playback_page
+from ...show.palette import BLUE, VERMILLION
+from ...show.report import framed, versions
+from ...show.text.headline import NEAR, Headline
+from ...show.text.lines import Span, capital
+from ...show.text.numbers import metres
+from ...strategies import Pseudoinverse
+from .cell import Cell
+from .cell_design import CellDesign
+from .sector import ANGLE, HEIGHT, RADIUS, Sector
+
+_ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
+"""Corners of a box, counted in binary, in an order that traces every edge."""
+
+_OF_THE_TOUR = "One sample path; the values above are for the whole cell."
+
+_ARC = 49
+"""Number of points along each arc of a sector."""
+
+
+def box_of(cell: Cell) -> Array:
+    """Trace the edges of a cell's range of positions: points (P, 3), m.
+
+    It is a rectangle or a line if some positions are fixed.
+    """
+    if isinstance(cell, Sector):
+        return _edges(cell)
+    positions = len(cell.half_width)
+    low_high = np.zeros((3, 2))
+    low_high[cell.task.rows[:positions]] = cell.half_width[:, None] * [-1, 1]
+    corners = np.array(list(product(*low_high))) + cell.placement.translation
+    return corners[_ROUND]
+
+
+def _edges(sector: Sector) -> Array:
+    """Trace the arcs and edges of a sector's range of positions: points (P, 3), m."""
+    there = np.linspace(-1.0, 1.0, _ARC)
+    arc, corners = (
+        np.concatenate([there, there[::-1]]),
+        [(-1, -1), (1, -1), (1, 1), (-1, 1)],
+    )
+    traced = [(*corner, angle) for corner in [*corners, corners[0]] for angle in arc]
+    traced += [(*corners[0], angle) for angle in there]
+    traced += [(*corner, 1.0) for corner in [*corners, corners[0]]]
+    Y = np.zeros((len(traced), 6))
+    Y[:, [RADIUS, HEIGHT, ANGLE]] = traced
+    return sector.placements(Y[:, sector.moved])[0]
+
+
+def cell_page(
+    design: CellDesign,
+    slices: bytes | None,
+    motions: Mapping[str, Motion],
+    notes: Sequence[str] = (),
+    *,
+    command: str | None = None,
+) -> str:
+    """Write the self-contained HTML page of a function over a cell.
+
+    Parameters
+    ----------
+    design
+        The function and its figures of merit.
+    slices
+        PNG file of the figure of slices; None leaves the figure out.
+    motions
+        Motions along a sample path through the cell, by controller: the desired one, if there is
+        one, and the function.
+    notes
+        Notes on these motions.
+    command
+        Command line that made the page.
+    """
+    task, joint = design.task, elbow(design.task, design.posture)
+    words = (
+        "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
+        "Second: joint speed relative to the desired controller at the same configurations."
+    )
+    if isinstance(design.cell, Sector) and design.evaluation.turns:
+        words += " Third: range of the angle that is inside the joint's limits at every tilt."
+    animation = ""
+    if motions:
+        cycles = next(iter(motions.values())).cycles
+        animation = _tour_page(
+            design, motions, joint, f"{cycles} cycles of a sample path"
+        )
+    return render(
+        "cell.html",
+        style="report.css",
+        title=f"{task.robot.name}: one function for a cell",
+        caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
+        headline=cell_headline(design, motions, notes),
+        animation=animation.replace("<body>", '<body class="inside">', 1),
+        tour=_OF_THE_TOUR,
+        slices=None if slices is None else framed(slices, words),
+        figures=design.figures(),
+        command=command,
+        details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)}
+        | versions(),
+    )
+
+
+def _tour_page(
+    design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str
+) -> str:
+    """Write the animation page of the motions side by side, with the outline of the cell."""
+    colours = [VERMILLION, BLUE][-len(motions) :]
+    tracks = [
+        playback_of(label, motions[label], colour)
+        for label, colour in zip(motions, colours, strict=True)
+    ]
+    way = next(iter(motions.values())).path.points()
+    return playback_page(
+        [TracedChain(design.task, joint)],
+        tracks,
+        paths=[box_of(design.cell), way],
+        name=name,
+    )
+
+
+def cell_headline(
+    design: CellDesign,
+    motions: Mapping[str, Motion] | None = None,
+    notes: Sequence[str] = (),
+) -> Headline:
+    """Write what one function covers; and as notes its cost, the limits and the bodies.
+
+    The limit margin and the body distance are the smallest known in the cell.
+
+    Parameters
+    ----------
+    design
+        The function and its figures of merit.
+    motions
+        Motions along a sample path, by controller; the last one is the function's.
+    notes
+        Notes on these motions.
+    """
+    path = list((motions or {}).values())[-1:]
+    said = [_cost(design), _limits(design, path), *_bodies(design, path)]
+    for motion in path:
+        if motion.speed_ratio > TOO_FAST:
+            times = f"{motion.speed_ratio:.2g} times the speed limit"
+            said.append(Span(f"On the sample path, {times}.", "bad"))
+    said += [Span(f"{capital(note)}.") for note in notes]
+    return Headline((Span(_covered(design)),), tuple(map(_unbroken, said)))
+
+
+def _covered(design: CellDesign) -> str:
+    """Write which poses the function covers and, if it is not all, what stops it elsewhere."""
+    found = design.evaluation
+    if found.everywhere:
+        poses = "every tested pose of the cell"
+        return f"One function covers {poses}: each has one configuration, always the same. "
+    causes = [stop for stop in design.failures if stop.cause != "collision"]
+    most = max(causes, key=lambda stop: stop.share, default=None)
+    why = "" if most is None else f": {most.what}"
+    return f"One function covers {found.covered}{why}. "
+
+
+def _cost(design: CellDesign) -> Span:
+    """Write the extra joint speed on average and at the worst pose, both over all directions."""
+    mean, worst = (
+        f"{ratio_in_percent(abs(share), 2)} {'more' if share >= 0 else 'less'}"
+        for share in (design.extra_speed, design.extra_speed_worst)
+    )
+    plain = type(design.desired) is Pseudoinverse
+    usual = f"the {'usual' if plain else 'desired'} control"
+    return Span(
+        f"It takes {mean} joint speed than {usual} on average, and {worst} at the worst pose."
+    )
+
+
+def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
+    """Write the smallest known distance from the joint limits, and what it leaves out."""
+    found, unit = design.evaluation, design.task.unit
+    margins = [float(motion.limit_margin.min()) for motion in path]
+    if min(margins, default=0.0) < 0:
+        by = f"by {-min(margins):.2g} {unit} on the sample path"
+        return Span(f"Joint limits exceeded {by}.", "bad")
+    least = min(found.limit_margin, found.limit_margin_worst)
+    if least < 0:
+        by = f"by {-least:.2g} {unit} at the worst pose"
+        return Span(f"Joint limits exceeded {by}.", "bad")
+    asked = design.requested_limit_margin
+    short = f" (requested {asked:g})" if least < asked else ""
+    kept = f"kept by {least:.2g} {unit} or more{short}"
+    kept = kept if np.isfinite(least) else "kept"
+    ends = _turned_to_the_end(design)
+    but = f"; {' and '.join(ends)} turns up to its limits" if ends else ""
+    if not (np.isfinite(least) or ends):
+        return Span("The joints have no limits.")
+    return Span(f"Joint limits {kept}{but}.")
+
+
+def _turned_to_the_end(design: CellDesign) -> list[str]:
+    """List the joints that a sector turns as far as they go, which no limit margin counts."""
+    sector = design.cell
+    if not isinstance(sector, Sector):
+        return []
+    free = [sector.coordinate_names[i] for i in sector.free]
+    return [
+        turn.joint
+        for turn in design.evaluation.turns
+        if turn.coordinate in free and np.isfinite(turn.joint_range)
+    ]
+
+
+def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
+    """Write the smallest known distance between bodies, or that there are none."""
+    distances = [float(motion.coarse.body_distance.min()) for motion in path]
+    least = min([design.body_distance, *distances])
+    if not np.isfinite(least):
+        return [Span("No collision bodies: collisions are not checked.")]
+    links = " and ".join(design.evaluation.nearest_bodies)
+    if least < 0:
+        return [Span(f"{links} collide.", "bad")]
+    if least < NEAR:
+        return [Span(f"{links} come as near as {metres(least)}.", "near")]
+    return [Span(f"Links {metres(least)} apart or more.")]
+
+
+def _unbroken(span: Span) -> Span:
+    """Keep numbers and their units on one line."""
+    text = re.sub(r"(\d) (%|rad\b|m\b|cm\b|mm\b|s\b)", "\\1\u00a0\\2", span.text)
+    return span._replace(text=text)

@@ -1,0 +1,89 @@
+"""Figures of a function over a cell: slices through its centre, coloured by figures of merit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...show.palette import INK, VERMILLION
+from ...show.plots.motions import titled
+from .cell_design import CellDesign, Slice
+
+_WHAT = {
+    "limit_margin": ("limit margin", "viridis", 1.0),
+    "extra_speed": ("extra joint speed, %", "magma_r", 100.0),
+    "turn": ("angle all round, °", "cividis", 180 / np.pi),
+}
+
+
+def slice_of_cell(
+    ax: Axes,
+    design: CellDesign,
+    cut: Slice,
+    what: str = "limit_margin",
+    ends: tuple[float, float] | None = None,
+) -> Axes:
+    """Draw one quantity over one slice of a cell as a map; uncovered poses are grey.
+
+    ``what`` is ``limit_margin``, ``extra_speed`` or ``turn``. ``ends`` are the values at the ends
+    of the colour scale.
+    """
+    _, colours, scale = _WHAT[what]
+    values = scale * getattr(cut, what)
+    values = np.ma.array(values, mask=~np.isfinite(values))
+    cell = design.function.chart.cell
+    centre, widths = cell.centre[cell.moved], cell.widths[cell.moved]
+    (i, j), u = cut.axes, cut.u
+    low, high = (None, None) if ends is None else ends
+    ax.set_facecolor("#dddddd")
+    ax.pcolormesh(centre[i] + widths[i] * u, centre[j] + widths[j] * u, values,
+                  cmap=colours, shading="gouraud", vmin=low, vmax=high)  # fmt: skip
+    ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
+    ax.locator_params(nbins=4)
+    ax.set_xlabel(f"{cell.names[i]} ({cell.units[i]})")
+    ax.set_ylabel(f"{cell.names[j]} ({cell.units[j]})")
+    ax.set_aspect("equal" if cell.units[i] == cell.units[j] else "auto")
+    return ax
+
+
+def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
+    """Draw the figure of slices, with a panel for each slice and quantity.
+
+    The quantities are the limit margin, the extra joint speed and, for a sector, how far it reaches
+    around its axis. Each quantity has one colour scale.
+    """
+    cell = design.function.chart.cell
+    shapes = [cell.widths[cell.moved][list(cut.axes)] for cut in cuts]
+    shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
+    task = design.task
+    title = f"{task.robot.name}, {task.frame}, {task.kind}: one function for {design.cell.size()}"
+    drawn = [what for what in _WHAT if getattr(cuts[0], what) is not None]
+    one = len(cuts) == 1
+    if one:  # side by side
+        figure = titled(1.5 + 3.6 * len(drawn), 3.7, title)
+        grid = figure.subplots(1, len(drawn), squeeze=False).T
+    else:
+        figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
+        grid = figure.subplots(
+            len(drawn), len(cuts), squeeze=False, width_ratios=shares
+        )
+    for row, what in zip(grid, drawn, strict=True):
+        label, _, scale = _WHAT[what]
+        every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
+        ends = (
+            (float(np.nanmin(every)), float(np.nanmax(every)))
+            if np.isfinite(every).any()
+            else (0.0, 1.0)
+        )
+        for ax, cut, share in zip(row, cuts, shares, strict=True):
+            slice_of_cell(ax, design, cut, what, ends).locator_params(
+                "x", nbins=round(2 + 2 * share)
+            )
+        label = f"{label}, {design.task.unit}" if what == "limit_margin" else label
+        figure.colorbar(
+            row[0].collections[0], ax=list(row), shrink=0.9, aspect=30
+        ).set_label(label, color=INK)
+    return figure

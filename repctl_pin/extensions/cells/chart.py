@@ -1,0 +1,239 @@
+r"""Chart of the configurations over a cell: coordinates (u, s) of configurations, with u the pose
+and s the position along the self-motion of that pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...solvers import newton_rows
+from .cell import Cell
+from .chart_solve import compiled_chain
+from .kinematics import placed, solved
+from .monomials import Monomials
+
+_STEP = 0.3
+"""Longest Newton step of any joint, rad or m."""
+
+_ITERATIONS = 12
+_EXACT = 1e-11
+
+
+class Goals(NamedTuple):
+    """What the equations of a chart require at K poses, from :meth:`Chart.goals`.
+
+    Attributes
+    ----------
+    q_ref, n_ref : (K, n) and (K, n, r) arrays
+        Reference configurations, and reference null-space bases.
+    p, R : (K, 3) and (K, 3, 3) arrays
+        Positions, m, and rotation matrices.
+    """
+
+    q_ref: Array
+    n_ref: Array
+    p: Array
+    R: Array
+
+    def at(self, rows: NDArray[Any] | slice) -> Goals:
+        """Select poses by their indices, by a mask (K,) or by a slice."""
+        return Goals(*(each[rows] for each in self))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Chart:
+    r"""Coordinates (u, s) of configurations: ``f(q) = x(u)``, ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
+
+    u are the coordinates of the pose in the cell. The label s (r,) selects one configuration on the
+    self-motion manifold of that pose. q_ref and n_ref are polynomials in u that approximate a
+    configuration of the pose, and the null space there. The approximation does not affect the
+    accuracy of q, because both equations are solved exactly by Newton's method.
+
+    Attributes
+    ----------
+    cell : Cell
+    monomials : Monomials
+        Monomials of u in which q_ref and n_ref are written.
+    coefficients : (N, n, 1 + r) array
+        Coefficients of q_ref, ``[..., 0]``, and of the columns of n_ref, ``[..., 1:]``.
+    """
+
+    cell: Cell
+    monomials: Monomials
+    coefficients: Array
+
+    def reference(self, U: Array) -> tuple[Array, Array]:
+        """Evaluate q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
+        both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
+        return both[:, :, 0], both[:, :, 1:]
+
+    def slopes(self, U: Array) -> tuple[Array, Array]:
+        """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k)."""
+        monomials, coefficients = self._differentiated
+        values = monomials.values(U)
+        both = (values @ coefficients.reshape(len(coefficients), -1)).reshape(
+            len(U), *coefficients.shape[1:]
+        )
+        return both[:, :, 0], both[:, :, 1:]
+
+    @cached_property
+    def _differentiated(self) -> tuple[Monomials, Array]:
+        """Monomials of one degree less, and coefficients (N', n, 1 + r, k) of the derivatives of
+        q_ref and n_ref with respect to u in these monomials."""
+        return self.monomials.differentiated(self.coefficients)
+
+    def goals(self, U: Array) -> Goals:
+        """Evaluate the references and the placements at the coordinates U (K, k)."""
+        return Goals(*self.reference(U), *self.cell.placements(U))
+
+    def solve(
+        self,
+        U: Array,
+        s: Array,
+        Q: Array | None = None,
+        *,
+        goals: Goals | None = None,
+        iterations: int = _ITERATIONS,
+    ) -> Points:
+        """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.
+
+        Parameters
+        ----------
+        U, s : (K, k) and (K, r) arrays
+            Poses, in coordinates of the cell, and labels.
+        Q : (K, n) array, optional
+            Initial configurations; by default q_ref + n_ref s.
+        goals
+            Result of :meth:`goals` at U, if it is known.
+        iterations
+            Maximum number of Newton steps.
+
+        Returns
+        -------
+        Points
+            The configurations and their kinematics; ``found`` is False where the method did not
+            converge.
+        """
+        cell = self.cell
+        q_ref, n_ref, p_goal, R_goal = self.goals(U) if goals is None else goals
+        if Q is None:
+            Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
+        fast = compiled_chain(cell.task)
+        if fast is not None:
+            Q, R, J, residual, size = fast.solved(
+                (p_goal, R_goal),
+                (q_ref, n_ref, s),
+                Q,
+                iterations=iterations,
+                longest=_STEP,
+                tolerance=_EXACT,
+            )
+            found = (size < 1e-6) & (residual < 1e-9)
+            return Points(U, Q, R, J, q_ref, n_ref, residual, found)
+
+        def correction(Q: Array, on: NDArray[np.intp]) -> Array:
+            p, R, J = placed(cell.task, Q)
+            e = cell.errors(p_goal[on], R_goal[on], p, R)
+            g = s[on] - np.einsum("Knr,Kn->Kr", n_ref[on], Q - q_ref[on])
+            J_V = np.concatenate([J, np.swapaxes(n_ref[on], 1, 2)], axis=1)
+            return solved(J_V, np.concatenate([e, g], axis=1))
+
+        Q, size = newton_rows(
+            correction, Q, longest=_STEP, tolerance=_EXACT, iterations=iterations
+        )
+        p, R, J = placed(cell.task, Q)
+        e = cell.errors(p_goal, R_goal, p, R)
+        found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
+        return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
+
+    def derivative(
+        self, at: Points, ds: Array, E: Array | None = None
+    ) -> tuple[Array, Array]:
+        r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
+
+        The derivative ∂ with respect to u follows from the two equations of the chart:
+
+        .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
+                  \partial s + n_{ref}^T \partial q_{ref}
+                  - (\partial n_{ref}^T)(F - q_{ref}) \end{bmatrix}
+
+        Parameters
+        ----------
+        at
+            Configurations, from :meth:`solve`.
+        ds : (K, r, k) array
+            ∂s/∂u.
+        E : (K, m, k + l) array, optional
+            Result of :meth:`Cell.twists` at the configurations, if it is known.
+
+        Returns
+        -------
+        dF : (K, n, k + l) array
+            ∂F/∂u, s(u) included. The last l columns are for the coordinates that symmetries remove
+            from u, see :attr:`Cell.along`.
+        B : (K, n, r) array
+            ∂F/∂s at constant u.
+        """
+        m = self.cell.task.m
+        dq, dn = self.slopes(at.U)
+        below = (
+            ds
+            + np.einsum("Knr,Knk->Krk", at.n_ref, dq)
+            - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
+        )
+        n_T, r = np.swapaxes(at.n_ref, 1, 2), below.shape[1]
+        below = np.concatenate([below, n_T @ self.cell.along], axis=2)
+        J_V = np.concatenate([at.J, n_T], axis=1)
+        E = self.cell.twists(at.U, at.R) if E is None else E
+        onto = np.zeros((len(J_V), m + r, r))
+        onto[:, m:] = np.eye(r)
+        both = solved(
+            J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2)
+        )
+        return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Points:
+    """Configurations that solve the equations of a chart at K poses, and the kinematics there.
+
+    Attributes
+    ----------
+    U, Q : (K, k) and (K, n) arrays
+        Poses, in coordinates of the cell, and configurations.
+    R, J : (K, 3, 3) and (K, m, n) arrays
+        Rotation of the frame, and Jacobian, at Q.
+    q_ref, n_ref : (K, n) and (K, n, r) arrays
+        Reference configuration and reference null-space basis of the chart at U.
+    residual : (K,) array
+        Largest entry of the task error, m or rad.
+    found : (K,) array of bool
+        True if Newton's method converged to a solution.
+    """
+
+    U: Array
+    Q: Array
+    R: Array
+    J: Array
+    q_ref: Array
+    n_ref: Array
+    residual: Array
+    found: NDArray[np.bool_]
+
+    def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
+        """Return the points with the given indices, or at which a mask is True."""
+        return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
+
+    def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
+        """Return a copy in which the points with the given indices are those of ``other``."""
+        arrays = {name: values.copy() for name, values in vars(self).items()}
+        for name, values in arrays.items():
+            values[at] = getattr(other, name)
+        return Points(**arrays)

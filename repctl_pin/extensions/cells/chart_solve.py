@@ -1,0 +1,112 @@
+"""Batched kinematics and Newton's method of a chart in the native library (chart_solve.c)."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array
+from ...model.joint_chain import native_chain
+from ...model.task import Task
+from ...native import library
+
+_MOST = 32
+"""Maximum number of joints that chart_solve.c supports."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledChain:
+    """Kinematic chain of a task in C, and calls of the functions of chart_solve.c with it."""
+
+    m: int
+    library: ctypes.CDLL
+    chain: ctypes.Structure
+    memory: list[Any]
+
+    def placed(self, Q: Array) -> tuple[Array, Array, Array]:
+        """Evaluate positions (K, 3), rotations (K, 3, 3) and J (K, m, n) at Q (K, n)."""
+        K, n = Q.shape
+        found = np.empty((K, 3)), np.empty((K, 3, 3)), np.empty((K, self.m, n))
+        self._run("chart_place", K, Q, *found)
+        return found
+
+    def solved(
+        self,
+        goal: tuple[Array, Array],
+        chart: tuple[Array, Array, Array],
+        Q: Array,
+        *,
+        iterations: int,
+        longest: float,
+        tolerance: float,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
+
+        Parameters
+        ----------
+        goal : (K, 3) and (K, 3, 3) arrays
+            Positions, m, and rotations of the target poses.
+        chart : (K, n), (K, n, r) and (K, r) arrays
+            q_ref, n_ref and s.
+        Q : (K, n) array
+            Initial configurations.
+        iterations, longest, tolerance
+            See :func:`repctl_pin.solvers.newton_rows`.
+
+        Returns
+        -------
+        Q, R, J : (K, n), (K, 3, 3) and (K, m, n) arrays
+            Configurations, and rotations and Jacobians there.
+        residual, size : (K,) arrays
+            Largest entry of the task error, and of the last step.
+        """
+        K, n = Q.shape
+        Q = np.array(Q, float, order="C")
+        R, J = np.empty((K, 3, 3)), np.empty((K, self.m, n))
+        residual, size = np.empty(K), np.empty(K)
+        limits = (
+            ctypes.c_int(iterations),
+            ctypes.c_double(longest),
+            ctypes.c_double(tolerance),
+        )
+        self._run("chart_solve", K, *goal, *chart, *limits, Q, R, J, residual, size)
+        return Q, R, J, residual, size
+
+    def _run(self, name: str, count: int, *given: Any) -> None:
+        kept = [
+            np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x
+            for x in given
+        ]
+        pointers = (
+            ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x
+            for x in kept
+        )
+        self.library[name](ctypes.byref(self.chain), ctypes.c_long(count), *pointers)
+
+
+_known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = (
+    weakref.WeakKeyDictionary()
+)
+
+
+def compiled_chain(task: Task) -> CompiledChain | None:
+    """Return the compiled chain of a task, cached per task.
+
+    None if there is no native library, or it does not support the task: more than 32 joints, or
+    transformed joint coordinates.
+    """
+    if task not in _known:
+        _known[task] = _made(task)
+    return _known[task]
+
+
+def _made(task: Task) -> CompiledChain | None:
+    native = library()
+    if native is None or task.n > _MOST or task.coordinates is not None:
+        return None
+    chain = native_chain(task)
+    return None if chain is None else CompiledChain(task.m, native, *chain)

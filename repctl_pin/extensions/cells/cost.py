@@ -1,0 +1,357 @@
+r"""Cost of a candidate for the inverse function over a cell, and its minimisation.
+
+The cost is the mean distance of ∂F/∂x from G_d, plus penalties on small margins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ...solvers import Damping, Point, Step, levenberg_marquardt
+from ...strategies.strategy import Inverse
+from .chart import Chart, Points
+from .margins import Margin
+from .monomials import Monomials
+
+_DIFFERENCE = 1e-5
+"""Step of the label s, rad, in central differences of the residual along the self-motion."""
+
+_MOST = 30
+_ENOUGH = 1e-4
+
+_REGULAR = 1e-10
+"""Minimum damping, relative to the diagonal of H."""
+
+_RULES = Damping()
+"""Parameters of the damping: a step that does not lower the cost is computed again with more
+damping."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Value:
+    """The cost at given coefficients, with the configurations at which it was evaluated.
+
+    ∂F = ∂F/∂u, E = ∂x/∂u and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
+
+    Attributes
+    ----------
+    cost : float
+        ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``. The outer sum is over the
+        kinds of margins, and each mean over the poses at which that kind is penalised. Infinite if
+        the function does not exist at some pose.
+    nearness : float
+        ``mean ‖(∂F − G_d E) C‖_F²``, the distance from G_d.
+    desired_square : float
+        ``mean ‖G_d E C‖_F²``. If G_d is J⁺, the extra joint speed is about
+        ½ nearness / desired_square.
+    points : Points
+        Configurations of the function at the nodes and penalised poses.
+    ds : (K, r, k) array
+        ∂s/∂u there.
+    """
+
+    cost: float
+    nearness: float
+    desired_square: float
+    points: Points
+    ds: Array
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Penalty:
+    """A kind of margin that the cost penalises, and the poses at which it does.
+
+    Attributes
+    ----------
+    margin : Margin
+        The kind of margin, such as joint limits.
+    U : (L, k) array
+        Poses at which the margin is penalised.
+    asked : (L,) array
+        Value of the margin, at each of these poses, below which it is penalised.
+    """
+
+    margin: Margin
+    U: Array
+    asked: Array
+
+
+class Cost:
+    r"""``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
+    T_t(u)``.
+
+    The unknowns are the coefficients a of the label s(u) in the monomials T_t of the cell's
+    coordinates u. A cell may have fewer coordinates than the task, so ∂F/∂x is replaced by ∂F/∂u C
+    with ``C = (EᵀE)^(−1/2)`` and E = ∂x/∂u, in joint speed per unit of task speed.
+
+    Parameters
+    ----------
+    desired
+        G_d.
+    chart
+        The chart in which the function is written.
+    terms
+        The monomials T.
+    U : (K, k) array
+        Nodes over which the mean is taken.
+    kept
+        Penalties on margins.
+    weight
+        Weight of the penalties.
+    """
+
+    def __init__(
+        self,
+        desired: Inverse,
+        chart: Chart,
+        terms: Monomials,
+        U: Array,
+        kept: Sequence[Penalty] = (),
+        *,
+        weight: float = 0.0,
+    ) -> None:
+        self.desired, self.chart, self.terms, self.weight = (
+            desired,
+            chart,
+            terms,
+            weight,
+        )
+        self.U, self.inner = (
+            np.concatenate([U, *(part.U for part in kept)]),
+            slice(len(U)),
+        )
+        ends = np.cumsum([len(U), *(len(part.U) for part in kept)])
+        self.kept = [
+            (part, slice(a, b))
+            for part, a, b in zip(kept, ends, ends[1:], strict=False)
+            if b > a
+        ]
+        self.T = terms.values(self.U)  # (K, N)
+        self.dT = terms.slopes(self.T)  # (K, N, k)
+        self.C = chart.cell.speeds(U)  # (inner, k + l, k + l)
+        self.goals = chart.goals(self.U)
+        self.r = chart.cell.task.r
+        self._last: Array | None = None
+
+    def value(self, a: Array) -> Value:
+        """Evaluate the cost at coefficients a (N, r), with the function's configurations."""
+        s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
+        points = self.chart.solve(self.U, s, self._last, goals=self.goals)
+        if not points.found.all():
+            points = self.chart.solve(self.U, s, goals=self.goals)
+        if not points.found.all():
+            return Value(np.inf, np.inf, np.nan, points, ds)
+        residual, _, desired_square = self._residual(
+            points.chosen(self.inner), ds[self.inner]
+        )
+        nearness = float((residual**2).sum() / len(residual))
+        if not np.isfinite(nearness):
+            return Value(np.inf, np.inf, np.nan, points, ds)
+        self._last = points.Q
+        hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
+        penalty = self.weight * sum(
+            float((hinge**2).sum() / len(hinge)) for hinge in hinges
+        )
+        return Value(
+            nearness + penalty,
+            nearness,
+            float((desired_square**2).sum() / len(desired_square)),
+            points,
+            ds,
+        )
+
+    def model(self, at: Value) -> tuple[Array, Array]:
+        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
+
+        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node depends
+        on a only through s and ∂s/∂u at that node. It is linear in ∂s/∂u, with the matrix B =
+        ∂F/∂s. The derivative with respect to s is taken by central differences. A margin depends on
+        s only."""
+        chart, r = self.chart, self.chart.cell.task.r
+        points, ds = at.points.chosen(self.inner), at.ds[self.inner]
+        residual, B, _ = self._residual(points, ds)
+        K, n, k = (
+            residual.shape
+        )  # here k counts the coordinates removed by a symmetry, too
+        s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
+        M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
+        goals = self.goals.at(self.inner)
+        for j in range(r):
+            step = _DIFFERENCE * np.eye(r)[j]
+            ends = [
+                chart.solve(
+                    points.U,
+                    s + w * step,
+                    points.Q + w * B @ step,
+                    goals=goals,
+                    iterations=3,
+                )
+                for w in (1.0, -1.0)
+            ]
+            up, down = (self._residual(end, ds)[0] for end in ends)
+            M[:, :, :, j, 0] = (up - down) / (2 * _DIFFERENCE)
+        for c in range(k):
+            M[:, :, c, :, 1 + c] = B
+        flat = M.reshape(K, n * k, r * (1 + k))
+        gram = np.zeros((len(self.U), r * (1 + k), r * (1 + k)))
+        slope = np.zeros((len(self.U), r * (1 + k)))
+        gram[self.inner] = np.swapaxes(flat, 1, 2) @ flat / K
+        slope[self.inner] = (
+            np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
+        )
+        features = np.zeros((len(self.U), 1 + k, self.T.shape[1]))
+        features[:, 0] = self.T
+        features[self.inner, 1:] = np.swapaxes(
+            self.dT[self.inner] @ self.C[:, : chart.cell.k], 1, 2
+        )
+        at_s = np.arange(r) * (1 + k)
+        for part, where in self.kept:
+            there = at.points.chosen(where)
+            hinge = _hinge(part, there.Q)
+            onto = chart.derivative(there, at.ds[where])[1]
+            D = (
+                -part.margin.slopes(there.Q, onto) * (hinge > 0)[:, :, None]
+            )  # ∂hinge/∂s
+            share = self.weight / len(hinge)
+            gram[where, at_s[:, None], at_s] = share * np.swapaxes(D, 1, 2) @ D
+            slope[where, at_s] = share * np.einsum("KPr,KP->Kr", D, hinge)
+        gradient = 2 * np.einsum(
+            "KpN,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
+        )
+        L = np.linalg.cholesky(
+            gram
+            + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(gram.shape[1])
+        )
+        return gradient.ravel(), 2 * _products(features, L, r)
+
+    def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
+        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), ∂F/∂s (K, n, r), and ``G_d E C``
+        (K, n, k + l)."""
+        E = self.chart.cell.twists(points.U, points.R)
+        dF, B = self.chart.derivative(points, ds, E)
+        desired_square = self.desired.batch(points.Q, points.J) @ E @ self.C
+        return dF @ self.C - desired_square, B, desired_square
+
+
+def _products(features: Array, L: Array, r: int) -> Array:
+    """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
+
+    ``features`` (K, 1 + k, N) are the same for each of the r labels. The factors L (K, r (1 + k),
+    r (1 + k)) are lower triangular, so the rows of label j have entries in the first j + 1 of r
+    blocks only; the products leave out the others.
+    """
+    p, N = features.shape[1:]
+    rows = []
+    for j in range(r):
+        block = np.swapaxes(L[:, j * p : (j + 1) * p, : (j + 1) * p], 1, 2)
+        rows.append(block @ features)  # (K, (j + 1) (1 + k), N)
+    H = np.empty((N, r, N, r))
+    for i in range(r):
+        whole = rows[i].reshape(-1, N)
+        for j in range(i, r):
+            part = whole if j == i else rows[j][:, : (i + 1) * p].reshape(-1, N)
+            H[:, i, :, j] = whole.T @ part
+            H[:, j, :, i] = H[:, i, :, j].T
+    return H.reshape(N * r, N * r)
+
+
+def _hinge(part: Penalty, Q: Array) -> Array:
+    """Evaluate ``max(0, asked − margin)`` (L, P) at the configurations Q (L, n) of a penalty."""
+    return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Descent:
+    """Result of a minimisation of the cost.
+
+    Attributes
+    ----------
+    a : (N, r) array
+        Final coefficients.
+    value : Value
+        The cost at a.
+    start : float
+        The cost at the initial coefficients.
+    steps : int
+        Number of steps.
+    """
+
+    a: Array
+    value: Value
+    start: float
+    steps: int
+
+
+def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
+    """Minimise the cost from coefficients a (N, r) by the Levenberg–Marquardt method.
+
+    Parameters
+    ----------
+    cost
+        The cost.
+    a
+        Initial coefficients; the function must exist there at every node.
+    enough
+        Relative change of the cost in a step below which the iteration ends.
+    """
+    found = levenberg_marquardt(
+        _Problem(cost), a, _RULES, steps=_MOST, tolerance=enough
+    )
+    return Descent(found.at.x, found.at.data, found.start, found.steps)
+
+
+class _Problem:
+    """The cost as a problem for :func:`levenberg_marquardt`, with D = diag H."""
+
+    def __init__(self, cost: Cost) -> None:
+        self.cost = cost
+
+    def evaluate(self, x: Array) -> Point[Value]:
+        """Evaluate the cost at x, with the values that :meth:`model` needs; infinite if the
+        function does not exist at some node."""
+        value = self.cost.value(x)
+        return Point(value.cost, value.cost, True, value, x)
+
+    def merit(self, x: Array) -> float:
+        """Evaluate the cost alone, as a number."""
+        return self.cost.value(x).cost
+
+    def model(self, at: Point[Value]) -> tuple[Array, Array, Array]:
+        """Evaluate the gradient (N r,), the Gauss–Newton Hessian (N r, N r), and the scaling
+        (N r,)."""
+        gradient, H = self.cost.model(at.data)
+        return gradient, H, _scaling(H)
+
+    def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
+        """Solve ``(H + μ D) dx = −g`` with μ = ``damping``."""
+        gradient, H, scale = model
+        matrix = H + np.diag((damping + _REGULAR) * scale)
+        dx = -np.asarray(np.linalg.solve(matrix, gradient), float)
+        predicted = -0.5 * float(gradient @ dx)
+        return Step(dx.reshape(-1, self.cost.r), predicted, damping)
+
+
+def _scaling(H: Array) -> Array:
+    """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0."""
+    diagonal = np.diag(H)
+    return diagonal + 1e-12 * diagonal.max()
+
+
+def predicted_gain(cost: Cost, a: Array) -> float:
+    """Predict the relative decrease of the cost by a Gauss–Newton step from coefficients
+    a (N, r).
+
+    Return infinity if the function does not exist at some node.
+    """
+    value = cost.value(a)
+    if not np.isfinite(value.cost):
+        return np.inf
+    gradient, H = cost.model(value)
+    step = np.linalg.solve(H + np.diag(_REGULAR * _scaling(H)), gradient)
+    return float(0.5 * gradient @ step / value.cost)

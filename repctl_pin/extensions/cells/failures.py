@@ -1,0 +1,181 @@
+"""Reasons why an inverse function fails at poses of a cell: out of reach, singularity, joint limit,
+fold, collision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ...redundancy.inverses import inverse_condition_number
+from .cell import Cell
+from .kinematics import placed
+from .posture_search import reached
+from .sector import Sector
+
+_SHORT = 1e-6
+_SPARSE = 24
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class FailureReason:
+    """One reason why a function fails, at its worst pose.
+
+    Attributes
+    ----------
+    cause : str
+        ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
+    share : float
+        Fraction of the sampled poses that fail for this reason.
+    u : (k,) array
+        Worst pose, in all coordinates u of the cell (those of :attr:`Cell.whole`).
+    what : str
+        Message.
+    """
+
+    cause: str
+    share: float
+    u: Array
+    what: str
+
+    def __str__(self) -> str:
+        return self.what
+
+
+def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
+    """Make the failure that states the joint and the pose of the largest joint-limit violation.
+
+    Q (K, n) are the configurations at the poses U (K, k). ``share`` is the fraction of the sampled
+    poses that violate a limit. Return None if no configuration violates one.
+    """
+    task = cell.task
+    margin = cell.limit_margin(Q)
+    broken = margin.min(axis=1, initial=np.inf) < 0
+    if not broken.any():
+        return None
+    at, joint = np.unravel_index(int(np.argmin(margin)), margin.shape)
+    unit = "rad" if task.revolute[joint] else "m"
+    by = f"{-margin[at, joint]:.2g} {unit}"
+    what = f"at {cell.where(U[at])}, {task.joint_names[joint]} is {by} beyond its limit"
+    return FailureReason("limit", share, cell._lifted(U[at]), what)
+
+
+def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
+    """Make the failures of poses at which the function has no configuration.
+
+    If Newton's method reaches a pose from some configuration, a singularity lies between the middle
+    of the cell and the pose. Otherwise the pose is out of reach. Up to 24 poses are tested.
+
+    Parameters
+    ----------
+    cell
+        The cell.
+    U : (K, k) array
+        Poses at which the function has no configuration.
+    near : (L, n) array
+        Initial configurations of Newton's method.
+    share
+        Fraction of the sampled poses at which the function has no configuration.
+
+    Returns
+    -------
+    list of FailureReason
+        At most one for reach and one for singularity; empty if there are no poses.
+    """
+    if not len(U):
+        return []
+    some = U[np.linspace(0, len(U) - 1, min(_SPARSE, len(U))).astype(int)]
+    shortfall, spans = np.empty(len(some)), np.empty(len(some))
+    for i, u in enumerate(some):
+        Q, left = reached(cell, near, u, iterations=40)
+        best = int(np.argmin(left))
+        shortfall[i] = left[best]
+        spans[i] = inverse_condition_number(placed(cell.task, Q[best][None])[2][0])
+    short = shortfall > _SHORT
+    failures = []
+    if short.any():
+        at = int(np.argmax(shortfall))
+        where = cell.where(some[at])
+        what = f"the pose {where} is out of reach (task error {shortfall[at]:.2g}, in m and rad)"
+        failures.append(
+            FailureReason(
+                "reach", share * float(short.mean()), cell._lifted(some[at]), what
+            )
+        )
+    if not short.all():
+        at = int(np.argmin(np.where(short, np.inf, spans)))
+        where = cell.where(some[at])
+        what = (
+            f"between the middle of the cell and {where} the arm passes a singularity"
+        )
+        failures.append(
+            FailureReason(
+                "singularity",
+                share * float((~short).mean()),
+                cell._lifted(some[at]),
+                what,
+            )
+        )
+    return failures
+
+
+def folded(cell: Cell, U: Array, share: float) -> FailureReason | None:
+    """Make the failure that the function folds at poses U (K, k); None if there are no poses.
+
+    At a fold the leaf margin goes through 0. ``share`` is the fraction of the sampled poses beyond
+    a fold.
+    """
+    if not len(U):
+        return None
+    what = (
+        f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
+    )
+    return FailureReason("fold", share, cell._lifted(U[0]), what)
+
+
+def touching(
+    cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float
+) -> FailureReason | None:
+    """Make the failure that two links collide, from body distances (K,), m, at poses U (K, k).
+
+    ``links`` are the links with the smallest distance, ``share`` is the fraction of the sampled
+    poses with a collision. Return None if no distance is below 0.
+    """
+    touch = distances < 0
+    if not touch.any():
+        return None
+    at = int(np.argmin(distances))
+    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} collide"
+    return FailureReason("collision", share, cell._lifted(U[at]), what)
+
+
+def round_the_base(cell: Cell) -> str:
+    """Return a text which says that the cell contains the axis of the arm's first joint.
+
+    Return an empty text if it does not, if the first joint is prismatic, or if the cell is a
+    sector.
+    """
+    task = cell.task
+    turning = np.flatnonzero(task.revolute)
+    if isinstance(cell, Sector) or not len(turning) or turning[0] != 0:
+        return ""
+    q = np.array(task.reference)
+    point, axis = task.joint_origins(q)[0], task.axes(q)[0]
+    rows, w = task.rows[: len(cell.half_width)], cell.half_width
+    low, high = -np.inf, np.inf  # the part of the line point + t axis inside the slabs
+    for row, width in zip(rows, w, strict=True):
+        away, slope = cell.placement.translation[row] - point[row], axis[row]
+        if abs(slope) < 1e-9:
+            if abs(away) > width:
+                return ""
+            continue
+        ends = sorted(((away - width) / slope, (away + width) / slope))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    if low > high:
+        return ""
+    return (
+        f"the cell contains the axis of {task.joint_names[0]}, and no single-valued function "
+        "exists all the way around the base; place the cell on one side of that axis"
+    )

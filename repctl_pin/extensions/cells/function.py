@@ -1,0 +1,292 @@
+"""Inverse kinematic function over a cell: the same configuration for the same pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...arguments import (
+    Array,
+    as_configurations,
+    as_int,
+    as_matrices,
+    as_numbers,
+    require_choice,
+    vector,
+)
+from ...errors import InputError
+from ...model.chain_formulas import Placement, as_placement
+from ...model.task import Task
+from ...redundancy import leaf_margin
+from ...strategies import RepeatableInverse
+from ...threads import PerThread
+from .cell import Cell
+from .cell_potentials import CellPotentials
+from .chart import Chart
+from .fast_function import OutsideError, evaluation
+from .kinematics import null_bases, placed
+from .targets import as_poses, homogeneous
+
+MOST_THREADS = 256
+_MARCH = 0.05
+_LEAST = 0.1
+"""Leaf margin at which the intervals of :meth:`InverseFunction.leaves` end."""
+
+
+class InverseFunction:
+    """``q = F(x; c)``, Baker and Wampler's inverse kinematic function, over a cell of the
+    workspace.
+
+    It needs no initial configuration and no history. The same pose gives the same configuration,
+    which changes smoothly with the pose. F solves ``f(F(x)) = x`` and
+    ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``; c selects the leaf, by default c = 0.
+
+    Several threads may use one object at the same time.
+
+    Parameters
+    ----------
+    chart
+        The chart, with q_ref and n_ref.
+    keep_limits : bool
+        Check the joint limits on the leaf c = 0, too; not needed if no configuration of that leaf
+        violates one in the cell. On other leaves they are always checked.
+
+    Raises
+    ------
+    InputError
+        If it is evaluated outside the cell, or a configuration violates a joint limit that is
+        checked.
+
+    Examples
+    --------
+    >>> F = found.function
+    >>> q = F(task.placement(q0))  # rad
+    >>> np.allclose(task.placement(q).translation, task.placement(q0).translation)
+    True
+    """
+
+    def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
+        self.chart, self.keep_limits = chart, keep_limits
+        self._evaluate = PerThread(partial(evaluation, chart))
+
+    @property
+    def cell(self) -> Cell:
+        """The cell over which the function is defined."""
+        return self.chart.cell.whole
+
+    @property
+    def task(self) -> Task:
+        """The task whose forward kinematics the function inverts."""
+        return self.chart.cell.task
+
+    def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate F: the configuration (n,) for a pose of the cell.
+
+        Parameters
+        ----------
+        target : pinocchio.SE3 or (4, 4) array
+            Pose x of the frame.
+        leaf : (r,) array, optional
+            Leaf c, by default 0. Other values move the arm along its self-motion, see
+            :meth:`leaves`.
+
+        Raises
+        ------
+        InputError
+            If the target lies outside the cell or is no rigid transform, or F has no configuration
+            inside the limits there.
+        """
+        if not isinstance(target, pin.SE3):
+            target = as_placement(target)
+        try:
+            c = None if leaf is None else self._leaf(leaf)
+            q = self._evaluate.own(target, c)
+        except (OutsideError, AttributeError, TypeError):
+            u = self.cell.coordinates_of(target)  # says what is wrong with the target
+            raise InputError(
+                f"no configuration exists on this leaf at {self.cell.where(u)}"
+            ) from None
+        checked = self.keep_limits or (c is not None and c.any())
+        if checked and self.task.limit_margin(q).min() < 0:
+            raise self._beyond(q, target)
+        return q
+
+    def batch(
+        self,
+        targets: Sequence[Placement] | Array,
+        *,
+        leaf: ArrayLike | None = None,
+        missing: Literal["raise", "nan"] = "raise",
+        threads: int = 1,
+    ) -> Array:
+        """Evaluate F at many targets: (K, n).
+
+        Parameters
+        ----------
+        targets : list of placements, or (K, 4, 4), (K, 7) or (K, k) array
+            Placements; homogeneous matrices; positions, m, with quaternions, ``x, y, z, qx, qy, qz,
+            qw``; or coordinates U of the cell.
+        leaf : (r,) or (K, r) array, optional
+            Leaf c, by default 0: one for all targets, or one for each target.
+        missing : "raise" or "nan"
+            Result for a target outside the cell or without a configuration: an error, or a row of
+            NaN.
+        threads
+            Number of threads of a compiled function; this one uses a single thread.
+
+        Raises
+        ------
+        InputError
+            If a target is outside the cell, has no configuration, or its rotation matrix is not a
+            rotation. The message names the target by its number, counted from 0.
+        """
+        cell, threads = self.cell, as_int(threads, "threads", 1, MOST_THREADS)
+        require_choice(missing, ("raise", "nan"), "missing")
+        U, off = self._coordinates(targets)
+        c = self._leaves(leaf, len(U))
+        if missing == "raise":
+            return self._batch(cell.inside(U, off), c, threads)
+        Q, good = np.full((len(U), self.task.n), np.nan), cell._contains(U, off)
+        Q[good] = self._batch(U[good], c[good], threads, missing=True)
+        return Q
+
+    def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
+        """Compute the pose x of each configuration, and its leaf c, so that ``F(x; c) = q``.
+
+        ``c = n_ref(x)ᵀ (q − q_ref(x))``. Far from the function, several configurations have the
+        same pose and leaf; F then returns only one of them.
+
+        Parameters
+        ----------
+        Q : (K, n) array
+            Configurations, rad or m.
+
+        Returns
+        -------
+        X : (K, 4, 4) array
+            Homogeneous matrices of the frame.
+        C : (K, r) array
+            Leaves c; NaN where the pose lies outside the cell.
+
+        Raises
+        ------
+        InputError
+            If Q is not an array (K, n) of numbers.
+        """
+        Q = as_configurations(Q, self.task.n, "this function")
+        p, R, _ = placed(self.task, Q)
+        good = self.cell._contains(*self.cell.coordinates(p, R))
+        C = np.where(good[:, None], CellPotentials(self.chart).values(Q), np.nan)
+        return homogeneous(p, R), C
+
+    def _batch(
+        self, U: Array, C: Array, threads: int, *, missing: bool = False
+    ) -> Array:
+        """Evaluate F (K, n) at coordinates U (K, k) inside the cell, on the leaves C (K, r).
+
+        With ``missing``, rows without a configuration are NaN; otherwise they raise an InputError.
+        """
+        cell = self.cell
+        reduced, shift = self.chart.cell._split(U)
+        points = self.chart.solve(reduced, C)
+        Q = points.Q + shift
+        if not points.found.all() and not missing:
+            at = int(np.argmin(points.found))
+            raise InputError(
+                f"target {at}: no configuration exists on this leaf at {cell.where(U[at])}"
+            )
+        broken = self.task.limit_margin(Q).min(axis=1, initial=np.inf) < 0
+        broken &= self.keep_limits | C.any(axis=1)
+        if broken.any() and not missing:
+            at = int(np.argmax(broken))
+            raise InputError(f"target {at}: {self._beyond(Q[at], cell.at(U[at]))}")
+        Q[broken | ~points.found] = np.nan
+        return Q
+
+    def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate ∂F/∂x (n, m) at a target, the joint velocity per task velocity."""
+        return self.inverse(self(target, leaf=leaf))
+
+    @cached_property
+    def inverse(self) -> RepeatableInverse:
+        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
+        return RepeatableInverse(
+            self.task, CellPotentials(self.chart), region=self.cell
+        )
+
+    def leaves(self, target: Placement) -> Array:
+        """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
+
+        An interval ends at a joint limit, where the leaf margin falls to 0.1, or at ±π.
+        """
+        task, r = self.task, self.task.r
+        u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
+        U = np.tile(u, (2 * r, 1))
+        ways = np.concatenate([-np.eye(r), np.eye(r)])
+        done, step = np.zeros(2 * r), np.full(2 * r, _MARCH)
+        Q = np.tile(self(target) - shift[0], (2 * r, 1))
+        while ((step > 1e-9) & (done < np.pi)).any():
+            ahead = np.minimum(done + step, np.pi)
+            points = self.chart.solve(U, ahead[:, None] * ways, Q)
+            leaf = leaf_margin(null_bases(points.J, points.n_ref)[0], points.n_ref)
+            margin = task.limit_margin(points.Q + shift).min(axis=1)
+            good = points.found & (margin >= 0) & (leaf > _LEAST)
+            good &= np.abs(points.Q - Q).max(axis=1) < 1.0
+            Q[good], done[good] = points.Q[good], ahead[good]
+            step[~good] /= 2
+        return np.stack([-done[:r], done[r:]], axis=1)
+
+    def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
+        """Convert targets to coordinates U (K, k), and to their deviations (K,) from the cell in
+        the coordinates of width 0."""
+        if (
+            isinstance(targets, np.ndarray)
+            and targets.ndim != 3
+            and targets.shape[-1:] != (7,)
+        ):
+            (U,) = as_matrices(
+                ("coordinates of this cell", targets, f"K {self.cell.k}"),
+                exact=True,
+                finite=False,
+            )
+            return U, np.zeros(len(U))
+        return self.cell.coordinates(*as_poses(self.task, targets))
+
+    def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
+        """Convert the argument ``leaf``, (r,), (K, r) or None, to one leaf per target (K, r)."""
+        array = None if leaf is None else as_numbers(leaf)
+        if array is not None and array.ndim == 2:
+            form = f"{count} {self.task.r}"
+            (C,) = as_matrices(("the leaves", array, form), exact=True)
+            return C
+        c = np.zeros(self.task.r) if leaf is None else self._leaf(leaf)
+        return np.tile(c, (count, 1))
+
+    def _leaf(self, leaf: ArrayLike) -> Array:
+        array = as_numbers(leaf)
+        return vector(
+            leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c"
+        )
+
+    def _beyond(self, q: Array, target: pin.SE3) -> InputError:
+        joint = int(np.argmin(self.task.limit_margin(q)))
+        where = self.cell.where(self.cell.coordinates_of(target))
+        name = self.task.joint_names[joint]
+        return InputError(
+            f"at {where}, {name} = {q[joint]:.4g} would be outside its limits"
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), keep_limits=self.keep_limits), (self.chart,)
+
+    def __repr__(self) -> str:
+        task = self.task
+        return (
+            f"<InverseFunction of {task.robot.name} {task.frame} "
+            f"over {self.cell.size()}>"
+        )

@@ -1,0 +1,302 @@
+"""Margins of a candidate function (distance from joint limits, body distance, σ_min of J), and a
+search of the cell for the poses of the smallest margins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...model.bodies import Bodies, bodies_of
+from ...model.task import Task
+from ...solvers import StepLengths, descend_in_box
+from .cell import Cell
+from .chart import Chart, Points
+from .monomials import Monomials
+
+_DIFFERENCE = 3e-4
+"""Factor of the direction in joint space that gives the step of central differences of a margin."""
+
+_ENDLESS = 1e6
+"""Value that replaces the infinite margin of a joint without limits in finite differences."""
+
+_NEARBY, _FAR, _APART = 12, 40, 0.06
+"""Number of leaves on either side of a configuration at which a larger margin is searched for, with
+``far=False`` and with ``far=True``; and the spacing of these leaves, rad."""
+
+_HALVINGS = 6
+"""Number of times that the spacing is halved around the leaf with the largest margin."""
+
+_LENGTHS = StepLengths(
+    first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25
+)
+"""Step lengths of the search for small margins, in coordinates u of the cell."""
+
+_JUMP = 1.0
+"""Change of a joint in one step of u, rad or m, from which on the step is taken for a jump to a
+different solution branch."""
+
+
+_TESTED, _AT_ONCE = 32, 8
+"""Numbers of configurations with overlapping convex hulls at which the bodies themselves are tested
+for collision: to estimate the fraction that collides, and per step in the search for the
+minimum."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A kind of margin, such as joint limits, with its required minimum.
+
+    Attributes
+    ----------
+    name : str
+        Display name.
+    measure : function (K, n) → (K, P)
+        Evaluates P margins at each of K configurations: the distance of each joint from its limit,
+        the body distance, or σ_min of J.
+    required : float
+        Required minimum of the margin.
+    slack : float
+        Fraction of the required minimum by which a margin may fall short without being penalised.
+    watched : int
+        Maximum number of poses at which the margin is checked.
+    starts : int
+        Maximum number of poses from which smaller margins are searched for.
+    violators : int
+        Maximum number of poses that one round of the penalty method adds. These numbers are smaller
+        for body distances, which take a hundred times as long to compute as joint limits.
+    """
+
+    name: str
+    measure: Callable[[Array], Array]
+    required: float
+    slack: float
+    watched: int
+    starts: int
+    violators: int
+
+    def least(self, at: Points) -> Array:
+        """Return the smallest of the P margins at each point (K,); infinite where the function does
+        not exist."""
+        return np.where(
+            at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf
+        )
+
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
+
+        ``at`` are points of the candidate function.
+        """
+        lowest = self.measure(at.Q).argmin(axis=1)
+        return self.slopes(at.Q, candidate.derivative(at))[
+            np.arange(len(lowest)), lowest
+        ]
+
+    def slopes(self, Q: Array, D: Array) -> Array:
+        """Evaluate the derivatives (K, P, p) of the P margins along p directions in joint space.
+
+        The directions at each configuration of Q (K, n) are the columns of D (K, n, p). Central
+        differences are used.
+        """
+        K, n, p = D.shape
+        step = _DIFFERENCE * np.swapaxes(D, 1, 2)
+        ends = [
+            np.minimum(
+                self.measure((Q[:, None] + w * step).reshape(K * p, n)), _ENDLESS
+            )
+            for w in (1.0, -1.0)
+        ]
+        return np.swapaxes((ends[0] - ends[1]).reshape(K, p, -1), 1, 2) / (
+            2 * _DIFFERENCE
+        )
+
+    def attainable(
+        self, chart: Chart, at: Points, *, far: bool = False, enough: float = np.inf
+    ) -> Array:
+        """Find the largest margin (K,) that self-motion attains at the poses of the given points.
+
+        The configurations of each pose on nearby leaves are compared, along each component of the
+        label s. The leaves lie within 0.7 rad of the points. With ``far`` they lie within 2.4 rad,
+        which for r = 1 covers the self-motion inside the limits. The step is 0.06 rad, and smaller
+        around the best leaf. At poses with a margin of at least ``enough``, no larger margin is
+        searched for.
+        """
+        r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
+        here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
+        s, goals = here.copy(), chart.goals(at.U)
+
+        def look(label: Array, Q: Array) -> None:
+            """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
+            update the best label of each pose if its margin is larger."""
+            on = np.flatnonzero(most < enough)
+            there = goals.at(on)
+            points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
+            least = np.where(points.found, self.least(points), -np.inf)
+            better, Q[on] = least > most[on], points.Q
+            rows = on[better]
+            most[rows], best[rows] = least[better], points.Q[better]
+            s[rows] = label[rows]
+
+        ways = np.concatenate([np.eye(r), -np.eye(r)])
+        for way in ways:
+            Q = at.Q.copy()
+            for i in range(1, (_FAR if far else _NEARBY) + 1):
+                look(here + i * _APART * way, Q)
+        for i in range(1, _HALVINGS + 1):
+            for way in ways:
+                look(s + 0.5**i * _APART * way, best.copy())
+        return most
+
+
+def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
+    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m."""
+    return Margin(
+        "joint limits",
+        limited.limit_margin,
+        required,
+        0.4,
+        watched=4096,
+        starts=48,
+        violators=96,
+    )
+
+
+def distances_of(task: Task, required: float = 0.0) -> Margin:
+    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m."""
+    distances = bodies_of(task).hull_distances
+    return Margin(
+        "bodies",
+        lambda Q: distances(Q)[:, None],
+        required,
+        0.25,
+        watched=256,
+        starts=4,
+        violators=16,
+    )
+
+
+def singular_values_of(task: Task, required: float = 0.0) -> Margin:
+    """Make the :class:`Margin` of singularities: σ_min of J."""
+
+    def measure(Q: Array) -> Array:
+        return np.asarray(
+            np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float
+        )
+
+    return Margin(
+        "singularities", measure, required, 0.25, watched=2048, starts=24, violators=96
+    )
+
+
+def lowest_distances(
+    bodies: Bodies, Q: Array, *, quick: bool = False
+) -> tuple[Array, float]:
+    """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
+
+    The smallest of the K distances equals that of :meth:`Bodies.distances`. Where the convex hulls
+    of bodies overlap, a collision test of the bodies themselves takes forty times as long as the
+    distance of the hulls. So it is done only for the deepest overlaps, until no untested one can be
+    a deeper collision, and for a sample of the overlaps, which gives the fraction. At untested
+    overlaps the distance is set to 0. A quick evaluation only tests the deepest overlaps.
+    """
+    hulls = bodies.hull_distances(Q)
+    overlap = np.flatnonzero(hulls < 0)
+    overlap = overlap[np.argsort(hulls[overlap])]
+    distances = np.maximum(hulls, 0.0)
+    if quick:
+        some = overlap = overlap[:_AT_ONCE]
+    else:
+        count = min(_TESTED, len(overlap))
+        some = overlap[np.linspace(0, len(overlap) - 1, count, dtype=int)]
+    distances[some] = bodies.distances(Q[some])
+    others = overlap[~np.isin(overlap, some)]
+    for start in range(0, len(others), _AT_ONCE):
+        rows = others[start : start + _AT_ONCE]
+        if distances.min() <= hulls[rows[0]]:
+            break
+        distances[rows] = bodies.distances(Q[rows])
+    collide = (distances[some] < 0).sum() / max(1, len(some))
+    return distances, float(collide * len(overlap) / len(Q))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class CandidateFunction:
+    """A candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
+
+    Attributes
+    ----------
+    chart : Chart
+    terms : Monomials
+        Monomials T of the cell's coordinates u.
+    a : (N, r) array
+        Coefficients of the label s.
+    """
+
+    chart: Chart
+    terms: Monomials
+    a: Array
+
+    @classmethod
+    def zero(cls, chart: Chart) -> CandidateFunction:
+        """Make the candidate with s = 0, the function of the chart itself."""
+        return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
+
+    def at(self, U: Array, Q: Array | None = None) -> Points:
+        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given."""
+        return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
+
+    def derivative(self, at: Points) -> Array:
+        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`."""
+        slopes = self.terms.slopes(self.terms.values(at.U))
+        ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
+        return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
+
+
+class Minimised(Protocol):
+    """Interface of a quantity at the points of a candidate function that a search minimises."""
+
+    def least(self, at: Points) -> Array:
+        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
+
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Evaluate the quantity's gradient by the cell's coordinates u, at K points: (K, k)."""
+
+
+def searched(candidate: CandidateFunction, margin: Minimised, U: Array) -> Array:
+    """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
+
+    At the boundary of the cell, gradient components that point outward are set to 0. Return all
+    poses visited (L, k), among them poses at which the function does not exist. The final poses of
+    the descents are last.
+    """
+    here = candidate.at(U)
+    here = here.chosen(here.found)
+    tried, visited = here, [here.U]
+
+    def trial(rows: NDArray[np.intp], length: Array) -> Array:
+        part = here.chosen(rows)
+        slope = margin.slope(candidate, part)  # (L, k)
+        outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
+        slope = np.where(outward, 0.0, slope)
+        way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
+        return np.clip(part.U - length[:, None] * way, -1, 1)
+
+    def evaluate(rows: NDArray[np.intp], U: Array) -> tuple[Array, NDArray[np.bool_]]:
+        nonlocal tried
+        tried = candidate.at(U, here.Q[rows])
+        jump = np.abs(tried.Q - here.Q[rows]).max(axis=1)
+        return margin.least(tried), jump < _JUMP
+
+    def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
+        nonlocal here
+        here = here.replaced(rows[better], tried.chosen(better))
+        visited.append(tried.U[better | ~tried.found])
+
+    U = here.U.copy()
+    descend_in_box(U, margin.least(here), trial, evaluate, _LENGTHS, accepted=accepted)
+    return np.concatenate([*visited, U])

@@ -1,0 +1,87 @@
+"""Monomials of k variables: values, derivatives, least-squares fit of polynomials."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from ...arguments import Array
+
+
+class Monomials:
+    """All monomials ``u^α`` up to degree d in k variables u, ordered by degree.
+
+    The first monomial is the constant 1.
+
+    Attributes
+    ----------
+    exponents : (N, k) array of int
+        Exponents α of each monomial.
+    parent, variable : (N,) arrays of int
+        Recurrence for the values: monomial i is monomial ``parent[i]`` times ``u[variable[i]]``;
+        not used for the constant.
+    """
+
+    def __init__(self, k: int, degree: int) -> None:
+        self.k, self.degree = k, degree
+        choices = [
+            c
+            for d in range(degree + 1)
+            for c in combinations_with_replacement(range(k), d)
+        ]
+        at = {c: i for i, c in enumerate(choices)}
+        self.exponents = np.array(
+            [[c.count(i) for i in range(k)] for c in choices]
+        ).reshape(len(choices), k)
+        self.parent = np.array([at[c[:-1]] if c else 0 for c in choices])
+        self.variable = np.array([c[-1] if c else 0 for c in choices])
+        degrees = self.exponents.sum(axis=1)
+        self.starts = np.searchsorted(degrees, np.arange(degree + 2))
+        # ∂u^α/∂u_j = α_j u^(α − e_j), which is a monomial again
+        self.lower = np.zeros((k, len(choices)), int)
+        for i, c in enumerate(choices):
+            for j in set(c):
+                rest = list(c)
+                rest.remove(j)
+                self.lower[j, i] = at[tuple(rest)]
+
+    @property
+    def size(self) -> int:
+        """N, the number of monomials."""
+        return len(self.exponents)
+
+    def values(self, U: Array) -> Array:
+        """Evaluate the monomials at every row of U (K, k): (K, N)."""
+        T = np.ones((len(U), self.size))
+        for d in range(1, self.degree + 1):
+            part = slice(self.starts[d], self.starts[d + 1])
+            T[:, part] = T[:, self.parent[part]] * U[:, self.variable[part]]
+        return T
+
+    def slopes(self, T: Array) -> Array:
+        """Evaluate the derivatives (K, N, k) of the monomials with respect to u.
+
+        T (K, N) are the values of the monomials at the same u, from :meth:`values`.
+        """
+        return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
+
+    def differentiated(self, C: Array) -> tuple[Monomials, Array]:
+        """Compute the coefficients of the derivatives of polynomials with coefficients C (N, …).
+
+        Return the monomials of one degree less, and the coefficients (N', …, k) in them.
+        """
+        lower = Monomials(self.k, max(self.degree - 1, 0))
+        D = np.zeros((lower.size, *C.shape[1:], self.k))
+        for j in range(self.k):
+            some = np.flatnonzero(
+                self.exponents[:, j]
+            )  # each leads to another monomial
+            weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
+            D[self.lower[j, some], ..., j] = weight * C[some]
+        return lower, D
+
+    def fit(self, U: Array, values: Array) -> Array:
+        """Fit polynomials to values (K, …) at U (K, k) by least squares: coefficients (N, …)."""
+        C, *_ = np.linalg.lstsq(self.values(U), values.reshape(len(U), -1), rcond=1e-12)
+        return np.asarray(C.reshape(self.size, *values.shape[1:]), float)

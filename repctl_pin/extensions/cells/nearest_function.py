@@ -1,0 +1,331 @@
+"""Design of the inverse kinematic function over a cell that is nearest to a desired inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import comb
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import progress as reporting
+from ...arguments import (
+    Array,
+    as_int,
+    flag_or_function,
+    positive,
+    require_choice,
+    require_type,
+)
+from ...blas import one_blas_thread
+from ...errors import InputError
+from ...fit_options import FitOptions, fit_options
+from ...strategies.strategy import AN_INVERSE, Inverse
+from .cell import Cell
+from .cell_arguments import LEAST_WIDTH
+from .cell_design import CellDesign
+from .cell_fit import MOST_UNKNOWNS, CellFit
+from .failures import FailureReason, round_the_base
+from .posture_search import Candidate, given, searched
+from .reference import rays
+from .sector import Sector
+from .turning import reduced
+
+_HELD_OUT = 8192
+_MOST_DEGREE = 12
+_MOST_SAMPLES, _MOST_HELD_OUT = 2**16, 2**20
+_LARGE = 1e6
+"""Largest limit margin (rad or m), body distance (m) or σ_min(J) that can be requested."""
+
+_LEAST_FACTOR = 0.03
+"""Smallest factor by which a cell is scaled in the search for a cell that is covered."""
+
+
+class NoFunctionError(InputError):
+    """No single function covers the cell.
+
+    The message names a pose, the obstruction there, and the largest similar cell that works.
+
+    Attributes
+    ----------
+    failures : tuple of FailureReason
+        Reasons for failure.
+    fits : float
+        Factor below 1 such that the cell, scaled by it about its middle, is covered; 0 if none was
+        found.
+    partly : bool
+        True if a function covers some of the poses, so that ``incomplete="keep"`` works.
+
+    Examples
+    --------
+    >>> far = rp.Cell(task, task.placement(q0), 3.0)  # farther than the arm reaches
+    >>> try:
+    ...     options = rp.FitOptions(samples=64, held_out=64)
+    ...     rp.nearest_inverse_function(control, far, degree=1, options=options)
+    ... except rp.NoFunctionError as error:
+    ...     print(type(error).__name__)
+    NoFunctionError
+    """
+
+    def __init__(
+        self,
+        fact: str,
+        failures: tuple[FailureReason, ...],
+        fits: float,
+        partly: bool = False,
+        remedy: str = "",
+    ) -> None:
+        super().__init__(fact, remedy=remedy)
+        self.failures, self.fits, self.partly = failures, fits, partly
+
+
+@one_blas_thread()
+def nearest_inverse_function(
+    desired: Inverse,
+    cell: Cell,
+    *,
+    posture: ArrayLike | None = None,
+    degree: int | Literal["auto"] = "auto",
+    limit_margin: float = 0.05,
+    body_distance: float = 0.0,
+    sigma_min: float = 0.0,
+    incomplete: Literal["refuse", "shrink", "keep"] = "refuse",
+    options: FitOptions | None = None,
+    progress: bool | Callable[[str, float], None] = False,
+) -> CellDesign:
+    """Find the function ``q = F(x)`` over a cell whose ∂F/∂x is nearest to a desired inverse.
+
+    The criterion is ``min mean ‖∂F/∂x − G_d(F)‖_F²`` over the poses of the cell. Following G_d
+    along straight rays from the middle of the cell gives reference configurations q_ref, with
+    null-space bases n_ref. Among the functions ``n_refᵀ (F − q_ref) = s(u)``, with s a polynomial
+    in the coordinates u of the cell, Gauss–Newton steps find the best one. Small distances from
+    joint limits, between bodies and from singularities are penalised.
+
+    Parameters
+    ----------
+    desired
+        Desired inverse G_d, any strategy with ``J G = I``.
+    cell
+        Set of poses: a :class:`Cell` or :class:`Sector`.
+    posture : (n,) array, optional
+        Configuration in the middle of the cell, rad (m for prismatic joints). By default, the best
+        of the configurations that a search finds there.
+    degree
+        Degree of s. ``"auto"`` raises it from 1 until no higher degree, as far as the number of
+        unknowns allows, is predicted to lower the cost by 5 %, or until the extra joint speed is
+        below 0.01 %.
+    limit_margin
+        Joint-limit margin to keep where possible, rad or m.
+    body_distance
+        Body distance to keep where possible, m; with 0, bodies are not in the cost. Close to
+        obstacles it can require much extra joint speed. The summary states which of
+        ``body_distance``, ``limit_margin`` and ``sigma_min`` are not met.
+    sigma_min
+        σ_min of J to keep where possible, in m and rad; with 0 it is not in the cost.
+    incomplete
+        Action if no single function covers the cell, which is tested at held-out poses, corners,
+        and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
+        works, ``"shrink"`` scales the cell about its middle, and ``"keep"`` returns the function on
+        the poses that it covers.
+    options
+        Nodes and seed: ``samples``, ``held_out`` and ``seed`` of :class:`FitOptions`.
+    progress
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+    Returns
+    -------
+    CellDesign
+        ``function``, the controller ``inverse``, and their evaluation; see ``summary()``.
+
+    Raises
+    ------
+    InputError
+        If the task is not redundant, the cell is for a different task than ``desired``, or the
+        middle of the cell cannot be reached.
+    NoFunctionError
+        If no single function covers the cell.
+
+    Examples
+    --------
+    >>> cell = rp.Cell(task, task.placement(q0), 0.1)
+    >>> options = rp.FitOptions(samples=64, held_out=64)
+    >>> found = rp.nearest_inverse_function(control, cell, degree=2, options=options)
+    >>> q = found.function(task.placement(q0))  # rad, from the pose alone
+    >>> bool(np.abs(task.error(q, task.placement(q0))).max() < 1e-9)
+    True
+    """
+    _require_one_task(desired, cell)
+    options = fit_options(options)
+    options.require_only(("samples", "held_out", "seed"), "nearest_inverse_function")
+    samples = options.samples
+    if samples is not None:
+        samples = as_int(samples, "samples", 16, _MOST_SAMPLES)
+    held_out = _HELD_OUT if options.held_out is None else options.held_out
+    require_choice(
+        incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell"
+    )
+    progress = flag_or_function(
+        progress,
+        "progress",
+        "a function of what is being done and the share that is done",
+        2,
+    )
+    cell = _reduced(cell, desired, body_distance)
+    fit = CellFit(
+        desired,
+        _degree(degree, cell),
+        limit_margin=_margin(limit_margin, "limit_margin", "rad"),
+        body_distance=_margin(body_distance, "body_distance", "m"),
+        sigma_min=_margin(sigma_min, "sigma_min"),
+        samples=samples,
+        held_out=as_int(held_out, "held_out", 64, _MOST_HELD_OUT),
+        seed=options.seed,
+        keep=incomplete == "keep",
+    )
+    with reporting.reporter(progress) as report:
+        fit = replace(fit, report=report)
+        report("the middle posture", 0.0)
+        postures = (
+            searched(desired, cell, fit.seed)
+            if posture is None
+            else [Candidate(given(cell, posture), 1.0, np.inf, np.inf, np.inf)]
+        )
+        q, found = fit.best(cell, postures)
+        partly = isinstance(found, CellDesign) and found.coverage > 0
+        if isinstance(found, CellDesign) and (
+            found.evaluation.everywhere or (partly and incomplete == "keep")
+        ):
+            return fit.priced(found, q)
+        failures = found.failures if isinstance(found, CellDesign) else found
+        fits, smaller = _largest(fit, cell, q, quick=incomplete != "shrink")
+        if incomplete == "shrink" and smaller is not None:
+            return smaller
+        raise _refusal(cell, failures, fits, keep=partly)
+
+
+def _require_one_task(desired: Inverse, cell: Cell) -> None:
+    """Check that the desired inverse and the cell are for one redundant task; else InputError."""
+    require_type(desired, Inverse, "desired", AN_INVERSE)
+    require_type(cell, Cell, "cell", "a cell, such as rp.Cell(task, placement, 0.1)")
+    if desired.task.as_dict() != cell.task.as_dict():
+        raise InputError(
+            f"the control is for {desired.task!r}, the cell for {cell.task!r}; "
+            "make both for one task"
+        )
+    if cell.task.r < 1:
+        raise InputError(
+            f"{cell.task!r} is not redundant: with r = {cell.task.r} "
+            "the pose determines the joints",
+            remedy="use another kind of task",
+        )
+
+
+def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
+    """Return the degree, after a check that it does not make too many unknowns."""
+    if isinstance(degree, str) and degree == "auto":
+        return degree
+    degree, k = as_int(degree, "degree", 1, _MOST_DEGREE), cell.whole.k
+    if comb(k + degree, degree) * cell.task.r > 4 * MOST_UNKNOWNS:
+        raise InputError(
+            f"degree {degree} in {k} coordinates makes more than "
+            f"{4 * MOST_UNKNOWNS} unknowns; lower the degree"
+        )
+    return degree
+
+
+def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
+    """Return a sector without its symmetric coordinates, as far as the symmetry holds.
+
+    A requested body distance, or a desired inverse without the symmetry, requires all coordinates.
+    Other cells are returned unchanged.
+
+    Raises
+    ------
+    InputError
+        If a coordinate with the range "all" would remain.
+    """
+    if not isinstance(cell, Sector):
+        return cell
+    found = cell if body_distance else reduced(cell, desired)
+    for i in cell.free:
+        if i not in [one.coordinate for one in found.removed]:
+            why = "body_distance=" if body_distance else "the desired inverse"
+            raise InputError(
+                f"'all' requires the symmetry of the arm, which {why} breaks",
+                argument=cell.coordinate_names[i],
+                remedy="give it in rad",
+            )
+    return found
+
+
+def _margin(value: float, name: str, unit: str = "") -> float:
+    """Check a requested margin, which may be 0, and return it as float."""
+    number = positive(value, name, unit, zero=True)
+    if number > _LARGE:
+        raise InputError(f"can be at most {_LARGE:g}, not {number:g}", argument=name)
+    return number
+
+
+def _largest(
+    fit: CellFit, cell: Cell, q: Array, *, quick: bool
+) -> tuple[float, CellDesign | None]:
+    """Find the largest factor below 1 by which the cell can be scaled to be covered, within 20 %.
+
+    The cell is scaled about its middle, with the configuration q (n,) there. Rays to the corners
+    and other poses give a first guess. Designs confirm or lower it.
+
+    Returns
+    -------
+    factor : float
+        0 if no smaller cell is covered.
+    design : CellDesign or None
+        Design over the scaled cell.
+    """
+    U = np.concatenate([cell.corners(), cell.sample(32, fit.seed)])
+    if cell.widths[cell.widths > 0].min() < LEAST_WIDTH / _LEAST_FACTOR:
+        return 0.0, None
+    low, high = 0.0, 1.0
+    for _ in range(5):
+        factor = (low + high) / 2
+        fit.report(f"what would fit: {100 * factor:.0f} %", 0.9)
+        ends = rays(fit.desired, cell.scaled(factor), q, U)
+        low, high = (
+            (factor, high)
+            if (ends.reached == 1).all() and ends.least.min() > 0
+            else (low, factor)
+        )
+    while low > _LEAST_FACTOR:
+        found = fit.design(cell.scaled(low), q, quick=quick)
+        if isinstance(found, CellDesign) and found.evaluation.everywhere:
+            return low, found
+        low *= 0.8
+    return 0.0, None
+
+
+def _refusal(
+    cell: Cell, failures: tuple[FailureReason, ...], fits: float, *, keep: bool
+) -> NoFunctionError:
+    """Make the error that names the reasons for failure, the most frequent first, and the remedy.
+
+    ``fits`` is the factor of a smaller cell that is covered, 0 if there is none. Collisions are
+    left out, because they do not make a cell incomplete.
+    """
+    causes = (stop for stop in failures if stop.cause != "collision")
+    failures = tuple(sorted(causes, key=lambda stop: -stop.share))
+    why = (
+        ", and ".join(stop.what for stop in failures)
+        or "its configurations do not fit together"
+    )
+    ring = round_the_base(cell)
+    remedy = (
+        f"use incomplete='shrink' to get a cell of {cell.scaled(fits).size()}"
+        if fits > 0
+        else "no smaller cell with this middle works either; move it, or give another posture="
+    )
+    if keep:
+        remedy += ", or incomplete='keep' to keep the covered part of this one"
+    because = f"; {ring}" if ring else ""
+    fact = f"no single function covers the cell: {why}{because}"
+    return NoFunctionError(fact, failures, fits, partly=keep, remedy=remedy)

@@ -1,0 +1,222 @@
+"""Penalty method for margins (joint limits, body distance, σ_min of J): the weight of the penalties
+is raised until each margin is met wherever the arm can meet it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...arguments import Array
+from ...strategies.strategy import Inverse
+from .chart import Chart
+from .cost import Cost, Descent, Penalty, descend
+from .margins import CandidateFunction, Margin, searched
+from .monomials import Monomials
+
+_WEIGHTS = (1e2, 1e5)
+"""Smallest first, and last weight of the penalties; a round multiplies the weight by 10."""
+
+_LOW = 2
+"""Degree of the first fit with penalties: with a higher degree, few penalised poses would cause
+large variations of the function between them."""
+
+_FAR = 2
+"""If the margin is above this multiple of the required one at all checked poses, there is no search
+for smaller ones."""
+
+_NEARLY = 0.1
+"""Fraction of the attainable margin, and of the required one, by which a margin may fall short."""
+
+_GRID = 0.05
+"""Spacing in u of the grid to which poses found by a search are rounded, to avoid clusters."""
+
+
+def padded(a: Array, terms: Monomials) -> Array:
+    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree."""
+    return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
+
+
+class ActiveConstraint:
+    """One kind of margin, the poses U (K, k) at which it is checked, and those where it is
+    penalised.
+
+    Attributes
+    ----------
+    edge : (L, k) array
+        Poses at which the margin is penalised.
+    asked : (L,) array
+        Margin that the penalty asks for at each of these poses: the required margin, or slightly
+        less than the largest margin on the leaves nearby if that is smaller.
+    """
+
+    def __init__(self, margin: Margin, U: Array) -> None:
+        self.margin, self.U = margin, U
+        self.edge, self.asked = U[:0], np.zeros(0)
+
+    def short(self, candidate: CandidateFunction) -> bool:
+        """Test whether the margin of a candidate function is too small at some pose.
+
+        The poses with the smallest margins are starting points of a search for smaller ones. Poses
+        found by the search are added to the checked poses. If the margin is too small somewhere,
+        the worst poses are added to the penalised ones.
+        """
+        margin = self.margin
+        near = margin.least(candidate.at(self.U))
+        if near.min(initial=np.inf) > _FAR * margin.required:
+            return False
+        found = searched(candidate, margin, self.U[np.argsort(near)[: margin.starts]])
+        new = _without(_GRID * np.round(found / _GRID), self.U)
+        self.U, near = (
+            np.concatenate([self.U, new]),
+            np.concatenate([near, margin.least(candidate.at(new))]),
+        )
+        worst = np.argsort(near)[: 4 * margin.violators]
+        worst = worst[near[worst] < margin.required]
+        enough = margin.required / (1 - _NEARLY)
+        at = candidate.at(self.U[worst])
+        most = margin.attainable(candidate.chart, at, enough=enough)
+        asked = np.minimum(margin.required, most - _NEARLY * np.abs(most))
+        short = asked - near[worst]
+        edge = self.U[worst]
+        if not (
+            short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
+        ).any():
+            return False
+        chosen = np.argsort(-short)[: margin.violators]
+        chosen = chosen[short[chosen] > 0]
+        self.edge, first = np.unique(
+            np.concatenate([self.edge, edge[chosen]]), axis=0, return_index=True
+        )
+        self.asked = np.concatenate([self.asked, asked[chosen]])[first]
+        return True
+
+    def penalty(self, candidate: CandidateFunction) -> Penalty:
+        """Make the penalty on this margin, at the poses where a candidate function exists."""
+        there = candidate.at(self.edge).found
+        return Penalty(self.margin, self.edge[there], self.asked[there])
+
+
+class PenaltyMethod:
+    """Minimisation of the cost with penalties on margins, at the worst poses found so far.
+
+    Parameters
+    ----------
+    desired, chart
+        G_d, and the chart in which the function is written.
+    nodes : (K, k) array
+        Nodes of the cost.
+    constraints
+        The margins that are penalised.
+    rounds
+        Maximum number of rounds; each raises the weight of the penalties or adds poses.
+    """
+
+    def __init__(
+        self,
+        desired: Inverse,
+        chart: Chart,
+        nodes: Array,
+        constraints: Sequence[ActiveConstraint],
+        rounds: int,
+    ) -> None:
+        self.desired, self.chart, self.nodes, self.constraints = (
+            desired,
+            chart,
+            nodes,
+            constraints,
+        )
+        first = _WEIGHTS[1] / 10 ** max(rounds - 1, 0)
+        self.rounds, self.weight = rounds, max(first, _WEIGHTS[0])
+
+    def kept(
+        self,
+        descents: Sequence[Descent],
+        terms: Monomials,
+        report: Callable[[str, float], None],
+        *,
+        enough: float = 1e-3,
+        guess: Array | None = None,
+    ) -> Descent:
+        """Minimise the cost with penalties, from the results of minimisations without them.
+
+        If no margin is too small in the last result, it is returned. Otherwise the cost is
+        minimised with the monomials ``terms``; if their degree is above 2, after a first fit of
+        degree 2. The penalised poses are those where the functions without penalties come short:
+        each penalty is a mean over its poses, so a set without these would weigh the others more.
+
+        Parameters
+        ----------
+        descents
+            Results of rising degree, the last with ``terms``. That of degree 2 is used if it is
+            among them, and exists at all nodes.
+        terms
+            The monomials.
+        report
+            Progress callback.
+        enough
+            Relative change of the cost at which an iteration ends.
+        guess : (N, r) array, optional
+            Coefficients at which the first fit of degree 2 begins.
+        """
+        descent = descents[-1]
+        if not self.rounds or not self._short(terms, descent.a):
+            return descent
+        steps, a = descent.steps, descent.a
+        if terms.degree > _LOW:
+            low = Monomials(terms.k, _LOW)
+            free = next((d for d in descents if len(d.a) == low.size), None)
+            cost = Cost(self.desired, self.chart, low, self.nodes)
+            if free is None or not np.isfinite(cost.value(free.a).cost):
+                free = descend(cost, np.zeros((low.size, descent.a.shape[1])))
+            if guess is not None:
+                self._short(low, free.a)
+                free, self.weight = replace(free, a=guess), _WEIGHTS[1] / 100
+            a = padded(self._rounds(free, low, report, enough).a, terms)
+        found = self._rounds(replace(descent, a=a), terms, report, enough)
+        return replace(found, steps=steps + found.steps)
+
+    def _rounds(
+        self,
+        descent: Descent,
+        terms: Monomials,
+        report: Callable[[str, float], None],
+        enough: float,
+    ) -> Descent:
+        size = 0
+        for i in range(self.rounds):
+            active = " and ".join(
+                w.margin.name for w in self.constraints if len(w.edge)
+            )
+            report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
+            if not self._short(terms, descent.a) and i:
+                break
+            candidate = CandidateFunction(self.chart, terms, descent.a)
+            kept = [w.penalty(candidate) for w in self.constraints]
+            cost = Cost(
+                self.desired, self.chart, terms, self.nodes, kept, weight=self.weight
+            )
+            stiffer = descend(cost, descent.a, enough=enough)
+            if not np.isfinite(stiffer.value.cost):
+                break
+            descent = replace(stiffer, steps=descent.steps + stiffer.steps)
+            edge = sum(len(watch.edge) for watch in self.constraints)
+            if self.weight == _WEIGHTS[1] and stiffer.steps <= 1 and edge == size:
+                break
+            self.weight, size = min(10 * self.weight, _WEIGHTS[1]), edge
+        return descent
+
+    def _short(self, terms: Monomials, a: Array) -> bool:
+        """Test whether any margin is too small at some pose, for the coefficients a (N, r)."""
+        candidate = CandidateFunction(self.chart, terms, a)
+        short = [
+            watch.short(candidate) for watch in self.constraints
+        ]  # without short-circuit
+        return any(short)
+
+
+def _without(U: Array, known: Array) -> Array:
+    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k)."""
+    once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
+    return once[first >= len(known)]

@@ -1,0 +1,480 @@
+"""Sector of the workspace: a cell in cylindrical coordinates around an axis, by default the base's
+vertical axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...arguments import Array, freeze, positive, read_only, vector
+from ...errors import InputError
+from ...model.chain_formulas import Placement
+from ...model.task import Task
+from .cell import Cell
+from .rotations import exp3, left_jacobian, tilts
+from .sector_arguments import (
+    VERTICAL,
+    Angle,
+    as_axis,
+    as_half_width,
+    as_height,
+    as_tilts,
+    as_turn,
+    no_joint,
+    no_spin,
+)
+from .symmetry import (
+    NEAR,
+    Symmetry,
+    axis_symmetry,
+    difference,
+    difference_words,
+    tool_symmetry,
+)
+
+RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
+"""Indices of radius, angle, height and spin among the m task coordinates; 3 and 4 are the tilts."""
+
+_NEAR = 1e-6
+"""Distance from the axis, m, at which the angle is no longer defined."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+@read_only
+class Sector(Cell):
+    r"""All placements ``p = o + R_a(φ) (ρ e + z a)``, ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
+
+    ρ, φ and z are the radius, angle and height of p around an axis a through o; e is the direction
+    from that axis to the middle. t tilts about the tool's own x and y axes, ψ turns about its z
+    axis. The orientation turns with φ. A coordinate of half-width 0 is held constant.
+
+    An arm can have two symmetries, which are detected. If a joint j turns the whole arm about the
+    axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact. If the axis of a joint j is the tool's z axis
+    through the frame's origin, ``F(x R_z(ψ)) = F(x) ± ψ e_j`` is exact. A function is then designed
+    for φ = 0 or ψ = 0 alone. A sector can be used without the symmetries, too.
+
+    Parameters
+    ----------
+    task
+        The task. A task in two coordinates requires an axis normal to its plane.
+    placement
+        Middle of the sector, away from the axis, as in :class:`Cell`.
+    radius, height : float
+        Half-widths, m.
+    angle : float or "all"
+        Half-width of φ, rad. With ``"all"``, the design finds the largest range of φ that the joint
+        limits allow, and its middle.
+    half_angle : float or (2,) or (3,) array
+        Half-widths of the tilts, rad: one number, or one per axis. A third number is a half-width
+        of ψ, like ``spin``, but the symmetry is not used; over a small range this can give a lower
+        cost.
+    spin : float or "all"
+        Half-width of ψ, rad, for a pose task; ``"all"`` as for ``angle``.
+    axis : (2, 3) array, optional
+        A point on the axis, m, and the direction of the axis, in base coordinates. By default the
+        base's z axis; or the axis of the joint that turns the whole arm, if the two differ by at
+        most 2e-3 rad and m, as in a URDF in which π is rounded. The summary then gives the
+        difference.
+
+    Raises
+    ------
+    InputError
+        If the placement is on the axis, the half-width of the radius reaches the axis, an angle
+        covers more than a full turn, a half-width is given for a coordinate that the task does not
+        command, or ``"all"`` for one without symmetry.
+
+    Examples
+    --------
+    >>> sector = rp.Sector(task, task.placement(q0), radius=0.1, angle="all")
+    >>> sector.k  # coordinates: radius and angle
+    2
+    >>> [symmetry.joint for symmetry in sector.symmetries]  # joints that turn the whole arm
+    [0]
+    """
+
+    axis: Array
+    """(2, 3): point on the axis, m, and its unit direction."""
+    free: tuple[int, ...]
+    """Indices of the coordinates with the range ``"all"``, which the joint limits determine."""
+    symmetries: tuple[Symmetry, ...]
+    """Symmetries of the arm along coordinates whose half-width is not 0."""
+    removed: tuple[Symmetry, ...]
+    """Symmetries that a design uses: their coordinates do not belong to u, and are 0."""
+    spin_middle: float
+    """Middle of ψ, rad. A design moves it, and not the placement, where the tool tilts: the axes of
+    the tilts would turn with the placement."""
+
+    def __init__(
+        self,
+        task: Task,
+        placement: Placement,
+        *,
+        radius: float,
+        height: float = 0.0,
+        angle: Angle = "all",
+        half_angle: ArrayLike = 0.0,
+        spin: Angle = 0.0,
+        axis: ArrayLike | None = None,
+    ) -> None:
+        unit = Cell(task, placement, 1.0)  # checks the task and the placement
+        line = as_axis(task, axis)
+        radius, height = as_half_width(radius, "radius", "m"), as_height(task, height)
+        turns = as_tilts(task, half_angle)
+        named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
+        round_about, about_tool = (
+            as_turn(width, name) for name, width in named.values()
+        )
+        symmetries = [axis_symmetry(task, line)]
+        if task.kind == "pose" and not turns[2:].any():
+            symmetries.append(tool_symmetry(task))
+        elif about_tool:
+            raise no_spin(task)
+        found = [one for one in symmetries if one is not None]
+        free = tuple(i for i, (_, width) in named.items() if isinstance(width, str))
+        for i in free:
+            if i not in [one.coordinate for one in found]:
+                raise no_joint(task, named[i][0], line)
+        spin_width = max([about_tool, *turns[2:]])
+        every = [radius, round_about, height, *turns[:2], spin_width][: task.m]
+        freeze(
+            self,
+            task=unit.task,
+            placement=unit.placement,
+            widths=np.array(every),
+            axis=line,
+            free=free,
+            symmetries=tuple(one for one in found if every[one.coordinate]),
+            removed=(),
+            spin_middle=0.0,
+        )
+        self._require_apart()
+
+    def _require_apart(self) -> None:
+        """Raise an InputError if the sector reaches its axis, or all its half-widths but those of
+        symmetric coordinates are 0."""
+        away, (radius, *_) = self.middle[0], self.widths
+        if away < _NEAR:
+            raise InputError(
+                "a sector's placement lies on the axis, where the angle is not defined; "
+                "move it away from the axis, or choose another axis"
+            )
+        if radius > away - _NEAR:
+            raise InputError(
+                f"of ±{radius:g} m reaches the axis, which is {away:.3g} m from the placement",
+                argument="radius",
+                remedy=f"keep it below {away:.3g}",
+            )
+        if not np.delete(
+            self.widths, [one.coordinate for one in self.symmetries]
+        ).any():
+            raise InputError("a sector needs a radius, height or half_angle above 0")
+
+    # ---- symmetries
+    # --------------------------------------------------------------------------------
+
+    def without(
+        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
+    ) -> Sector:
+        """Return the sector with the coordinates of the given symmetries removed from u, at 0.
+
+        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
+        sector.
+        """
+        free = self.free if free is None else tuple(free)
+        return self._changed(removed=tuple(symmetries), free=free)
+
+    @property
+    def whole(self) -> Sector:
+        """The same sector, with the coordinates that symmetries remove included in u."""
+        return self._changed(removed=()) if self.removed else self
+
+    @property
+    def _removed(self) -> list[int]:
+        return [one.coordinate for one in self.removed]
+
+    @property
+    def along(self) -> Array:
+        """∂F/∂y (n, l) for the l coordinates y, rad, that symmetries remove from u."""
+        along = np.zeros((self.task.n, len(self.removed)))
+        for column, one in enumerate(self.removed):
+            along[one.joint, column] = one.sign
+        return along
+
+    def _shifts(self, p: ArrayLike, R: ArrayLike) -> Array:
+        """Evaluate the term (K, n) that the removed symmetries add to F at placements."""
+        return (
+            self._measured(np.asarray(p), np.asarray(R))[:, self._removed]
+            @ self.along.T
+        )
+
+    def _split(self, U: Array) -> tuple[Array, Array]:
+        """Convert coordinates U (K, ·) of :attr:`whole` to those of this sector (K, k).
+
+        Return also the term (K, n) that the removed symmetries add to F there.
+        """
+        Y = self.whole.spread(U)
+        return Y[:, self._active] / self._active_widths, Y[
+            :, self._removed
+        ] @ self.along.T
+
+    def _lifted(self, u: Array) -> Array:
+        """Convert coordinates u (k,) to those of :attr:`whole`, at 0 in the removed ones."""
+        y, on = self.spread(u[None])[0] - self.whole._offset, self.whole._active
+        return np.asarray(y[on] / self.whole._active_widths, float)
+
+    def _wrapped(self, away: Array) -> Array:
+        """Remove full turns from differences of configurations (…, n), in place, in the joints of
+        removed symmetries."""
+        for one in self.removed:
+            turns = np.rint(away[..., one.joint] / (2 * np.pi))
+            away[..., one.joint] -= 2 * np.pi * turns
+        return away
+
+    def limit_margin(self, q: ArrayLike) -> Array:
+        """Compute the distance (…, n) of each joint to its nearer limit, for configurations q
+        (…, n) at which the removed coordinates are 0.
+
+        The distance of a joint that moves the frame along a removed coordinate is the minimum over
+        the range of that coordinate. It is infinite if the range is ``"all"``, because the joint
+        limits then determine the range.
+        """
+        margin = self.task.limit_margin(q)
+        for one in self.removed:
+            beyond = (
+                np.inf if one.coordinate in self.free else -self.widths[one.coordinate]
+            )
+            margin[..., one.joint] += beyond
+        return margin
+
+    @property
+    def excepted(self) -> tuple[str, ...]:
+        """Joints that limit margins leave out: their limits end a range that is ``"all"``."""
+        lower, upper, _ = self.task.joint_limits
+        joints = [one.joint for one in self.removed if one.coordinate in self.free]
+        limited = np.isfinite(lower) | np.isfinite(upper)
+        return tuple(self.task.joint_names[j] for j in joints if limited[j])
+
+    # ---- between placements and coordinates
+    # -------------------------------------------------------
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Radius and height of the middle, m."""
+        away = self.placement.translation - self.axis[0]
+        z = float(away @ self.axis[1])
+        return float(np.linalg.norm(away - z * self.axis[1])), z
+
+    @property
+    def centre(self) -> Array:
+        """Values (m,) of all task coordinates at the middle of the sector, m and rad."""
+        rho, z = self.middle
+        return np.array([rho, 0.0, z, 0.0, 0.0, 0.0])[: self.task.m]
+
+    @property
+    def tilted(self) -> bool:
+        """True if the tool tilts in the sector."""
+        return bool(self.widths[3:5].any())
+
+    @property
+    def directions(self) -> Array:
+        """Unit vectors at the middle, as rows (3, 3): radial, tangential, and along the axis."""
+        a = self.axis[1]
+        away = self.placement.translation - self.axis[0]
+        outward = away - (away @ a) * a
+        outward /= np.linalg.norm(outward)
+        return np.stack([outward, np.cross(a, outward), a])
+
+    def _placed(self, Y: Array) -> tuple[Array, Array]:
+        """Convert offsets Y (K, m) in all task coordinates to p (K, 3) and R (K, 3, 3)."""
+        rho, z = self.middle
+        K = len(Y)
+        outward, _, a = self.directions
+        height = z + (Y[:, HEIGHT] if self.task.m > 2 else np.zeros(K))
+        round_about = exp3(Y[:, ANGLE, None] * a)
+        p = (rho + Y[:, RADIUS])[:, None] * outward + height[:, None] * a
+        p = self.axis[0] + np.einsum("Kab,Kb->Ka", round_about, p)
+        R = np.broadcast_to(self.placement.rotation, (K, 3, 3))
+        if self.task.m > 3:
+            R = R @ exp3(np.pad(Y[:, 3:5], ((0, 0), (0, 1))))
+        if self.task.m > 5:
+            R = R @ exp3(np.pad(Y[:, SPIN:], ((0, 0), (2, 0))))
+        return p, round_about @ R
+
+    def _measured(self, p: Array, R: Array) -> Array:
+        """Convert placements to offsets (K, m) from that of the sector in all task coordinates.
+
+        They are in m and rad, in the order radius, angle, height, two tilts, spin, which is at most
+        half a turn from its middle. p (K, 3) and R (K, 3, 3) are positions and rotation matrices.
+        """
+        rho, z = self.middle
+        x, y, height = ((p - self.axis[0]) @ self.directions.T).T
+        phi = np.arctan2(y, x)
+        Y = np.stack([np.hypot(x, y) - rho, phi, height - z], axis=1)[:, : self.task.m]
+        if self.task.m <= 3:
+            return Y
+        turned = self.placement.rotation.T @ exp3(-phi[:, None] * self.axis[1]) @ R
+        t = tilts(np.broadcast_to(np.eye(3), turned.shape), turned)
+        Y = np.concatenate([Y, t], axis=1)
+        if self.task.m > 5:
+            rest = exp3(-np.pad(t, ((0, 0), (0, 1)))) @ turned
+            spin = np.arctan2(rest[:, 1, 0], rest[:, 0, 0])
+            spin -= 2 * np.pi * np.rint((spin - self.spin_middle) / (2 * np.pi))
+            Y = np.concatenate([Y, spin[:, None]], axis=1)
+        return Y
+
+    def _frame_twists(self, Y: ArrayLike) -> Array:
+        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each of the m task
+        coordinates: (K, 6, m). Y (K, m) are the offsets from the middle."""
+        Y = np.asarray(Y, float)
+        T, round_about = (
+            np.zeros((len(Y), 6, self.task.m)),
+            exp3(Y[:, ANGLE, None] * self.axis[1]),
+        )
+        outward, around, a = self.directions
+        T[:, :3, RADIUS] = round_about @ outward
+        T[:, :3, ANGLE] = (self.middle[0] + Y[:, RADIUS])[:, None] * (
+            round_about @ around
+        )
+        T[:, 3:, ANGLE] = a
+        if self.task.m > 2:
+            T[:, :3, HEIGHT] = a
+        if self.task.m > 3:
+            R, t = (
+                round_about @ self.placement.rotation,
+                np.pad(Y[:, 3:5], ((0, 0), (0, 1))),
+            )
+            T[:, 3:, 3:5] = R @ left_jacobian(t)[:, :, :2]
+        if self.task.m > 5:
+            T[:, 3:, SPIN] = (R @ exp3(t))[:, :, 2]
+        return T
+
+    @property
+    def _offset(self) -> Array:
+        offset = np.zeros(self.task.m)
+        if self.spin_middle and self._active[SPIN]:
+            offset[SPIN] = self.spin_middle
+        return offset
+
+    @property
+    def _bounds(self) -> Array:
+        most = np.ones(self.task.m)
+        for i in self.free:
+            most[i] = np.pi / self.widths[i]
+        return most[self._active]
+
+    # ---- other sectors
+    # --------------------------------------------------------------------------------
+
+    @classmethod
+    def around(cls, *_: object, **__: object) -> Sector:
+        """Raise an InputError: unlike a :class:`Cell`, a sector is not made around given poses."""
+        raise InputError(
+            "a sector is not made around poses; give its placement, radius=, height= and angle=, "
+            "or use rp.Cell.around"
+        )
+
+    def scaled(self, factor: float) -> Sector:
+        """Return a sector with the same middle and scaled half-widths, except those of symmetric
+        coordinates, which keep their half-widths."""
+        factors = np.full(len(self.widths), positive(factor, "the factor"))
+        factors[[one.coordinate for one in self.symmetries]] = 1.0
+        return self._changed(widths=self.widths * factors)
+
+    def turned(
+        self, middles: Mapping[int, float], halves: Mapping[int, float]
+    ) -> Sector:
+        """Return a sector whose placement is moved along symmetric coordinates.
+
+        ``middles`` and ``halves`` are the offsets of the middle and the new half-widths, rad, by
+        the index of the coordinate. If the tool tilts, :attr:`spin_middle` is moved instead.
+        """
+        y, widths = np.zeros(self.task.m), self.widths.copy()
+        for i, middle in middles.items():
+            y[i], widths[i] = middle, halves[i]
+        spin_middle = self.spin_middle
+        if self.task.m > 5 and self.tilted:
+            spin_middle, y[SPIN] = spin_middle + float(y[SPIN]), 0.0
+        R = pin.exp3(y[ANGLE] * self.axis[1])
+        spin = pin.exp3(np.array([0.0, 0.0, y[SPIN] if self.task.m > 5 else 0.0]))
+        x = self.placement
+        p = self.axis[0] + R @ (x.translation - self.axis[0])
+        placement = pin.SE3(R @ x.rotation @ spin, p)
+        return self._changed(
+            placement=placement, widths=widths, spin_middle=spin_middle
+        )
+
+    def _changed(self, **changes: Any) -> Sector:
+        other = object.__new__(Sector)
+        freeze(other, **vars(self) | changes)
+        return other
+
+    # ---- words
+    # -------------------------------------------------------------------------------------
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Name of each of the m task coordinates, those of width 0 included."""
+        return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][
+            : self.task.m
+        ]
+
+    @property
+    def coordinate_units(self) -> list[str]:
+        """Unit of each of the m task coordinates, m or rad."""
+        return ["m", "rad", "m", "rad", "rad", "rad"][: self.task.m]
+
+    def size(self) -> str:
+        """Format the half-widths: ``radius ±0.17 m, height ±0.2 m, angle ±2.9 rad``."""
+        w, parts = self.widths, [f"radius ±{self.widths[RADIUS]:.3g} m"]
+        if self.task.m > 2:
+            parts.append(f"height ±{w[HEIGHT]:.3g} m")
+        parts.append(f"angle {self._range(ANGLE)}")
+        if self.task.m > 3 and w[3:5].any():
+            same = abs(w[3] - w[4]) < 1e-12
+            tilt = f"±{w[3]:.3g}" if same else f"±({w[3]:.3g}, {w[4]:.3g})"
+            parts.append(f"tilted by {tilt} rad")
+        if self.task.m > 5 and w[SPIN]:
+            parts.append(f"spin {self._range(SPIN)}")
+        if not w[3:].any() and self.task.m > 3:
+            parts.append("one orientation, which turns with the angle")
+        return ", ".join(parts)
+
+    def _range(self, i: int) -> str:
+        if i in self.free and self.widths[i] == np.pi:
+            return "as far as the joints go"
+        return f"±{self.widths[i]:.3g} rad"
+
+    def where(self, u: ArrayLike) -> str:
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, tilted by (0.3, 0) rad``."""
+        x, u = self.at(u), vector(u, self.k, "u", "one per coordinate of the cell")
+        text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
+        y = self.spread(u[None])[0]
+        if y[3:5].any():
+            text += f", tilted by ({', '.join(f'{v:.2g}' for v in y[3:5])}) rad"
+        if y[SPIN:].any():
+            text += f", spun by {y[SPIN]:.2g} rad"
+        return text
+
+    def symmetry(self) -> str:
+        """Return a text that names the symmetries of the arm that are used."""
+        names = self.task.joint_names
+        words = {
+            ANGLE: "{} turns the whole arm about the axis",
+            SPIN: "{} turns the tool about its z axis",
+        }
+        off = difference_words(self.axis, VERTICAL)
+        if off and max(difference(self.axis, VERTICAL)) <= NEAR:
+            words[ANGLE] += f", which is {off} from the base's z axis"
+        used = [words[one.coordinate].format(names[one.joint]) for one in self.removed]
+        if not used:
+            return "not used" if self.symmetries else "none"
+        return f"{' and '.join(used)}: {self.k} of {self.whole.k} coordinates remain"
+
+    def __repr__(self) -> str:
+        middle = self.where(np.zeros(self.k))
+        return f"<Sector {self.size()} around {middle}, {self.task.frame} {self.task.kind}>"

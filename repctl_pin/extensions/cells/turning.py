@@ -1,0 +1,253 @@
+"""Range of a function along the symmetric coordinates (angle, spin) of its sector, and its chart in
+all coordinates of the sector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arguments import Array, percentage
+from ...model.task import Task
+from ...strategies.strategy import Inverse
+from .chart import Chart
+from .kinematics import placed
+from .margins import CandidateFunction, Margin, searched
+from .monomials import Monomials
+from .sector import ANGLE, HEIGHT, SPIN, Sector
+
+_POSES, _STARTS = 4096, 24
+"""Numbers of poses at which the values of a joint are evaluated, and of those from which smaller
+and larger values are searched for."""
+
+_CONFIGURATIONS, _STEP = 6, 0.7
+"""Number of configurations at which the symmetry of G_d is tested, and the joint step, rad."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Range of a function along one symmetric coordinate of a sector.
+
+    Attributes
+    ----------
+    coordinate, joint : str
+        The coordinate, ``angle`` or ``spin``, and the joint that moves the frame along it.
+    joint_range : float
+        Range of the joint, rad; infinite without limits.
+    spread : float
+        Difference between the joint's largest and smallest value over the covered poses at which
+        the coordinate is 0, rad.
+    reach : float
+        Range of the coordinate, rad, in which the joint stays inside its limits at all covered
+        poses. It is ``joint_range − spread``, at most a full turn; 0 or less if there is none.
+    nearly, most : float
+        Ranges around the same middle in which the joint stays inside its limits at 99.9 % and at
+        99 % of the covered poses, rad.
+    price : float
+        Extra joint speed of the function, minus that of a function designed for the range
+        ``"all"``; 0 if no such comparison was made.
+    unasked : float
+        ``reach`` of the function designed for the range ``"all"``, rad; NaN without comparison.
+    covered : float
+        Fraction of 4096 sampled poses that the function covers, the joint ranges of symmetric
+        coordinates aside; NaN in older files.
+    as_covered : float
+        Range like ``nearly`` and ``most``, at the fraction ``covered`` of the covered poses; NaN in
+        older files.
+    """
+
+    coordinate: str
+    joint: str
+    joint_range: float
+    spread: float
+    reach: float
+    most: float
+    nearly: float = float("nan")
+    price: float = 0.0
+    unasked: float = float("nan")
+    covered: float = float("nan")
+    as_covered: float = float("nan")
+
+    def __str__(self) -> str:
+        text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
+        if self.reach >= 2 * np.pi:
+            return text
+        if 0 < self.covered < 1 and self.as_covered > self.reach + 0.01:
+            text += (
+                f", {np.degrees(self.as_covered):.4g}° at {percentage(self.covered)} of them, "
+                "as many as F covers of all"
+            )
+        shares = [("99.9 %", self.nearly), ("99 %", self.most)]
+        more = [
+            f"{np.degrees(range_):.4g}° at {share}"
+            for share, range_ in shares
+            if range_ > self.reach + 0.01
+        ]
+        text += ("\n" + ", ".join(more) + " of them") * bool(more)
+        text += (
+            f"\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
+            f"differs by {np.degrees(self.spread):.0f}° over the cell"
+        )
+        if not np.isfinite(self.unasked):
+            return text
+        return (
+            f"{text}\nthe range asked for costs {100 * max(self.price, 0.0):.2f} % joint speed; "
+            f"'all' gives {np.degrees(self.unasked):.4g}°"
+        )
+
+
+_SHARES = (0.999, 0.99)
+"""Fractions of the covered poses for which the ranges ``nearly`` and ``most`` are computed."""
+
+_INSIDE = 1e-9
+"""Distance, rad, at which a range ends inside the joint limit, so that rounding keeps it there."""
+
+
+def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
+    """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
+
+    Return also the fraction of the poses that is covered, and the widths (3,) of the intervals,
+    around the mean of both values, that contain 99.9 %, 99 % and this fraction of the values. All
+    are NaN if no pose is covered.
+    """
+    candidate, cell = CandidateFunction.zero(chart), chart.cell
+    U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
+    points = candidate.at(U)
+    good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
+    if not good.any():
+        return np.nan, np.nan, np.nan, np.full(len(_SHARES) + 1, np.nan)
+    share = float(good[:_POSES].mean())
+    U, q = U[good], points.Q[good, joint]
+    ends = []
+    for way in (1.0, -1.0):
+
+        def value(Q: Array, way: float = way) -> Array:
+            return np.asarray(way * Q[:, joint : joint + 1], float)
+
+        margin = Margin("joint", value, 0.0, 0.0, 0, _STARTS, 0)
+        found = candidate.at(
+            searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]])
+        )
+        good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
+        inside = found.Q[good, joint]
+        ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
+    widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])
+    return ends[0], ends[1], share, widths
+
+
+def _limits(task: Task, joint: int) -> tuple[float, float]:
+    lower, upper, _ = task.joint_limits
+    return float(lower[joint]), float(upper[joint])
+
+
+def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
+    """Compute the range of a chart's function along the symmetric coordinates of its sector.
+
+    Coordinates with the range ``"all"`` get this range: the middle of the sector is moved, and
+    their half-widths are set. Return the chart over the changed sector, and the ranges. A chart
+    without removed symmetries is returned unchanged, with no ranges.
+    """
+    sector = chart.cell
+    if not isinstance(sector, Sector) or not sector.removed:
+        return chart, ()
+    turns, middles, halves = [], {}, {}
+    coefficients = chart.coefficients.copy()
+    for one in sector.removed:
+        low, high, covered, widths = _ends(chart, one.joint)
+        lower, upper = _limits(sector.task, one.joint)
+        reach = min(upper - lower - (high - low) - 2 * _INSIDE, 2 * np.pi)
+        name = sector.whole.coordinate_names[one.coordinate]
+        joint = sector.task.joint_names[one.joint]
+        ranges = np.minimum(upper - lower - widths, 2 * np.pi).tolist()
+        nearly, most, as_covered = np.maximum(ranges, reach).tolist()
+        joint_range, spread = float(upper - lower), float(high - low)
+        shares = {"nearly": nearly, "covered": covered, "as_covered": as_covered}
+        turns.append(
+            Turn(name, joint, joint_range, spread, float(reach), most, **shares)
+        )
+        if one.coordinate in sector.free and reach > 0:
+            away = (
+                (upper + lower - high - low) / 2 if np.isfinite(upper - lower) else 0.0
+            )
+            middles[one.coordinate], halves[one.coordinate] = one.sign * away, reach / 2
+            if one.coordinate != SPIN or not sector.tilted:  # the placement is moved
+                coefficients[0, one.joint, 0] += away
+    moved = sector.turned(middles, halves)
+    return Chart(moved, chart.monomials, coefficients), tuple(turns)
+
+
+def expanded(chart: Chart) -> Chart:
+    """Rewrite a sector's chart, designed without the coordinates of its symmetries, in all of them.
+
+    q_ref is linear in these coordinates. Other charts are returned unchanged.
+    """
+    sector = chart.cell
+    if not isinstance(sector, Sector) or not sector.removed:
+        return chart
+    whole, old = sector.whole, chart.monomials
+    new = Monomials(whole.k, max(old.degree, 1))
+    columns = np.flatnonzero(whole._active)
+    kept = [list(columns).index(i) for i in np.flatnonzero(sector._active)]
+    powers = np.zeros((old.size, whole.k), int)
+    powers[:, kept] = old.exponents
+    at = {tuple(e): i for i, e in enumerate(new.exponents.tolist())}
+    coefficients = np.zeros((new.size, *chart.coefficients.shape[1:]))
+    coefficients[[at[tuple(e)] for e in powers.tolist()]] = chart.coefficients
+    for one in sector.removed:
+        linear = (columns == one.coordinate).astype(int)
+        coefficients[at[tuple(linear.tolist())], one.joint, 0] = (
+            one.sign * sector.widths[one.coordinate]
+        )
+        coefficients[0, one.joint, 0] += one.sign * whole._offset[one.coordinate]
+    return Chart(whole, new, coefficients)
+
+
+def turn_at(chart: Chart, U: Array) -> Array | None:
+    """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
+
+    In this range, the joint that turns the arm stays inside its limits at every tilt. Rows of U
+    (K, k) are coordinates in the sector, of which tilts and spin are ignored. The range is NaN
+    where no pose is covered. Return None if the symmetry of the angle is not used.
+    """
+    sector = chart.cell
+    if not isinstance(sector, Sector) or ANGLE not in [
+        one.coordinate for one in sector.removed
+    ]:
+        return None
+    joint = next(one.joint for one in sector.removed if one.coordinate == ANGLE)
+    others = np.flatnonzero(sector.moved > HEIGHT)
+    tilts = np.concatenate([sector.sample(16, 13), sector.corners()])[:, others]
+    tilts = np.unique(tilts, axis=0) if len(others) else tilts[:1]
+    low, high = np.full(len(U), np.inf), np.full(len(U), -np.inf)
+    for tilt in tilts:
+        V = U.copy()
+        V[:, others] = tilt
+        points = chart.solve(V, np.zeros((len(V), sector.task.r)))
+        good = points.found & (sector.limit_margin(points.Q).min(axis=1) >= 0)
+        low = np.where(good, np.minimum(low, points.Q[:, joint]), low)
+        high = np.where(good, np.maximum(high, points.Q[:, joint]), high)
+    low[high < low] = np.nan
+    lower, upper = _limits(sector.task, joint)
+    return np.minimum(upper - lower - (high - low), 2 * np.pi)
+
+
+def reduced(sector: Sector, desired: Inverse) -> Sector:
+    """Remove from the coordinates of a sector those along which arm and G_d are symmetric.
+
+    G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
+    """
+    task, one = sector.task, sector.whole
+    rng = np.random.default_rng(1)
+    Q = task.reference + rng.uniform(-0.5, 0.5, (_CONFIGURATIONS, task.n))
+    before, kept = _rates(one, desired, Q), []
+    for symmetry in sector.symmetries:
+        moved = Q + _STEP * np.eye(task.n)[symmetry.joint]
+        if np.allclose(_rates(one, desired, moved), before, rtol=1e-7, atol=1e-9):
+            kept.append(symmetry)
+    return sector.without(kept)
+
+
+def _rates(sector: Sector, desired: Inverse, Q: Array) -> Array:
+    """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m)."""
+    p, R, J = placed(sector.task, Q)
+    return desired.batch(Q, J) @ sector._all_twists(sector._measured(p, R), R)

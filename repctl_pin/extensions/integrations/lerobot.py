@@ -1,0 +1,83 @@
+"""Adapter with the interface of LeRobot's ``RobotKinematics``; LeRobot itself is not required."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...arguments import Array, require_type, vector
+from ...errors import InputError
+from ..cells.function import InverseFunction
+
+
+class FunctionKinematics:
+    """Forward and inverse kinematics for LeRobot's processors, by a cell's function.
+
+    Each pose of the frame has one configuration, whatever the current one is. Revolute joints are
+    in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
+
+    Parameters
+    ----------
+    F
+        Function of a cell, such as ``found.function``.
+    leaf : (r,) array, optional
+        Level c, by default 0; another level moves the elbow along the self-motion.
+
+    Attributes
+    ----------
+    joint_names : list of str
+        Names of the joints, in the order of all arrays.
+
+    Raises
+    ------
+    InputError
+        If a pose is outside the cell, or an array has too few joints.
+
+    Examples
+    --------
+    >>> from repctl_pin.extensions.integrations.lerobot import FunctionKinematics
+    >>> kinematics = FunctionKinematics(found.function)
+    >>> degrees = kinematics.inverse_kinematics(degrees, pose)
+    """
+
+    def __init__(self, F: InverseFunction, leaf: ArrayLike | None = None) -> None:
+        require_type(
+            F, InverseFunction, "F", "a cell's function, such as found.function"
+        )
+        self.function, self.leaf = F, leaf
+        self.joint_names = list(F.task.joint_names)
+        self._units = np.where(F.task.revolute, np.pi / 180, 1.0)
+
+    def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
+        """Compute the pose (4, 4) of the frame; joints after the first n are ignored."""
+        return self.function.task.placement(
+            self._arm(joint_pos_deg) * self._units
+        ).homogeneous
+
+    def inverse_kinematics(
+        self,
+        current_joint_pos: ArrayLike,
+        desired_ee_pose: ArrayLike,
+        position_weight: float = 1.0,
+        orientation_weight: float = 0.01,
+    ) -> Array:
+        """Compute the joint positions of a pose by F, which needs no initial guess.
+
+        The weights have no effect, because F is exact. Positions after the first n, such as a
+        gripper's, are returned unchanged.
+        """
+        joints = np.array(current_joint_pos, float)
+        joints[: len(self._arm(joints))] = (
+            self.function(np.asarray(desired_ee_pose, float), leaf=self.leaf)
+            / self._units
+        )
+        return joints
+
+    def _arm(self, joints: ArrayLike) -> Array:
+        n, given = len(self.joint_names), np.atleast_1d(np.asarray(joints, float))
+        if len(given) < n:
+            raise InputError(
+                f"needs {n} joint positions ({', '.join(self.joint_names)}); got {len(given)}",
+                argument="current_joint_pos",
+            )
+        return vector(given[:n], n, "the joint positions", "one per joint")

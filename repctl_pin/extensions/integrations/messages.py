@@ -1,0 +1,151 @@
+"""Inputs of a :class:`Servo` from messages: time, measured joint positions by name, and targets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from ...arguments import Array
+from ...errors import InputError
+from ...model.task import Task
+from ..cells.cell import Cell
+
+SAME = 1e-3
+"""Tolerance within which measured joints count as unchanged, or as at a command, rad or m."""
+
+_UNIT = 1e-3
+"""Tolerance of a quaternion's norm, which should be 1."""
+
+
+class SteadyTime:
+    """Time that never goes back, and goes on at every tick, whatever the clock does.
+
+    Parameters
+    ----------
+    dt
+        Period of the ticks, s: the time of a tick in which the clock stood still or stepped back.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+        self._clock = self._time = self._last_tick = 0.0
+
+    def at(self, now: float) -> float:
+        """Compute the time, s, at which the clock reads ``now``, s: its steps forward, added up."""
+        step = now - self._clock
+        if np.isfinite(step):
+            self._clock = now
+            self._time += max(step, 0.0)
+        return self._time
+
+    def tick(self, now: float) -> float:
+        """Compute the time, s, of a tick at which the clock reads ``now``, s."""
+        if self.at(now) - self._last_tick < self._dt / 2:
+            self._time = self._last_tick + self._dt
+        self._last_tick = self._time
+        return self._time
+
+
+class JointReadings:
+    """Measured positions of an arm's joints, which may come in several messages.
+
+    Parameters
+    ----------
+    names
+        Names of the joints, in the order of the task.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        self._found: dict[str, tuple[float, float, float]] = {}
+        self._still: tuple[Array, float] | None = None
+
+    def take(self, positions: Mapping[str, float], now: float, stamped: float) -> None:
+        """Store positions by joint name, which arrive at the time ``now``, s.
+
+        ``stamped`` is the age by the message's stamp, s; it is negative if the stamp is ahead of
+        the clock. Other joints, and numbers that are not finite, are ignored.
+        """
+        for name in self.names:
+            value = positions.get(name)
+            if value is not None and np.isfinite(value):
+                self._found[name] = (float(value), now, stamped)
+
+    def measured(self, now: float) -> tuple[Array | None, float]:
+        """Return the latest joint positions (n,), and the age of the oldest of them, s.
+
+        A stamp that is ahead of the clock counts as much as one that is as far behind. The
+        positions are None, and the age is 0, if a joint has not been measured yet.
+        """
+        found = [self._found[name] for name in self.names if name in self._found]
+        if len(found) < len(self.names):
+            return None, 0.0
+        ages = [now - t + abs(stamped) for _, t, stamped in found]
+        return np.array([q for q, _, _ in found]), float(np.max(ages))
+
+    def absent(self, now: float) -> str:
+        """Describe which joints have no measurement yet, or how old the measurements are."""
+        missing = [name for name in self.names if name not in self._found]
+        if len(missing) == len(self.names):
+            return "no joint states yet"
+        if missing:
+            return f"no joint state of {', '.join(missing)}"
+        _, arrived, stamped = max(self._found.values(), key=lambda x: abs(x[2]) - x[1])
+        if abs(stamped) <= now - arrived:
+            return f"joint states are {self.measured(now)[1]:.2g} s old"
+        return (
+            f"joint states are refused: their stamp is {clock_difference(stamped)}; "
+            "synchronise the clocks, or give a longer timeout"
+        )
+
+    def rest(self, now: float, duration: float) -> bool:
+        """Test whether the measured joints have not changed for a duration, s.
+
+        Each call compares them with those of earlier calls. False if a joint has not been measured
+        yet.
+        """
+        q, _ = self.measured(now)
+        if q is None:
+            return False
+        if self._still is None or np.abs(q - self._still[0]).max() > SAME:
+            self._still = (q, now)
+        return now - self._still[1] >= duration
+
+    def disturb(self) -> None:
+        """Restart the time for which :meth:`rest` requires constant joints."""
+        self._still = None
+
+
+def clock_difference(age: float) -> str:
+    """Write a message's age by its stamp, s, as a difference from this clock."""
+    size = f"{abs(age):.0f}" if abs(age) >= 1000 else f"{abs(age):.3g}"
+    return f"{size} s {'ahead of' if age < 0 else 'before'} this clock"
+
+
+def target_of(
+    position: Sequence[float],
+    quaternion: Sequence[float],
+    task: Task,
+    cell: Cell | None,
+) -> pin.SE3:
+    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the target is outside the cell. Also if the quaternion is not
+        of norm 1, for a task with a rotation; other tasks ignore the quaternion.
+    """
+    p, x = np.array(position, float), np.array(quaternion, float)
+    turns = task.kind in ("pose", "axis")
+    if not np.isfinite(p).all() or (turns and not np.isfinite(x).all()):
+        raise InputError("it must be finite numbers")
+    norm = float(np.linalg.norm(x))
+    if turns and not abs(norm - 1) <= _UNIT:
+        raise InputError(f"its quaternion has norm {norm:.4g}, not 1")
+    target = pin.SE3(pin.Quaternion(x / norm).matrix() if turns else np.eye(3), p)
+    if cell is not None:
+        cell.coordinates_of(target)
+    return target

@@ -1,0 +1,69 @@
+"""Answers to MoveIt's service GetPositionIK by the function of a cell; imports no ROS package."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ...arguments import Array
+from ...errors import InputError
+from ...model.bodies import bodies_of
+from ..cells.function import InverseFunction
+from .messages import target_of
+
+SUCCESS, NO_SOLUTION, IN_COLLISION, WRONG_LINK, WRONG_FRAME = 1, -31, -12, -18, -21
+"""Values of ``moveit_msgs/MoveItErrorCodes``."""
+
+
+def answer(
+    F: InverseFunction,
+    request: Any,
+    response: Any,
+    *,
+    names: Mapping[str, str],
+    base: str,
+    leaf: Array | None = None,
+) -> Any:
+    """Fill in and return the response to a request: the joints F(pose), or an error code.
+
+    The seed, the group and the constraints of the request are not used: the pose alone determines
+    the joints. With ``avoid_collisions`` the robot's own bodies are checked.
+
+    Parameters
+    ----------
+    F
+        Function of a cell.
+    request, response
+        ``moveit_msgs/PositionIKRequest`` and ``GetPositionIK.Response``.
+    names
+        Joint names of the task by the joint names in messages, in the task's order.
+    base
+        Name of the frame in which poses are given.
+    leaf : (r,) array, optional
+        Level c, by default 0.
+    """
+    q, response.error_code.val = _solved(F, request, base, leaf)
+    if q is not None:
+        response.solution.joint_state.name = list(names)
+        response.solution.joint_state.position = q.tolist()
+    return response
+
+
+def _solved(
+    F: InverseFunction, request: Any, base: str, leaf: Array | None
+) -> tuple[Array | None, int]:
+    if request.ik_link_name not in ("", F.task.frame):
+        return None, WRONG_LINK
+    if request.pose_stamped.header.frame_id not in ("", base):
+        return None, WRONG_FRAME
+    p, x = request.pose_stamped.pose.position, request.pose_stamped.pose.orientation
+    try:
+        target = target_of((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), F.task, F.cell)
+        q = InverseFunction(F.chart)(
+            target, leaf=leaf
+        )  # which refuses joints beyond a limit
+    except InputError:
+        return None, NO_SOLUTION
+    if request.avoid_collisions and bodies_of(F.task).nearest(q).distance < 0:
+        return None, IN_COLLISION
+    return q, SUCCESS

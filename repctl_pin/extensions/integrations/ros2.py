@@ -1,0 +1,339 @@
+"""ROS 2 node of an arm: target poses or twists in, joint commands out.
+
+The commands stay on one leaf and within the limits.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from numpy.typing import ArrayLike
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ...arguments import Array
+from ...design.design_result import Design
+from ...errors import InputError, unknown
+from ...motion.limits import Limits
+from ..cells.cell_design import CellDesign
+from ..cells.function import InverseFunction
+from .position_ik import answer
+from .servo import Servo, State
+
+_ANY = ParameterDescriptor(dynamic_typing=True)
+_STATUS_PERIOD = 0.1
+_LEVELS = {
+    State.WAITING: DiagnosticStatus.STALE,
+    State.RUNNING: DiagnosticStatus.OK,
+    State.HOLDING: DiagnosticStatus.WARN,
+}
+_OUTPUTS = ("trajectory", "positions")
+_DEFAULTS = {
+    "acceleration": None,
+    "jerk": None,
+    "rate": 100.0,
+    "joints": None,
+    "leaf": None,
+    "output": "trajectory",
+    "timeout": 0.1,
+    "tolerance": 0.2,
+}
+"""Parameters, with their defaults."""
+
+_NO_DIGITS = str.maketrans("", "", "0123456789.")
+"""Translation of a message to the text that is compared for a change: ages change all the time."""
+
+
+class ArmNode(Node):
+    """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
+
+    Subscribes to ``target_pose``, ``target_twist`` and ``joint_states``; publishes
+    ``joint_trajectory`` or, with the parameter ``output:=positions``, ``commands``, and
+    ``/diagnostics``. Services: ``~/hold``, ``~/resume`` and, for a cell where moveit_msgs is
+    installed, ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters
+    are read once.
+
+    Commands and time-outs follow a steady clock, which is never set; with ``use_sim_time``, they
+    follow the simulation's. Stamps are compared with the node's ROS clock.
+
+    Parameters
+    ----------
+    design
+        Design of a repeatable inverse, or of a cell's function.
+
+    Raises
+    ------
+    InputError
+        If a parameter is missing, unknown, or cannot be used.
+    """
+
+    def __init__(self, design: Design | CellDesign) -> None:
+        super().__init__("repctl")
+        given = self._declared()
+        simulated = self.get_parameter("use_sim_time").value
+        self._tick_clock = (
+            self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self.servo = Servo(
+            design,
+            given["rate"],
+            Limits(acceleration=_acceleration(given), jerk=given["jerk"]),
+            timeout=given["timeout"],
+            tolerance=given["tolerance"],
+        )
+        self._names = self._joint_names(given["joints"])
+        self._output = given["output"]
+        if self._output not in _OUTPUTS:
+            raise InputError(
+                f"parameter output: {self._output!r} is none of {', '.join(_OUTPUTS)}",
+                remedy="choose one of them",
+            )
+        self._connect()
+        if isinstance(design, CellDesign):
+            self._offer_ik(design.function)
+        if refused := self._set_leaf(given["leaf"]):
+            raise InputError(f"parameter leaf: {refused}")
+        self.add_on_set_parameters_callback(self._on_set)
+
+    def _connect(self) -> None:
+        """Create publishers, subscriptions, services and timers."""
+        newest = QoSProfile(depth=1)
+        if self._output == "trajectory":
+            self._commands = self.create_publisher(
+                JointTrajectory, "joint_trajectory", newest
+            )
+        else:
+            self._commands = self.create_publisher(
+                Float64MultiArray, "commands", newest
+            )
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(PoseStamped, "target_pose", self._on_pose, newest)
+        self.create_subscription(TwistStamped, "target_twist", self._on_twist, newest)
+        states = qos_profile_sensor_data
+        self.create_subscription(JointState, "joint_states", self._on_joints, states)
+        self.create_service(Trigger, "~/hold", self._on_hold)
+        self.create_service(Trigger, "~/resume", self._on_resume)
+        self.create_timer(self.servo.dt, self._on_tick, clock=self._tick_clock)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_STATUS_PERIOD, self.publish_status, clock=steady)
+        self._said = ""
+
+    def _offer_ik(self, F: InverseFunction) -> None:
+        """Create the service ``compute_ik``, MoveIt's GetPositionIK, answered by F.
+
+        Without moveit_msgs, there is no such service.
+        """
+        try:
+            from moveit_msgs.srv import GetPositionIK
+        except ImportError:
+            return
+
+        def on_request(request: Any, response: Any) -> Any:
+            leaf, base = self.servo.current_leaf, self.servo.base
+            asked = request.ik_request
+            return answer(F, asked, response, names=self._names, base=base, leaf=leaf)
+
+        self.create_service(GetPositionIK, "compute_ik", on_request)
+
+    # ---- parameters ----------------------------------------------------------------------------
+
+    def _declared(self) -> dict[str, Any]:
+        """Declare all parameters and return their values by name; arrays become lists.
+
+        Raises InputError if a parameter is given that the node does not have.
+        """
+        every = [(name, value, _ANY) for name, value in _DEFAULTS.items()]
+        values = {p.name: p.value for p in self.declare_parameters("", every)}
+        for name in self._parameter_overrides:
+            if not self.has_parameter(name):
+                raise unknown("parameter", name, _DEFAULTS)
+        return {
+            name: list(value)
+            if hasattr(value, "__len__") and not isinstance(value, str)
+            else value
+            for name, value in values.items()
+        }
+
+    def _joint_names(self, given: list[str] | None) -> dict[str, str]:
+        """Map joint names in messages to those of the design, in the design's order."""
+        own = self.servo.task.joint_names
+        given = list(own) if given is None else given
+        if len(given) != len(own) or len(set(given)) != len(own):
+            raise InputError(
+                f"parameter joints must be {len(own)} names, for {', '.join(own)}"
+            )
+        return dict(zip(given, own, strict=True))
+
+    def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Set the parameter ``leaf``; refuse other parameters, which are read once."""
+        for parameter in parameters:
+            what = f"{parameter.name} is read at the start; restart the node"
+            if parameter.name == "leaf":
+                what = self._set_leaf(parameter.value)
+            if what:
+                return SetParametersResult(successful=False, reason=what)
+        return SetParametersResult(successful=True)
+
+    def _set_leaf(self, value: Any) -> str:
+        """Pass a level c to the servo; return why it is refused, or an empty text."""
+        if value is None:
+            return ""
+        try:
+            return self.servo.leaf(value)
+        except (TypeError, ValueError):
+            return "leaf must be numbers"
+
+    # ---- messages ------------------------------------------------------------------------------
+
+    def _now(self) -> float:
+        """Time of the ticks and time-outs, s."""
+        return float(self._tick_clock.now().nanoseconds * 1e-9)
+
+    def _age(self, stamp: Any) -> float:
+        """Compute the age of a message's time stamp, s; 0 if it has no stamp."""
+        seconds = stamp.sec + 1e-9 * stamp.nanosec
+        now = self.get_clock().now().nanoseconds * 1e-9
+        return float(now - seconds) if seconds else 0.0
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        p, x = message.pose.position, message.pose.orientation
+        frame, age = message.header.frame_id, self._age(message.header.stamp)
+        position, quaternion = (p.x, p.y, p.z), (x.x, x.y, x.z, x.w)
+        self.servo.pose(position, quaternion, frame=frame, age=age)
+
+    def _on_twist(self, message: TwistStamped) -> None:
+        v, w = message.twist.linear, message.twist.angular
+        frame, age = message.header.frame_id, self._age(message.header.stamp)
+        self.servo.twist(
+            (v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age
+        )
+
+    def _on_joints(self, message: JointState) -> None:
+        pairs = zip(message.name, message.position, strict=False)
+        known = {self._names[name]: q for name, q in pairs if name in self._names}
+        self.servo.joints(known, self._now(), age=self._age(message.header.stamp))
+
+    def _on_hold(self, _: Any, response: Any) -> Any:
+        self.servo.hold()
+        return self._answered(response)
+
+    def _on_resume(self, _: Any, response: Any) -> Any:
+        self.servo.resume()
+        return self._answered(response)
+
+    def _answered(self, response: Any) -> Any:
+        """Fill in a service's response with the state of the servo."""
+        response.success = True
+        response.message = self.servo.said
+        return response
+
+    # ---- commands and status -------------------------------------------------------------------
+
+    def _on_tick(self) -> None:
+        q = self.servo.tick(self._now())
+        if q is not None:
+            self._publish(q)
+
+    def _publish(self, q: Array) -> None:
+        """Publish a commanded configuration (n,), to be reached at the next tick."""
+        if self._output == "positions":
+            self._commands.publish(Float64MultiArray(data=q.tolist()))
+            return
+        # no velocities: trajectory controllers refuse a last point that is not at rest
+        due = Duration(seconds=self.servo.dt).to_msg()
+        point = JointTrajectoryPoint(positions=q.tolist(), time_from_start=due)
+        self._commands.publish(
+            JointTrajectory(joint_names=list(self._names), points=[point])
+        )
+
+    def publish_status(self) -> None:
+        """Publish the servo's state on ``/diagnostics``, and log it when it changes."""
+        servo = self.servo
+        said = servo.said
+        level = _LEVELS[servo.state]
+        if servo.state is State.RUNNING and (servo.reason or servo.stopped_early):
+            level = DiagnosticStatus.WARN
+        leaf = servo.current_leaf
+        values = {"state": servo.state.value, "governor": servo.status.name}
+        values["leaf"] = "" if leaf is None else " ".join(f"{c:.9g}" for c in leaf)
+        status = DiagnosticStatus(level=level, name="repctl: arm", message=said)
+        status.hardware_id = servo.task.robot.name
+        status.values = [
+            KeyValue(key=key, value=value) for key, value in values.items()
+        ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+        if (brief := said.translate(_NO_DIGITS)) != self._said:
+            self._said = brief
+            self.get_logger().info(said)
+
+    def stop(self) -> None:
+        """Brake to rest: publish a command per tick until the arm is at rest."""
+        while (q := self.servo.brake()) is not None:
+            self._publish(q)
+            time.sleep(self.servo.dt)
+
+
+def _acceleration(given: dict[str, Any]) -> ArrayLike | str:
+    """Read the acceleration limits, a required parameter because a URDF has none."""
+    value: ArrayLike | str | None = given["acceleration"]
+    if value is None:
+        raise InputError(
+            "the parameter acceleration is missing, and a URDF has no acceleration limits",
+            remedy="add --ros-args -p acceleration:=5.0 (rad/s²), one number per joint, or a "
+            "name such as panda",
+        )
+    return value
+
+
+def spin(
+    design: Design | CellDesign, arguments: Sequence[str], stop: threading.Event
+) -> None:
+    """Run the node until an event is set, then brake to rest and return.
+
+    Parameters
+    ----------
+    design
+        Design of a repeatable inverse, or of a cell's function.
+    arguments
+        Arguments of ROS, such as ``["--ros-args", "-p", "acceleration:=5.0"]``.
+    stop
+        Event that stops the node; no signal handlers are installed.
+    """
+    try:
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy has no common class of its errors
+        what = " ".join(str(error).split())
+        raise InputError(f"ROS 2 did not start: {what}") from None
+    try:
+        node = ArmNode(design)
+        try:
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)
+            node.stop()
+        finally:
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
+__all__ = ["ArmNode", "spin"]

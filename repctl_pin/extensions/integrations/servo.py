@@ -1,0 +1,375 @@
+"""Servo: joint commands per tick from target poses or twists and measured joints; without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...arguments import Array, positive, shown
+from ...design.design_result import Design
+from ...errors import InputError, SingularityError
+from ...motion.limits import Limits, joint_limits
+from ..cells.cell_design import CellDesign
+from ..runtime.codegen.compile import compiled
+from ..runtime.codegen.compiled_governor import CompiledGovernor
+from ..runtime.leaf_change import leaf_change
+from ..runtime.status import Status
+from .messages import SAME, JointReadings, SteadyTime, clock_difference, target_of
+
+_LEAF = 1e-9
+"""Tolerance within which h(q) is at the level c, in the units of h."""
+
+_REST = 4
+"""Number of equal commands after which the arm counts as at rest."""
+
+
+_AHEAD = {
+    Status.SINGULAR: "J_V is singular ahead, or the target is out of reach",
+    Status.BAD_NUMBER: "one of its numbers is too large, or its matrix is not a rotation",
+    Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
+    Status.LIMIT: "a joint limit is ahead",
+}
+"""Description of what stops the arm, by the governor's status."""
+
+
+class State(Enum):
+    """State of a :class:`Servo`.
+
+    WAITING: no command is sent until joints at rest have been measured. RUNNING: the targets are
+    followed. HOLDING: the arm stops and stays at rest until it is resumed.
+    """
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    HOLDING = "holding"
+
+
+class Servo:
+    """Joint commands of an arm, per tick, from target poses or twists and measured joints.
+
+    The commands stay on one leaf and within the limits. All times are of one clock, in s, passed as
+    ``now``. Where the clock steps back or stands still, each tick counts as one period, so
+    time-outs still end. A target or twist that cannot be used raises no error: it stops the arm,
+    and :attr:`reason` describes it.
+
+    Parameters
+    ----------
+    design
+        Design of a repeatable inverse, or of a cell's function.
+    rate
+        Ticks per second, 1/s.
+    limits
+        Limits of acceleration, speed and jerk, as for :class:`Governor`, which runs in C.
+    timeout
+        Maximum age of measured joints, of a target and of a twist, s.
+    tolerance
+        Maximum distance of a measured joint from its command, rad or m; beyond it, the arm stops,
+        because it does not follow.
+    """
+
+    def __init__(
+        self,
+        design: Design | CellDesign,
+        rate: float,
+        limits: Limits,
+        *,
+        timeout: float = 0.1,
+        tolerance: float = 0.2,
+    ) -> None:
+        self.dt = 1 / positive(rate, "rate", "1/s")
+        self.timeout = positive(timeout, "timeout", "s")
+        self.tolerance = positive(tolerance, "tolerance", "rad (m)")
+        self.cell = design.function.cell if isinstance(design, CellDesign) else None
+        inverse = (
+            design.function.inverse
+            if isinstance(design, CellDesign)
+            else design.inverse
+        )
+        self._inverse, self.task = compiled(inverse), inverse.task
+        self._governor = CompiledGovernor(inverse, self.dt, limits)
+        self._limits = joint_limits(self.task, limits)
+        robot = self.task.robot
+        self.base = robot.base or robot.model.frames[1].name
+        self.state, self.reason, self.status = (
+            State.WAITING,
+            "no joint states yet",
+            Status.OK,
+        )
+        self._time = SteadyTime(self.dt)
+        self._readings = JointReadings(self.task.joint_names)
+        self._commands: list[Array] = []
+        self._leaf: Array | None = None
+        self._piece: list[Array] = []
+        self._held, self._fault = "", False
+        self._target: pin.SE3 | None = None
+        self._twist: Array | None = None
+        self._heard = 0.0
+
+    # ---- messages ------------------------------------------------------------------------------
+
+    def joints(
+        self, positions: Mapping[str, float], now: float, *, age: float = 0.0
+    ) -> None:
+        """Store measured positions of some or all joints, by name; other names are ignored.
+
+        ``age`` is the message's age by its stamp, s.
+        """
+        self._readings.take(positions, self._time.at(now), age)
+
+    def pose(
+        self,
+        position: Sequence[float],
+        quaternion: Sequence[float],
+        *,
+        frame: str = "",
+        age: float = 0.0,
+    ) -> None:
+        """Set the target: position (x, y, z), m, and quaternion (x, y, z, w), in the base frame.
+
+        ``age`` is the message's age, s. A target that cannot be used stops the arm.
+        """
+        if self._usable("target", frame, age):
+            try:
+                self._target = target_of(position, quaternion, self.task, self.cell)
+                self._twist = None
+            except InputError as error:
+                self._refuse(f"target refused: {error}")
+
+    def twist(
+        self, twist: Sequence[float], now: float, *, frame: str = "", age: float = 0.0
+    ) -> None:
+        """Set the velocity (v, ω) to follow, base axes, m/s and rad/s; it is valid for ``timeout``.
+
+        ``age`` is the message's age, s. A twist that cannot be used stops the arm.
+        """
+        if self._usable("twist", frame, age):
+            if not np.isfinite(twist).all():
+                self._refuse("twist refused: it must be finite numbers")
+                return
+            self._target, self._twist = None, np.array(twist, float)
+            self._heard = self._time.at(now)
+
+    def leaf(self, leaf: ArrayLike) -> str:
+        """Set the level c (r,) to which the arm moves before it follows the next target.
+
+        Returns why the level is refused, or an empty text.
+        """
+        c = np.atleast_1d(np.asarray(leaf, float))
+        if c.shape != (self.task.r,) or not np.isfinite(c).all():
+            return f"leaf must be {self.task.r} finite numbers"
+        self._leaf = c
+        return ""
+
+    def hold(self) -> None:
+        """Stop within the limits, and stay at rest until :meth:`resume`."""
+        self._stop(self._held or "held on request")
+
+    def resume(self) -> None:
+        """End a hold, and follow the targets and twists that arrive from now on.
+
+        After a fault, the arm brakes to rest, then starts again from the measured joints.
+        """
+        self._held = ""
+        self._forget()
+        if self.state is State.HOLDING and self._fault:
+            self.reason = "resumed: once at rest, it starts from the measured joints"
+        elif self.state is State.HOLDING:
+            self.state, self.reason = State.RUNNING, ""
+
+    # ---- ticks ---------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> Array | None:
+        """Compute the next command (n,); None if no command may be sent."""
+        now = self._time.tick(now)
+        q, age = self._readings.measured(now)
+        late = q is None or not age <= self.timeout
+        if self.state is State.WAITING:
+            if late or q is None:
+                self.reason = self._readings.absent(now)
+                self._readings.disturb()
+                return None
+            if not self._readings.rest(now, self.timeout):
+                self.reason = "the arm moves"
+                return None
+            if not self._start(q):
+                return None
+        elif late or q is None:
+            self._forget()
+            self.reason = self._readings.absent(now)
+            if self.at_rest:
+                self.state = State.WAITING
+                return None
+        elif self._compare(q, age):
+            return None
+        if self._twist is not None and now - self._heard > self.timeout:
+            self._refuse(f"the last twist is more than {self.timeout:g} s old")
+        return self._command()
+
+    def brake(self) -> Array | None:
+        """Compute the next command (n,) of a stop; None if the arm is at rest, or waits."""
+        self._forget()
+        return None if self.state is State.WAITING or self.at_rest else self._command()
+
+    @property
+    def at_rest(self) -> bool:
+        """True if the last four commands are equal, and no part of a self-motion is left."""
+        last = self._commands
+        return (
+            len(last) == _REST
+            and all((q == last[0]).all() for q in last)
+            and not self._piece
+        )
+
+    @property
+    def stopped_early(self) -> bool:
+        """True if the governor stops before the target: at a limit, singularity or edge of Ω."""
+        asked = self._target is not None or self._twist is not None
+        return self.state is State.RUNNING and asked and self.status in _AHEAD
+
+    @property
+    def said(self) -> str:
+        """State, and what stops the arm, in one line."""
+        reason = self.reason
+        if self.stopped_early and not reason:
+            does = "stopped" if self.at_rest else "slowing down"
+            reason = f"{does} before the target: {self._ahead()}"
+        return f"{self.state.value}: {reason}" if reason else self.state.value
+
+    def _ahead(self) -> str:
+        """Describe what stops the arm before the target."""
+        if self.status is Status.LIMIT and self.command is not None:
+            margin = self.task.limit_margin(self.command)
+            return (
+                f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
+            )
+        return _AHEAD[self.status]
+
+    @property
+    def command(self) -> Array | None:
+        """Last command (n,); None before the first."""
+        return self._commands[-1] if self._commands else None
+
+    @property
+    def current_leaf(self) -> Array | None:
+        """Level c (r,) of the last command; None before the first."""
+        return None if self.command is None else self._inverse.leaf(self.command)
+
+    def _command(self) -> Array:
+        """Compute the next command: of a self-motion to another leaf, or of the governor."""
+        if not self._piece and self._leaf is not None and self._moving_asked():
+            self._to_leaf(self._leaf)
+        if self._piece:
+            q = self._piece.pop(0)
+            if not self._piece:
+                self._governor.start(q)
+        else:
+            waits = self._leaf is not None
+            goal, twist = (None, None) if waits else (self._target, self._twist)
+            q, self.status = self._governor.step(goal, twist)
+        self._commands = [*self._commands[1 - _REST :], q]
+        return q
+
+    def _moving_asked(self) -> bool:
+        """Test whether the arm is running and has a target or a twist to follow."""
+        return self.state is State.RUNNING and (
+            self._target is not None or self._twist is not None
+        )
+
+    def _to_leaf(self, leaf: Array) -> None:
+        """Plan the next part of the self-motion to the level c, once the arm is at rest.
+
+        If there is no such motion, the arm holds.
+        """
+        if not self.at_rest:
+            return
+        q = self._governor.q
+        try:
+            if np.abs(self._inverse.leaf(q) - leaf).max() <= _LEAF:
+                self._leaf = None
+            else:
+                self._piece = list(
+                    leaf_change(self._inverse, q, leaf, self._limits, self.dt)
+                )
+        except (InputError, SingularityError) as error:
+            self._leaf = None
+            self._stop(f"leaf refused: {error}")
+
+    def _start(self, q: Array) -> bool:
+        """Start at rest at the measured joints q (n,); False if that is not possible."""
+        command = self.command
+        if self._fault or command is None or np.abs(q - command).max() > SAME:
+            try:
+                self._governor.start(q)
+            except (InputError, SingularityError) as error:
+                self.reason = f"cannot start: {error}"
+                return False
+            self._commands = [q] * _REST
+        self._fault, self.reason = False, self._held
+        self.state = State.HOLDING if self._held else State.RUNNING
+        self._forget()
+        return True
+
+    def _compare(self, q: Array, age: float) -> bool:
+        """Compare measured joints q (n,), ``age`` s old, with the last command; hold if too far.
+
+        Returns True if no command may be sent: the arm did not follow, and the commands are at
+        rest.
+        """
+        off = (
+            np.abs(q - self._commands[-1]) - age * self._limits.velocity
+        )  # moved since measured
+        if off.max() > self.tolerance and not self._fault:
+            j = int(np.argmax(off))
+            self._fault = True
+            name, unit = (
+                self.task.joint_names[j],
+                "rad" if self.task.revolute[j] else "m",
+            )
+            away = abs(float(q[j] - self._commands[-1][j]))
+            self._stop(
+                f"the arm does not follow: {name} is {away:.3g} {unit} from its command"
+            )
+        if self._fault and self.at_rest and not self._held:
+            self.state = (
+                State.WAITING
+            )  # resumed: the next tick begins at the measured joints
+        return self._fault and self.at_rest
+
+    # ---- what messages say ---------------------------------------------------------------------
+
+    def _usable(self, what: str, frame: str, age: float) -> bool:
+        """Test whether a message can be used: in the base frame, not late, and while the arm runs.
+
+        A message in another frame or late also stops the arm.
+        """
+        if frame not in ("", self.base):
+            self._refuse(
+                f"{what} refused: it is in frame {shown(frame)}, not in {self.base!r}"
+            )
+        elif not abs(age) <= self.timeout:
+            self._refuse(f"{what} refused: its stamp is {clock_difference(age)}")
+        elif self.state is State.RUNNING:
+            self.reason = ""
+            return True
+        return False
+
+    def _refuse(self, reason: str) -> None:
+        """Drop the target, so that the arm stops until the next usable one, and give the reason."""
+        self._forget()
+        if self.state is State.RUNNING:
+            self.reason = reason
+
+    def _stop(self, reason: str) -> None:
+        """Hold, for the given reason, until :meth:`resume`."""
+        self._forget()
+        self._held = reason
+        if self.state is not State.WAITING:
+            self.state, self.reason = State.HOLDING, reason
+
+    def _forget(self) -> None:
+        """Drop the target and the twist."""
+        self._target, self._twist, self._heard = None, None, 0.0

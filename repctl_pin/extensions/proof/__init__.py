@@ -1,0 +1,9 @@
+"""Proved lower bounds on the leaf margin and the limit margin, on all of a region or cell."""
+
+from ...plugins import Extension
+
+EXTENSION = Extension(
+    __name__,
+    names={"certify": "prove"},
+    parts={"study_design": "study:with_certificate"},
+)

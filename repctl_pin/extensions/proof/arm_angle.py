@@ -1,0 +1,286 @@
+r"""Taylor models of the gradient of an arm angle on boxes of joint positions.
+
+With ``e`` the elbow and ``w`` the wrist, seen from the shoulder, ``ρ = |w|`` and ``a = w × e``, the
+gradient of the arm angle is that of two forces, α at the elbow and β at the wrist, which the
+shoulder balances: the moment about each revolute joint's axis, the force along each prismatic one.
+
+.. math::
+
+   α = \frac{ρ\, a}{|a|^2}, \qquad β = -\frac{w · e}{ρ}\, \frac{a}{|a|^2} + \begin{cases}
+   (w · r)\, (w × r) \,/\, (ρ\, |w × r|^2) & \text{(conventional)} \\
+   (w × t) \,/\, (ρ\, (ρ - w · t)) & \text{(stereographic)} \end{cases}
+
+docs/theory.md derives this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...model.chain_formulas import skew
+from ...model.joint_chain import joint_axes, joint_coupling
+from ...potentials.arm_angle import ArmAngle
+from .arm_angle_kernel import gradients_in_c
+from .taylor import TaylorModel, cross, dot
+from .taylor_chain import combined, fixed, identity, moved
+
+_BATCH = 512
+_U = 2.0**-52
+"""Twice the unit roundoff of double precision."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class ArmAngleChain:
+    """The joints that move the shoulder, the elbow and the wrist of an arm angle, and its weights.
+
+    Attributes
+    ----------
+    R, p, a : (P, 3, 3), (P, 3) and (P, 3) arrays
+        Rotation and origin, m, of each joint in the frame of the joint before it, and its axis.
+    before : (P,) array of int
+        Index of that joint, a lower one; −1 for the base.
+    revolute : (P,) array of bool
+        False for prismatic joints.
+    S, o : (P, n) and (P,) arrays
+        ``θ = S q + o``: the positions of the joints.
+    joint, place : (3,) array of int and (3, 3) array
+        Joint that carries the shoulder, the elbow and the wrist, −1 for the base, and their
+        positions in its frame, m.
+    direction : (3,) array
+        r of the conventional angle, or t of the stereographic one.
+    stereographic : bool
+        True if the angle is stereographic.
+    weights : (r,) array
+        Factor of the angle in each potential.
+    """
+
+    R: Array
+    p: Array
+    a: Array
+    before: NDArray[np.int32]
+    revolute: NDArray[np.bool_]
+    S: Array
+    o: Array
+    joint: NDArray[np.int32]
+    place: Array
+    direction: Array
+    stereographic: bool
+    weights: Array
+
+    @classmethod
+    def of(cls, angle: ArmAngle, weights: Array) -> ArmAngleChain:
+        """Collect the joints of an arm angle with the given weights (r,)."""
+        model, task = angle.task.model, angle.task
+        data, neutral = model.createData(), pin.neutral(model)
+
+        def screw(j: int) -> Array:
+            J = pin.computeJointJacobian(model, data, neutral, j)
+            return np.asarray(J[:, model.idx_vs[j]])
+
+        carried = [_carried(model, model.frames[i], screw) for i in angle._ids]
+        ids = sorted({int(i) for j, _ in carried for i in model.supports[j] if i > 0})
+        at = {j: i for i, j in enumerate(ids)}
+        axes, revolute = joint_axes(model, ids)
+        placements = [model.jointPlacements[j] for j in ids]
+        sideways = angle.singular
+        return cls(
+            np.array([x.rotation for x in placements]).reshape(-1, 3, 3),
+            np.array([x.translation for x in placements]).reshape(-1, 3),
+            axes,
+            np.array([at.get(int(model.parents[j]), -1) for j in ids], np.int32),
+            revolute,
+            *joint_coupling(task, ids),
+            np.array([at.get(j, -1) for j, _ in carried], np.int32),
+            np.array([place for _, place in carried]),
+            angle.reference if sideways is None else sideways,
+            sideways is not None,
+            np.asarray(weights, float),
+        )
+
+    @property
+    def moving(self) -> NDArray[np.intp]:
+        """Indices of the joints q that move the shoulder, the elbow or the wrist."""
+        return np.flatnonzero((self.S != 0).any(axis=0))
+
+    @property
+    def carries(self) -> NDArray[np.bool_]:
+        """True if each joint moves the shoulder, the elbow and the wrist, (P, 3)."""
+        found = np.zeros((len(self.p), 3), bool)
+        for frame, joint in enumerate(self.joint):
+            while joint >= 0:
+                found[joint, frame] = True
+                joint = self.before[joint]
+        return found
+
+
+def _carried(
+    model: pin.Model, frame: pin.Frame, screw: Callable[[int], Array]
+) -> tuple[int, Array]:
+    """Find the joint nearest to the tool that moves a frame's origin, and the place in its frame.
+
+    Revolute joints on whose axis the origin lies do not move it.
+    """
+    joint, place = int(frame.parentJoint), np.array(frame.placement.translation)
+    while joint > 0 and not np.cross(screw(joint)[3:], place).any():
+        if not np.any(screw(joint)[3:]):
+            break  # a prismatic joint
+        placement = model.jointPlacements[joint]
+        if place.any():
+            place = placement.rotation @ place
+        place = placement.translation + place
+        joint = int(model.parents[joint])
+    return joint, place
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class GradientBounds:
+    """Expansions of a gradient V on K boxes.
+
+    Attributes
+    ----------
+    V, dV : (K, n) and (K, n, n) arrays
+        V at the centres, and its derivatives.
+    rest : (K, n) array
+        Bounds on the difference of V from its first-order expansion, rounding included; inf where
+        there is none.
+    size : (K,) array
+        Bounds of the absolute values of V and of its slopes times the half-widths.
+    """
+
+    V: Array
+    dV: Array
+    rest: Array
+    size: Array
+
+
+def gradient_bounds(chain: ArmAngleChain, Q: Array, half: Array) -> GradientBounds:
+    """Expand the gradient of an arm angle on boxes Q ± half, (K, n) each.
+
+    Boxes that differ only in joints that do not move the three points are evaluated once.
+    """
+    on = chain.moving
+    both = np.concatenate([Q[:, on], half[:, on]], axis=1)
+    _, first, which = np.unique(both, axis=0, return_index=True, return_inverse=True)
+    Q, half, which = Q[first], half[first], which.reshape(-1)
+    P, r = gradients_in_c(chain, Q[:, on], half[:, on]) or in_numpy(chain, Q, half)
+    return _bounds(chain, P[which], r[which], half[which])
+
+
+def in_numpy(chain: ArmAngleChain, Q: Array, half: Array) -> tuple[Array, Array]:
+    """Compute Taylor models of the gradient with respect to the joints that move the points.
+
+    Returns their coefficients (K, k, M) and bounds (K, k) on boxes Q ± half, (K, n) each.
+    """
+    parts = [
+        _models(chain, Q[i : i + _BATCH], half[i : i + _BATCH])
+        for i in range(0, len(Q), _BATCH)
+    ]
+    P, r = (np.concatenate(one)[:, chain.moving] for one in zip(*parts, strict=True))
+    return P, r
+
+
+def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBounds:
+    """Convert Taylor models of the gradient (K, k) to first-order expansions on boxes."""
+    on, (K, n) = chain.moving, half.shape
+    V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))
+    k, h = len(on), half[:, None, on]
+    with np.errstate(all="ignore"):
+        slopes = np.where(h > 0, P[..., 1 : 1 + k] / h, 0.0)
+        more = np.abs(P[..., 1 + k :]).sum(axis=-1) + r
+        more += 2 * _U * np.abs(P).sum(axis=-1)
+        size = (np.abs(P).sum(axis=-1) + r).max(axis=1, initial=0.0)
+    bad = ~(np.isfinite(more).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)))
+    more[bad], size[bad], slopes[bad] = np.inf, np.inf, 0.0
+    V[:, on], rest[:, on] = P[..., 0], more
+    dV[:, on[:, None], on] = slopes
+    return GradientBounds(V, dV, rest, size)
+
+
+@np.errstate(all="ignore")
+def _models(chain: ArmAngleChain, Q: Array, half: Array) -> tuple[Array, Array]:
+    """Compute Taylor models of the gradient (K, n) on boxes: their coefficients and bounds."""
+    theta, k = _positions(chain, Q, half), len(chain.moving)
+    axes, origins, points = _points(chain, theta)
+    shoulder, elbow, wrist = points
+    e, w = elbow - shoulder, wrist - shoulder
+    alpha, beta = _forces(chain, e, w)
+    forces, carries = [-(alpha + beta), alpha, beta], chain.carries
+    V = TaylorModel.constant(k, np.zeros(Q.shape))
+    P, r = V.P.copy(), V.r.copy()
+    whole = cross(e, alpha) + cross(w, beta)
+    for joint in range(len(chain.p)):
+        on = np.flatnonzero(carries[joint])
+        if chain.revolute[joint] and len(on) == 3:
+            load = whole
+        elif chain.revolute[joint]:
+            load = reduce(
+                add, [cross(points[f] - origins[joint], forces[f]) for f in on]
+            )
+        elif len(on) == 3:
+            continue  # the forces balance
+        else:
+            load = reduce(add, [forces[f] for f in on])
+        one = dot(axes[joint], load)
+        for i in np.flatnonzero(chain.S[joint]):
+            part = one.scaled(chain.S[joint, i])
+            P[:, i] += part.P[:, 0]
+            r[:, i] += part.r[:, 0] + _U * np.abs(P[:, i]).sum(axis=-1)
+    return P, r
+
+
+def _positions(chain: ArmAngleChain, Q: Array, half: Array) -> TaylorModel:
+    """Compute models of the positions of the joints, (K, P)."""
+    on = chain.moving
+    q = TaylorModel.constant(len(on), Q)
+    P = q.P.copy()
+    P[:, on, 1 + np.arange(len(on))] = half[:, on]
+    theta = TaylorModel(q.k, P, q.r).combined(chain.S)
+    return theta + fixed(theta, chain.o)
+
+
+def _points(
+    chain: ArmAngleChain, theta: TaylorModel
+) -> tuple[list[TaylorModel], list[TaylorModel], list[TaylorModel]]:
+    """Compute models (K, 3) of the axes and the origins of all joints, and of the three points."""
+    base = identity(theta), fixed(theta, np.zeros(3))
+    frames, axes, origins = [base], [], []  # of the base, then after each joint
+    for joint, before in enumerate(chain.before):
+        R, o = frames[before + 1]
+        o = o + combined(R, chain.p[joint])
+        R = [combined(R, column) for column in chain.R[joint].T]
+        axes.append(combined(R, chain.a[joint]))
+        origins.append(o)
+        position = theta[:, joint : joint + 1]
+        frames.append(moved(chain.a[joint], chain.revolute[joint], R, o, position))
+    points = []
+    for joint, place in zip(chain.joint, chain.place, strict=True):
+        R, o = frames[joint + 1]
+        points.append(o + combined(R, place))
+    return axes, origins, points
+
+
+def _forces(
+    chain: ArmAngleChain, e: TaylorModel, w: TaylorModel
+) -> tuple[TaylorModel, TaylorModel]:
+    """Compute models of the forces α at the elbow and β at the wrist, (K, 3) each."""
+    a, square = cross(w, e), dot(w, w)
+    rho, inverse, lever = square.power(0.5), square.power(-0.5), dot(a, a).power(-1)
+    alpha = (rho * lever) * a
+    beta = (dot(w, e) * inverse * lever) * a
+    b = w.combined(-skew(chain.direction))  # w × r, or w × t
+    along = w.combined(chain.direction[None])
+    if chain.stereographic:
+        turning = (rho * (rho - along)).power(-1) * b
+    else:
+        turning = (along * inverse * dot(b, b).power(-1)) * b
+    return alpha, turning - beta

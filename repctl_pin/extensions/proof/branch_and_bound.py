@@ -1,0 +1,231 @@
+"""Branch and bound on the leaf margin: boxes are halved until the bounds on them suffice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array
+from ...certificate import Proof
+from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
+from .potentials import U
+
+_BATCH = 4096
+_MOST = 4_000_000
+"""Maximum number of undecided boxes; the search stops beyond it."""
+
+TIGHT = 0.95
+"""Accuracy of the search without a goal.
+
+A box is halved until its bound is this share of the smallest leaf margin found at a centre.
+"""
+
+_SMALLEST = 1e-7
+"""Half-width, rad or m, below which an undecided box stops the search."""
+
+
+def bound_leaf_margin(
+    problem: LeafMarginProblem,
+    low: Array,
+    high: Array,
+    goal: float | None,
+    seconds: float,
+    report: Callable[[str, float], None],
+) -> Proof:
+    """Bound the leaf margin from below on a union of boxes.
+
+    Boxes are halved at a number that both halves share, so the halves leave no gap.
+
+    Parameters
+    ----------
+    problem
+        The leaf margin.
+    low, high : (K, n) arrays
+        Lower and upper corners of the boxes.
+    goal
+        Leaf margin to prove. The search stops as soon as it is proved, or at a configuration with a
+        smaller one. None finds the largest bound.
+    seconds
+        Processor time, s, after which the search stops with the bound found so far.
+    report
+        Progress callback (step, fraction); the fraction is the proved share of the volume.
+
+    Returns
+    -------
+    Proof
+        The proof of the leaf margin; it has no description and no limit margin yet.
+    """
+    search = _Search(problem, low, high, goal)
+    end, whole = thread_time() + seconds, search.volume()
+    while len(search.low) and not search.reason:
+        if thread_time() > end:
+            search.reason = f"stopped after {seconds:g} s"
+        elif len(search.low) > _MOST:
+            search.reason = f"stopped at {_MOST} undecided boxes"
+        else:
+            search.advance()
+            report("proving", 1 - min(1.0, search.volume() / whole))
+    return search.proof()
+
+
+class _Search:
+    """State of branch and bound: the undecided boxes, and the minimum bound of all others."""
+
+    def __init__(
+        self, problem: LeafMarginProblem, low: Array, high: Array, goal: float | None
+    ) -> None:
+        self.problem, self.goal = problem, goal
+        self.low, self.high = low.copy(), high.copy()
+        self.bound, self.sigma = np.zeros(len(low)), np.zeros(len(low))
+        self.split = np.full(len(low), -1, np.int32)  # −1: not evaluated yet
+        self.decided = self.settled_sigma = self.upper = np.inf
+        self.worst = ((low[0] + high[0]) / 2, (high[0] - low[0]) / 2)
+        self.at_least_bound = self.worst
+        self.boxes, self.reason = 0, ""
+
+    def volume(self) -> float:
+        """Compute the total volume of the undecided boxes."""
+        return float(np.prod(self.high - self.low, axis=1).sum())
+
+    def advance(self) -> None:
+        """Halve one batch of undecided boxes, and evaluate the halves.
+
+        With a goal, the newest boxes are taken; without one, those with the smallest bounds.
+        """
+        if len(self.low) <= _BATCH:
+            take = np.arange(len(self.low))
+        elif self.goal is not None:
+            take = np.arange(len(self.low) - _BATCH, len(self.low))
+        else:
+            take = np.argpartition(self.bound, _BATCH)[:_BATCH]
+        low, high = self._halved(take)
+        Q, half = _centered(low, high)
+        found = self.problem.bounds(Q, half)
+        self.boxes += len(Q)
+        enough = self._enough(found, Q, half)
+        done = (found.leaf_margin >= enough) & (found.leaf_margin > 0)
+        if done.any():
+            self._settle(found, done, Q, half)
+        stays = np.ones(len(self.low), bool)
+        stays[take] = False
+        if self.goal is None:
+            stays &= self._still_short(enough, stays)
+        left = ~done
+        self.low = np.concatenate([self.low[stays], low[left]])
+        self.high = np.concatenate([self.high[stays], high[left]])
+        self.bound = np.concatenate([self.bound[stays], found.leaf_margin[left]])
+        self.sigma = np.concatenate([self.sigma[stays], found.sigma_min[left]])
+        self.split = np.concatenate([self.split[stays], found.split[left]])
+        small = left & (half.max(axis=1) < _SMALLEST)
+        if small.any() and not self.reason:
+            self._stop(
+                Q, half, int(np.argmax(small)), "a box too small to halve is undecided"
+            )
+
+    def _halved(self, take: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return the lower and upper corners of the halves of the boxes with indices ``take``.
+
+        Boxes that were not evaluated yet are returned whole.
+        """
+        low, high, split = self.low[take], self.high[take], self.split[take]
+        whole, rows = split < 0, np.flatnonzero(split >= 0)
+        columns = split[rows]
+        middle = (low[rows, columns] + high[rows, columns]) / 2
+        first, second = high[rows].copy(), low[rows].copy()
+        first[np.arange(len(rows)), columns] = middle
+        second[np.arange(len(rows)), columns] = middle
+        lows = np.concatenate([low[whole], low[rows], second])
+        return lows, np.concatenate([high[whole], first, high[rows]])
+
+    def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
+        """Return the bound from which a box counts as decided.
+
+        The search stops if the leaf margin at a centre is below the goal, or 0 without a goal.
+        """
+        least = int(np.argmin(found.center))
+        if found.center[least] < self.upper:
+            self.upper = float(found.center[least])
+            self.worst = Q[least], half[least]
+        if self.goal is None:
+            if self.upper <= 0:
+                self._stop(Q, half, least, "J_V is singular there")
+            return TIGHT * self.upper
+        if self.upper < self.goal:
+            self._stop(Q, half, least, f"the leaf margin there is {self.upper:.4g}")
+        return self.goal
+
+    def _still_short(
+        self, enough: float, stays: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Count waiting boxes as decided if their bound now reaches ``enough``.
+
+        ``stays`` marks the boxes that were not in the last batch. Returns the mask of all boxes but
+        those that are now decided.
+        """
+        ready = stays & (self.split >= 0) & (self.bound >= enough)
+        if ready.any():
+            self.decided = min(self.decided, float(self.bound[ready].min()))
+            self.settled_sigma = min(self.settled_sigma, float(self.sigma[ready].min()))
+        return np.asarray(~ready)
+
+    def _settle(
+        self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
+    ) -> None:
+        (rows,) = np.nonzero(done)
+        least = rows[np.argmin(found.leaf_margin[rows])]
+        if found.leaf_margin[least] < self.decided:
+            self.decided = float(found.leaf_margin[least])
+            self.at_least_bound = Q[least], half[least]
+        self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
+
+    def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
+        if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
+            why = "the arm angle is not defined there"
+        self.reason, self.worst = why, (Q[at], half[at])
+
+    def proof(self) -> Proof:
+        """Return the minimum bounds over all boxes, decided or not."""
+        bound, sigma = self.decided, self.settled_sigma
+        worst = self.at_least_bound
+        if len(self.low):
+            least = int(np.argmin(self.bound))
+            Q, half = _centered(self.low[least, None], self.high[least, None])
+            worst = (
+                self.worst
+                if self.reason and "stopped" not in self.reason
+                else (Q[0], half[0])
+            )
+            bound, sigma = (
+                min(bound, float(self.bound[least])),
+                min(sigma, float(self.sigma.min())),
+            )
+            if self.reason.startswith("stopped"):
+                worst = self._named(worst)
+        proved = bound > 0 and (
+            self.goal is None or (bound >= self.goal and not self.reason)
+        )
+        return Proof(
+            "", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal
+        )
+
+    def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Name an arm angle as the reason if it may be singular in the smallest undecided box."""
+        small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
+        Q, half = _centered(self.low[small, None], self.high[small, None])
+        if not self.problem.undefined(Q, half)[0]:
+            return worst
+        self.reason += "; the arm angle may be singular near the worst box"
+        return Q[0], half[0]
+
+
+def _centered(low: Array, high: Array) -> tuple[Array, Array]:
+    """Compute centres and half-widths of boxes from their corners.
+
+    The half-widths are enlarged, so that the boxes contain both corners in spite of rounding.
+    """
+    Q = (low + high) / 2
+    size = np.maximum(np.abs(low), np.abs(high))
+    return Q, (high - low) / 2 * (1 + 1e-12) + 4 * U * size

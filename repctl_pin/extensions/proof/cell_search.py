@@ -1,0 +1,210 @@
+"""Branch and bound over a cell, to prove that its function F exists and keeps its margins.
+
+A box of poses is halved until the bounds on it suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array
+from ...certificate import Proof
+from ..cells.chart import Points
+from .cell_kernel import CellBounds
+from .cells import CellProof
+from .leaf_margin_bounds import inverses
+
+_BATCH = 1024
+_TRIALS = 48
+"""Number of boxes that are evaluated to choose the size of the initial boxes."""
+_MOST = 400_000
+"""Maximum number of initial boxes."""
+_SMALLEST = 1e-4
+"""Half-width, relative to that of the cell, below which an undecided box stops the search."""
+
+
+def bound_cell(
+    problem: CellProof,
+    leaf: float,
+    limit: float,
+    seconds: float,
+    report: Callable[[str, float], None],
+) -> Proof:
+    """Prove that F exists on a whole cell, and that its margins are above two goals.
+
+    Parameters
+    ----------
+    problem
+        The margins of the function.
+    leaf, limit
+        Leaf margin and limit margin, rad or m, to prove; −inf for none.
+    seconds
+        Processor time, s, after which the search stops.
+    report
+        Progress callback (step, fraction); the fraction is the proved share of the cell.
+
+    Returns
+    -------
+    Proof
+        It has no description yet. The bounds are 0 and −inf if the search stopped before its goal.
+    """
+    end = thread_time() + seconds
+    search = _CellSearch(problem, max(leaf, 0.0), limit)
+    while len(search.low) and not search.reason:
+        if thread_time() > end:
+            search.stop(-1, search.low, search.high, f"stopped after {seconds:g} s")
+        else:
+            search.advance()
+            report("proving", 1 - search.volume())
+    return search.proof()
+
+
+class _CellSearch:
+    """State of branch and bound: the undecided boxes, and the minimum margins of all others."""
+
+    def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
+        self.problem, self.leaf, self.limit = problem, leaf, limit
+        k = problem.cell.k
+        self.margins = np.array([np.inf, np.inf, np.inf])  # leaf, σ_min, limit
+        self.at, self.reason, self.boxes = (np.zeros(k), np.ones(k)), "", 0
+        self.low, self.high = grid(self._counts())
+
+    def _counts(self) -> Array:
+        """Choose the number of initial boxes along each coordinate, (k,).
+
+        The joints move equally far on a box along every coordinate. The boxes are made smaller
+        until half of a sample of them is proved; if that takes too many boxes, a single one is
+        used.
+        """
+        k, chart = self.problem.cell.k, self.problem.chart
+        S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
+        points = chart.solve(S, np.zeros((_TRIALS, self.problem.task.r)))
+        moved, _ = chart.derivative(points, np.zeros((_TRIALS, self.problem.task.r, k)))
+        if not points.found.any():
+            return np.ones(k)
+        cost = np.abs(moved[points.found][:, :, :k]).sum(axis=1).mean(axis=0) + 1e-9
+        cost /= cost.max()
+        before, counts = np.zeros(k), np.ones(k)
+        while np.prod(counts) < _MOST:
+            if (counts != before).any():
+                Uc = (np.floor((S + 1) / 2 * counts) + 0.5) * 2 / counts - 1
+                found = self.problem.bounds(Uc, np.tile(1 / counts, (_TRIALS, 1)))
+                self.boxes += _TRIALS
+                if self._proved(found).mean() >= 0.5:
+                    return counts
+            before, cost = counts, cost * 1.12
+            counts = np.maximum(np.ceil(cost), 1.0)
+        return np.ones(k)
+
+    def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
+        return np.asarray(
+            (found.leaf_margin > self.leaf) & (found.limit_margin > self.limit)
+        )
+
+    def volume(self) -> float:
+        """Compute the share of the cell that is undecided."""
+        return float(np.prod((self.high - self.low) / 2, axis=1).sum())
+
+    def advance(self) -> None:
+        """Evaluate the newest boxes, and halve those that are not proved."""
+        take = slice(max(0, len(self.low) - _BATCH), None)
+        low, high = self.low[take], self.high[take]
+        Uc, half = (low + high) / 2, (high - low) / 2
+        found = self.problem.bounds(Uc, half * (1 + 1e-12) + 4e-16)
+        self.boxes += len(Uc)
+        done = self._proved(found)
+        if done.any():
+            where = int(np.argmin(np.where(done, found.leaf_margin, np.inf)))
+            if found.leaf_margin[where] < self.margins[0]:
+                self.at = Uc[where], half[where]
+            each = np.stack([found.leaf_margin, found.sigma_min, found.limit_margin])
+            self.margins = np.minimum(self.margins, each[:, done].min(axis=1))
+        low, high, split = low[~done], high[~done], found.split[~done]
+        if len(low):
+            self._require_hope(low, high)
+        rows, middle = np.arange(len(low)), (low + high) / 2
+        first, second = high.copy(), low.copy()
+        first[rows, split] = second[rows, split] = middle[rows, split]
+        self.low = np.concatenate([self.low[: take.start], low, second])
+        self.high = np.concatenate([self.high[: take.start], first, high])
+
+    def _require_hope(self, low: Array, high: Array) -> None:
+        """Stop the search at a box that cannot be proved by halving it.
+
+        Either F at its centre does not exist, misses a margin, or is farther than d* from q_ref, or
+        the box is too small.
+        """
+        problem, chart, r = self.problem, self.problem.chart, self.problem.task.r
+        points = chart.solve((low + high) / 2, np.zeros((len(low), r)))
+        limits = np.minimum(points.Q - problem.lower, problem.upper - points.Q)
+        away = np.abs(points.Q - points.q_ref) - problem.near
+        for short, name in (
+            (
+                np.where(points.found, 1.0, -1.0),
+                "no configuration exists on this leaf at that pose",
+            ),
+            (center_margin(points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
+            (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
+            (
+                -away.max(axis=1),
+                "F is farther from q_ref there than d*, by {away:.2g} rad or m",
+            ),
+            (
+                (high - low).max(axis=1) - 2 * _SMALLEST,
+                "a box too small to halve is undecided",
+            ),
+        ):
+            where = int(np.argmin(short))
+            if short[where] < 0:
+                least = float(short[where])
+                values = {
+                    "leaf": least + self.leaf,
+                    "limit": least + self.limit,
+                    "away": -least,
+                }
+                self.stop(where, low, high, name.format(**values))
+                return
+
+    def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
+        """Stop the search at box number ``which`` of those with corners low and high."""
+        self.reason = reason
+        self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
+
+    def proof(self) -> Proof:
+        """Return the margins proved on the whole cell, or where and why the search stopped."""
+        leaf, sigma, limit = (
+            (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
+        )
+        proved = not self.reason
+        return Proof("", proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
+
+
+def grid(counts: Array) -> tuple[Array, Array]:
+    """Divide [−1, 1]^k into equal boxes, ``counts`` (k,) of them along the coordinates.
+
+    Returns their lower and upper corners, (K, k) each.
+    """
+    edges = [np.linspace(-1, 1, int(count) + 1) for count in counts]
+    low = np.meshgrid(*[e[:-1] for e in edges], indexing="ij")
+    high = np.meshgrid(*[e[1:] for e in edges], indexing="ij")
+    return (
+        np.stack([x.ravel() for x in low], axis=1),
+        np.stack([x.ravel() for x in high], axis=1),
+    )
+
+
+def center_margin(points: Points) -> Array:
+    """Evaluate the leaf margin at points of a chart: (K,); 0 where J_V is singular.
+
+    It is ``1 / ‖X Uᵀ‖``, with X the last r columns of the inverse of ``J_V = [J; n_refᵀ]`` and
+    ``n_ref = V U``, where V has orthonormal columns.
+    """
+    J_V = np.concatenate([points.J, np.swapaxes(points.n_ref, 1, 2)], axis=1)
+    X = inverses(J_V)[:, :, points.J.shape[1] :]
+    _, U = np.linalg.qr(points.n_ref)
+    size = np.linalg.norm(X @ np.swapaxes(U, 1, 2), ord=2, axis=(1, 2))
+    return np.nan_to_num(1 / size)

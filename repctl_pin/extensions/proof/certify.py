@@ -1,0 +1,188 @@
+"""Prove lower bounds of the leaf margin and the limit margin over a design's region or cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ... import progress as reporting
+from ...arguments import finite, flag, positive, require_type
+from ...certificate import Proof
+from ...design import Design
+from ...design.subject import subject_of
+from ...errors import InputError
+from ...regions import Region
+from ...regions.region import A_REGION
+from .branch_and_bound import bound_leaf_margin
+from .leaf_margin_bounds import leaf_margin_of
+from .regions import cover, enclosing, limit_margin
+
+if TYPE_CHECKING:
+    from ..cells.cell_design import CellDesign
+
+
+def prove(
+    what: Design | CellDesign,
+    *,
+    margin: float | None = None,
+    limit_margin: float | None = None,
+    region: Region | None = None,
+    seconds: float = 60.0,
+    progress: bool | Callable[[str, float], None] = False,
+) -> Proof:
+    """Prove by branch and bound, rounding included, that a design has no singularity in its region.
+
+    On each box of joints, J_V is expanded about its value at the centre, with bounds on the
+    remainder that hold on the whole box. They follow from bounds on the second derivatives of the
+    joint screws and on the third derivatives of the potentials. A box is halved until its bound
+    suffices. For the theorem and its assumptions, see the theory, "Proved, not sampled".
+
+    Parameters
+    ----------
+    what
+        A design over a box or a tube, in joint space, or over a workspace box, for which the whole
+        box of joints that it selects from is proved. Or the design of a function over a cell of
+        poses: it is also proved that the function exists, is smooth, and is the only solution near
+        its chart.
+    margin
+        Leaf margin to prove, from 0 to 1. By default, the largest bound that can be proved in the
+        time is found for a region; for a cell, 90 % of the smallest leaf margin of its evaluation
+        is to be proved.
+    limit_margin
+        Distance to the joint limits to prove, rad or m. By default, none for a region; for a cell,
+        the smallest one of its evaluation, less a tenth and 0.01.
+    region
+        Region of joint space to prove a design over, by default its own one. A proof over another
+        region is no certificate of the design.
+    seconds
+        Processor time, s, after which the bounds found so far are taken.
+    progress
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+    Returns
+    -------
+    Proof
+        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``.
+
+    Raises
+    ------
+    InputError
+        If the potentials or the region are functions of the user, of which no bounds are known, or
+        a region is given for a cell.
+
+    Examples
+    --------
+    >>> proof = rp.prove(design)
+    >>> proof.proved, 0.9 * design.leaf_margin < proof.leaf_margin <= design.leaf_margin + 1e-6
+    (True, True)
+    """
+    if not isinstance(what, Design):
+        from ..cells.cell_design import CellDesign  # a study has no need of it
+
+        if not isinstance(what, CellDesign):
+            raise InputError(
+                f"what must be a design, such as the result of rp.nearest_repeatable, "
+                f"not a {type(what).__name__}"
+            )
+    goal = None if margin is None else _share(margin)
+    least = (
+        None
+        if limit_margin is None
+        else finite(limit_margin, "limit_margin", "rad or m")
+    )
+    seconds = positive(seconds, "seconds", "s")
+    if region is not None:
+        require_type(region, Region, "region", A_REGION)
+        if not isinstance(what, Design):
+            raise InputError(
+                ": a function is proved over its own cell",
+                argument="region",
+                remedy="omit it",
+            )
+    if not callable(progress):
+        progress = flag(progress, "progress")
+    with reporting.reporter(progress) as report:
+        if isinstance(what, Design):
+            over = what.region if region is None else region
+            return _of_region(what, over, goal, least, seconds, report)
+        return _of_cell(what, goal, least, seconds, report)
+
+
+def _share(margin: float) -> float:
+    value = positive(margin, "margin", zero=True)
+    if value > 1:
+        raise InputError(
+            f"margin must be from 0 to 1, the largest leaf margin there is, not {value:g}"
+        )
+    return value
+
+
+def _of_region(
+    design: Design,
+    region: Region,
+    goal: float | None,
+    least: float | None,
+    seconds: float,
+    report: reporting.Report,
+) -> Proof:
+    """Prove the margins of a design over a region of joint space."""
+    task = design.task
+    low, high = cover(region)
+    limit_bound, nearest = limit_margin(task, low, high)
+    problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
+    found = bound_leaf_margin(problem, low, high, goal, seconds, report)
+    proof = replace(
+        found,
+        what=f"{task.robot.name} {task}, {region}",
+        limit_margin=limit_bound,
+        asked_limit_margin=least,
+    )
+    if least is not None and limit_bound < least:
+        proof = replace(
+            proof,
+            proved=False,
+            worst=(low[nearest] + high[nearest]) / 2,
+            half=(high[nearest] - low[nearest]) / 2,
+            reason=f"the limit margin there is {limit_bound:.4g}",
+        )
+    subject = subject_of(task, design.potentials, design.coefficients, region)
+    return proof.sealed(subject) if subject else proof
+
+
+def _of_cell(
+    design: CellDesign,
+    goal: float | None,
+    least: float | None,
+    seconds: float,
+    report: reporting.Report,
+) -> Proof:
+    """Prove that the function of a design exists over its cell, and prove its margins."""
+    from .cell_search import bound_cell
+    from .cells import CellProof
+
+    found = design.evaluation
+    leaf = 0.9 * found.leaf_margin if goal is None else goal
+    if least is not None:
+        limit = least
+    elif np.isfinite(found.limit_margin_worst):
+        limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
+    else:
+        limit = -np.inf
+    problem = CellProof(design.function.chart)
+    proof = bound_cell(problem, leaf, limit, seconds, report)
+    near = ", ".join(f"{v:.2g}" for v in problem.near)
+    proof = replace(
+        proof,
+        what=(
+            f"{design.task.robot.name} {design.task}, {design.cell!r}: "
+            "F exists, is smooth, and is the only solution "
+            f"within ({near}) of q_ref"
+        ),
+        asked_leaf_margin=goal,
+        asked_limit_margin=least,
+        excepted=design.function.chart.cell.excepted,
+    )
+    return proof.sealed(design.subject)

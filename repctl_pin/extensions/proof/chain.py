@@ -1,0 +1,175 @@
+"""Serial chain of a task, extended by virtual joints so that its task is a pose.
+
+A task with fewer than six coordinates leaves motions of the frame free. Each is represented by a
+virtual joint that stands still: three revolute joints at the tool for the rotation of a position
+task, one of them for an axis task, and a prismatic joint at the base for a position coordinate that
+is not controlled. The screws of all joints are the columns of a (6, N) matrix. Its null space,
+restricted to the first n entries, is the null space of J.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...model.joint_chain import joint_chain
+from ...model.task import Task
+
+FREE: dict[str, tuple[str, str]] = {
+    "pose": ("", ""),
+    "axis": ("", "z"),
+    "position": ("", "xyz"),
+    "xy": ("z", "xyz"),
+    "xz": ("y", "xyz"),
+    "yz": ("x", "xyz"),
+}
+"""Free motions of the frame, for each kind of task.
+
+They are the base axes along which it can translate, and the tool axes about which it can rotate.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Chain:
+    """Serial chain of P joints, virtual ones included, with a middle link.
+
+    The screws of the joints are expressed in the frame of the middle link.
+
+    Attributes
+    ----------
+    R, p, a : (P, 3, 3), (P, 3) and (P, 3) arrays
+        Rotation and origin, m, of each joint in the frame of the previous one, and its axis.
+    revolute : (P,) array of bool
+        False for prismatic joints.
+    level : (P,) array of bool
+        True for virtual joints at the tool with freely chosen axes, which are kept parallel to axes
+        of the middle link: three that span all rotations, or one in no column that marks the frame
+        of a pose task.
+    S, o : (P, N) and (P,) arrays
+        ``θ = S q + o``: the positions of the joints. The last N − n entries of q belong to the
+        virtual joints.
+    n : int
+        Number of the task's own joints.
+    middle : int
+        Number of joints before the middle link.
+    shift : (3,) array
+        Origin in which the screws are expressed, m, in the frame of the middle link's joint.
+    """
+
+    R: Array
+    p: Array
+    a: Array
+    revolute: NDArray[np.bool_]
+    level: NDArray[np.bool_]
+    S: Array
+    o: Array
+    n: int
+    middle: int
+    shift: Array
+
+    @property
+    def N(self) -> int:
+        """Number of columns of S: the task's n joints and the virtual joints."""
+        return self.S.shape[1]
+
+    @property
+    def loose(self) -> NDArray[np.bool_]:
+        """True for the columns (N,) of the rotations that a position task leaves free."""
+        return np.asarray(self.S[self.level].any(axis=0))
+
+    @property
+    def reach(self) -> Array:
+        """Bound on the distance of each joint from the origin (P,), m, with prismatic joints at 0.
+
+        It is the sum of the lengths of the link offsets between them.
+        """
+        lengths = np.linalg.norm(self.p, axis=1)
+        reach, k = np.zeros(len(lengths)), self.middle
+        for joint in range(len(lengths)):
+            if joint < k:
+                reach[joint] = np.linalg.norm(self.shift) + lengths[joint + 1 : k].sum()
+            else:
+                reach[joint] = (
+                    np.linalg.norm(self.p[k] - self.shift)
+                    + lengths[k + 1 : joint + 1].sum()
+                )
+        return reach
+
+    def seen_from(self, middle: int, half: float) -> Chain:
+        """Rewrite the chain in the frame of its link after ``middle`` joints, for tighter bounds.
+
+        The origin is at the share ``half`` of the offset from the link's joint to the next one.
+        """
+        ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
+        shift = np.asarray(half * ahead, float)
+        return Chain(
+            self.R,
+            self.p,
+            self.a,
+            self.revolute,
+            self.level,
+            self.S,
+            self.o,
+            self.n,
+            middle,
+            shift,
+        )
+
+
+def chain_of(task: Task) -> Chain:
+    """Create the extended chain of a task, with the base as its middle link."""
+    joints, unit = joint_chain(task), dict(zip("xyz", np.eye(3), strict=True))
+    slides, spins = ([unit[name] for name in names] for names in FREE[task.kind])
+    tool = spins or [unit["z"]]  # of a pose: in no column, it marks the frame
+    before, own, after = len(slides), len(joints.axes), len(tool)
+    P = before + own + after
+
+    R, p = np.tile(np.eye(3), (P, 1, 1)), np.zeros((P, 3))
+    R[before : before + own + 1] = joints.R
+    p[before : before + own + 1] = joints.p
+    S = np.zeros((P, task.n + before + len(spins)))
+    S[before : before + own, : task.n] = joints.S
+    S[:before, task.n : task.n + before] = np.eye(before)
+    if spins:
+        S[P - after :, task.n + before :] = np.eye(after)
+    o = np.zeros(P)
+    o[before : before + own] = joints.offset
+    level = np.arange(P) >= P - (after if len(spins) != 1 else 0)
+    return Chain(
+        R,
+        p,
+        np.array([*slides, *joints.axes, *tool]),
+        np.array([False] * before + list(joints.revolute) + [True] * after),
+        level,
+        S,
+        o,
+        task.n,
+        0,
+        np.zeros(3),
+    )
+
+
+def tool_reach(chain: Chain) -> float:
+    """Bound the distance of the frame from the origin, m, with prismatic joints at 0.
+
+    It is the sum of the lengths of the link offsets between them.
+    """
+    return float(
+        np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1]
+    )
+
+
+def frame_change(kind: str, distance: Array) -> Array:
+    """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a right inverse of all screws.
+
+    It is the norm of the change of a twist from the middle link to the frame, at a bound of its
+    distance from the origin, m. A task of positions has β = 1: its twists are those of the frame's
+    origin without rotation, and have no moment to change.
+    """
+    t = np.asarray(distance, float)
+    turns = kind in ("pose", "axis")
+    return np.asarray((t + np.sqrt(t * t + 4)) / 2 if turns else np.ones_like(t))

@@ -1,0 +1,350 @@
+r"""Potentials as sums of features φ, with bounds of the second-order Taylor remainder of V.
+
+Each feature is 1, an earlier feature times a linear argument z, or the sine or cosine of one:
+
+.. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
+          V = G φ, \quad ∂V = C φ,
+          \quad |∂²V - C_3 φ| ≤ T, \quad |∂(C_3 φ)| ≤ T_4 \text{ on the whole of } Ω
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...errors import InputError
+from ...potentials.arm_angle import ArmAngle
+from ...potentials.basis import CustomMap, Potentials
+from ...potentials.fourier import FourierMap
+from ...potentials.maps import PartialMap, SumMap
+from ...potentials.polynomial import PolynomialMap
+from ...regions.box import Box
+from .arm_angle import ArmAngleChain
+
+CONSTANT, PRODUCT, SINE, COSINE = range(4)
+U = 2.0**-53
+"""Unit roundoff of double precision."""
+
+_Exponents = tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Features:
+    """r potentials of n joints as sums of F features, with bounds that hold in one region.
+
+    Attributes
+    ----------
+    Z, z0 : (s, n) and (s,) arrays
+        The s linear arguments of the features, ``z = Z q − z0``.
+    kind, parent, variable : (F,) arrays of int
+        Function of each feature, the feature that a product multiplies, and the index of the
+        argument.
+    G : (r, n, F) array
+        Coefficients of V.
+    C : (r, n, n, F) array
+        Coefficients of ∂V.
+    third : (F_3,) array of int
+        Features that occur in the third derivatives of h; none where T bounds these well.
+    C3 : (r, n, n, n, F_3) array
+        Coefficients of the third derivatives of h.
+    T, T4 : (r, n, n, n) and (r, n, n, n, n) arrays
+        Bounds over the region of the terms of the third derivatives that are not in C3, and of the
+        derivatives of ``C_3 φ``.
+    E : (r, n) array
+        Bounds of the rounding errors in V and in its derivatives times the half-widths.
+    size : (r,) array
+        Bounds of |V| and of its derivatives times the half-widths, to which rounding is relative.
+    arms : tuple of ArmAngleChain
+        Arm angles, which are added to the features and have Taylor models of their own.
+    """
+
+    Z: Array
+    z0: Array
+    kind: NDArray[np.int32]
+    parent: NDArray[np.int32]
+    variable: NDArray[np.int32]
+    G: Array
+    C: Array
+    third: NDArray[np.int32]
+    C3: Array
+    T: Array
+    T4: Array
+    E: Array
+    size: Array
+    arms: tuple[ArmAngleChain, ...]
+
+
+def features_of(field: Potentials, n: int, box: Box) -> Features:
+    """Convert potentials to sums of features, with bounds that hold in a box.
+
+    Raises
+    ------
+    InputError
+        If they are not polynomials, Fourier series, arm angles or sums of them: no bounds are known
+        of a function of the user.
+    """
+    made = _Builder(n, box)
+    made.add(field, np.arange(n))
+    return made.features()
+
+
+class _Builder:
+    """Collects the features of potentials, and their coefficients and bounds."""
+
+    def __init__(self, n: int, box: Box) -> None:
+        self.n, self.box = n, box
+        self.most = np.abs(box.center) + box.half_width
+        self.rows: list[Array] = []
+        self.z0: list[float] = []
+        self.low: list[float] = []
+        self.high: list[float] = []
+        self.kind: list[int] = []
+        self.parent: list[int] = []
+        self.variable: list[int] = []
+        self.bound: list[float] = []
+        self.error: list[float] = []
+        self.G: list[tuple[int, int, Array]] = []
+        self.C: list[tuple[int, int, int, Array]] = []
+        self.T: Array | None = None
+        self.C3: dict[tuple[int, ...], dict[int, Array]] = defaultdict(dict)
+        self.T4: dict[tuple[int, ...], Array] = {}
+        self.arms: list[ArmAngleChain] = []
+
+    def add(self, field: Potentials, joints: NDArray[np.intp]) -> None:
+        """Add potentials of the joints with the given indices."""
+        if isinstance(field, SumMap):
+            for part in field.maps:
+                self.add(part, joints)
+        elif isinstance(field, PartialMap):
+            self.add(field.part, joints[field.variables])
+        elif isinstance(field, PolynomialMap):
+            self._polynomial(field, joints)
+        elif isinstance(field, FourierMap):
+            self._fourier(field, joints)
+        elif isinstance(field, CustomMap) and isinstance(field.basis, ArmAngle):
+            self._room(field.A.shape[1])
+            self.arms.append(ArmAngleChain.of(field.basis, field.A[0]))
+        else:
+            family = getattr(field, "family", field)
+            raise InputError(
+                f"nothing can be proved of {family!r}: bounds of its derivatives are not known; "
+                "use polynomials, Fourier series, arm angles, or sums of them"
+            )
+
+    # ---- arguments and features ---------------------------------------------------------------
+
+    def _argument(self, row: Array, z0: float) -> int:
+        self.rows.append(row)
+        self.z0.append(z0)
+        middle, reach = row @ self.box.center - z0, np.abs(row) @ self.box.half_width
+        z = len(self.rows) - 1
+        away = self._argument_error(z)
+        self.low.append(float(middle - reach - away))
+        self.high.append(float(middle + reach + away))
+        return z
+
+    def _argument_error(self, z: int) -> float:
+        """Bound the rounding error of argument number z."""
+        return float(
+            (self.n + 6) * U * (np.abs(self.rows[z]) @ self.most + abs(self.z0[z]))
+        )
+
+    def _most(self, z: int) -> float:
+        """Bound the absolute value of argument number z in the box."""
+        return max(abs(self.low[z]), abs(self.high[z]))
+
+    def _feature(
+        self, kind: int, parent: int, variable: int, bound: float, error: float
+    ) -> int:
+        self.kind.append(kind)
+        self.parent.append(parent)
+        self.variable.append(variable)
+        self.bound.append(bound)
+        self.error.append(error)
+        return len(self.kind) - 1
+
+    def _room(self, r: int) -> Array:
+        if self.T is None:
+            self.T = np.zeros((r, self.n, self.n, self.n))
+        return self.T
+
+    # ---- families -----------------------------------------------------------------------------
+
+    def _polynomial(self, field: PolynomialMap, joints: NDArray[np.intp]) -> None:
+        """Add the terms of ``h = Σ c_β u^β`` with ``u = (q − center) / scale``."""
+        scale = field.scale
+        rows = np.zeros((len(joints), self.n))
+        rows[np.arange(len(joints)), joints] = 1 / scale
+        z = [
+            self._argument(row, c / s)
+            for row, c, s in zip(rows, field.center, scale, strict=True)
+        ]
+        most = [self._most(v) for v in z]
+        known: dict[_Exponents, int] = {}
+
+        def monomial(beta: _Exponents) -> int:
+            if beta not in known:
+                known[beta] = self._monomial(beta, z, monomial)
+            return known[beta]
+
+        for beta, c in field.terms.items():
+            T = self._room(len(c))
+            for i, one, by_i in _lowered(beta):
+                self.G.append((int(joints[i]), monomial(one), by_i * c / scale[i]))
+                for j, two, by_j in _lowered(one):
+                    both = by_i * by_j * c / (scale[i] * scale[j])
+                    if joints[i] <= joints[j]:
+                        self.C.append(
+                            (int(joints[i]), int(joints[j]), monomial(two), both)
+                        )
+                    for l, three, by_l in _lowered(two):
+                        cubic = both * (by_l / scale[l])
+                        if sum(beta) == 3:
+                            T[:, joints[i], joints[j], joints[l]] += np.abs(cubic)
+                        elif i <= j <= l:
+                            self._third(
+                                three,
+                                cubic,
+                                tuple(joints[[i, j, l]].tolist()),
+                                joints,
+                                most,
+                                scale,
+                                monomial,
+                            )
+
+    def _third(
+        self,
+        three: _Exponents,
+        c: Array,
+        ijl: tuple[int, ...],
+        joints: NDArray[np.intp],
+        most: list[float],
+        scale: Array,
+        monomial: Callable[[_Exponents], int],
+    ) -> None:
+        """Add the term ``c u^three`` of the third derivative of h along joints ``ijl``.
+
+        Its derivative along the last of these joints and all later ones is bounded, too.
+        """
+        feature = monomial(three)
+        self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
+        for m, four, by_m in _lowered(three):
+            if joints[m] >= ijl[-1]:
+                size = np.prod([x**e for x, e in zip(most, four, strict=True)])
+                key = (*ijl, int(joints[m]))
+                self.T4[key] = self.T4.get(key, 0.0) + np.abs(c) * (
+                    by_m * size / scale[m]
+                )
+
+    def _monomial(self, beta: _Exponents, z: list[int], monomial: object) -> int:
+        used = [i for i, power in enumerate(beta) if power]
+        if not used:
+            return self._feature(CONSTANT, 0, 0, 1.0, 0.0)
+        i = used[-1]
+        parent = monomial((*beta[:i], beta[i] - 1, *beta[i + 1 :]))  # type: ignore[operator]
+        most = self._most(z[i])
+        bound = self.bound[parent] * most
+        error = self.error[parent] * most + (
+            self.bound[parent] + self.error[parent]
+        ) * self._argument_error(z[i])
+        return self._feature(PRODUCT, parent, z[i], bound, error + U * bound)
+
+    def _fourier(self, field: FourierMap, joints: NDArray[np.intp]) -> None:
+        """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
+        T = self._room(field.sines.shape[1])
+        for wave, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
+            row = np.zeros(self.n)
+            row[joints] = wave
+            z = self._argument(row, 0.0)
+            error = self._argument_error(z) + 8 * U
+            sine, cosine = (
+                self._feature(kind, 0, z, 1.0, error) for kind in (SINE, COSINE)
+            )
+            (used,) = np.nonzero(row)
+            for i in used:
+                self.G += [(int(i), cosine, row[i] * a), (int(i), sine, -row[i] * b)]
+                for j in used[used >= i]:
+                    both = row[i] * row[j]
+                    self.C += [
+                        (int(i), int(j), sine, -both * a),
+                        (int(i), int(j), cosine, -both * b),
+                    ]
+            T += np.einsum("i,j,l,a->aijl", *[np.abs(row)] * 3, np.hypot(a, b))
+
+    # ---- all together -------------------------------------------------------------------------
+
+    def features(self) -> Features:
+        """Create the features, with bounds of the rounding in their sums."""
+        assert self.T is not None, "a field has at least one term"
+        r, n, F = len(self.T), self.n, len(self.kind)
+        G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))
+        for i, f, c in self.G:
+            G[:, i, f] += c
+        for i, j, f, c in self.C:
+            C[:, i, j, f] += c
+            if i != j:
+                C[:, j, i, f] += c
+        bound, error = np.array(self.bound), np.array(self.error)
+        wrong = (
+            error + (F + 16) * U * bound
+        )  # of a term: its own rounding, its coefficient's, and the sum's
+        half = self.box.half_width
+        V, slopes = np.abs(G) @ bound, (np.abs(C) @ bound) @ half
+        E = np.abs(G) @ wrong + (np.abs(C) @ wrong) @ half
+        kind, parent, variable = (
+            np.array(values, np.int32)
+            for values in (self.kind, self.parent, self.variable)
+        )
+        size = (V + slopes).max(axis=1)
+        T = np.asarray(self.T * (1 + 1e-12), float)
+        third = np.array(
+            sorted({f for terms in self.C3.values() for f in terms}), np.int32
+        )
+        at = {int(f): i for i, f in enumerate(third)}
+        C3, T4 = (
+            np.zeros((r, n, n, n, len(third))),
+            np.zeros((r, n, n, n, n) if len(third) else (r, 0, 0, 0, 0)),
+        )
+        for ijl, terms in self.C3.items():
+            for f, c in terms.items():
+                for i, j, l in permutations(ijl):
+                    C3[:, i, j, l, at[f]] = c
+        for key, bound4 in self.T4.items():
+            for i, j, l, m in permutations(key):
+                T4[:, i, j, l, m] = bound4 * (1 + 1e-12)
+        E += 0.5 * ((np.abs(C3) @ wrong[third]) @ half) @ half
+        return Features(
+            np.array(self.rows).reshape(-1, n),
+            np.array(self.z0),
+            kind,
+            parent,
+            variable,
+            G,
+            C,
+            third,
+            C3,
+            T,
+            T4,
+            E,
+            size,
+            tuple(self.arms),
+        )
+
+
+def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
+    """Differentiate a monomial with exponents beta with respect to each of its variables.
+
+    Returns triples: index of the variable, exponents of the derivative, and its factor.
+    """
+    return [
+        (i, (*beta[:i], power - 1, *beta[i + 1 :]), power)
+        for i, power in enumerate(beta)
+        if power
+    ]

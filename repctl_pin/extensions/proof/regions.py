@@ -1,0 +1,121 @@
+"""Boxes that cover a region of joint space, and their distance to the joint limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arguments import Array
+from ...errors import InputError
+from ...model.task import Task
+from ...regions import Box, Region, Tube, WorkspaceBox
+from .potentials import U
+
+_STRETCH = 0.25
+"""Maximum motion of a joint on a section of a tube enclosed in one box, relative to the radius."""
+
+
+def cover(region: Region) -> tuple[Array, Array]:
+    """Cover a region by boxes: their lower and upper corners, (K, n) each.
+
+    A tube is divided into sections of consecutive samples, on which no joint moves by more than a
+    quarter of the radius or which have two samples. One box encloses the tube along each section,
+    all configurations between its samples included. Where boxes overlap, the later ones are
+    reduced. A workspace box is covered by the box of joints that it selects from.
+
+    Raises
+    ------
+    InputError
+        If it is a region of the user, whose shape is not known.
+    """
+    if isinstance(region, Box):
+        return region.lower[None].copy(), region.upper[None].copy()
+    if isinstance(region, Tube):
+        return _without_overlap(*_stretches(region))
+    if isinstance(region, WorkspaceBox):
+        return cover(region.within)
+    raise InputError(
+        f"nothing can be proved over a {type(region).__name__}: its shape is not known; prove the "
+        "design over a box or a tube that contains it: rp.prove(design, region=...)"
+    )
+
+
+def _stretches(tube: Tube) -> tuple[Array, Array]:
+    """Enclose sections of a tube in boxes: their lower and upper corners, (K, n) each.
+
+    A section has at least two samples; its last one is the first one of the next section.
+    """
+    Q, first, ends = tube.samples, 0, []
+    wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
+    for i in range(1, len(Q)):
+        moved = np.ptp(Q[first : i + 1], axis=0)
+        if i > first + 1 and (moved > _STRETCH * tube.radius).any():
+            ends.append((first, i))
+            first = i - 1
+    parts = [Q[a:b] for a, b in [*ends, (first, len(Q))]]
+    low, high = (
+        np.array([f(part, axis=0) for part in parts]) for f in (np.min, np.max)
+    )
+    return low - wide, high + wide
+
+
+def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
+    """Reduce boxes so that they overlap less but still cover the same union.
+
+    Each box is divided into what lies outside the previous box. Earlier boxes are removed from
+    these parts where one part remains.
+    """
+    boxes = list(zip(low, high, strict=True))
+    pieces = boxes[:1]
+    for i in range(1, len(boxes)):
+        for piece in _outside(boxes[i], boxes[i - 1]):
+            left = [piece]
+            meets = (piece[0] < high[: i - 1]) & (piece[1] > low[: i - 1])
+            for k in np.flatnonzero(meets.all(axis=1)):
+                if left and len(rest := _outside(left[0], boxes[k])) <= 1:
+                    left = rest
+            pieces += left
+    return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])
+
+
+def _outside(
+    box: tuple[Array, Array], other: tuple[Array, Array]
+) -> list[tuple[Array, Array]]:
+    """Divide the part of a box outside another one into boxes, at most two per joint."""
+    if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
+        return [box]
+    pieces, (low, high) = [], (box[0].copy(), box[1].copy())
+    for j in range(len(low)):
+        for beyond, end, at in (
+            (low[j] < other[0][j], high, other[0][j]),
+            (high[j] > other[1][j], low, other[1][j]),
+        ):
+            if beyond:
+                corner = end[j]
+                end[j] = at
+                pieces.append((low.copy(), high.copy()))
+                end[j] = corner
+                (low if end is high else high)[j] = at
+    return pieces
+
+
+def enclosing(low: Array, high: Array) -> Box:
+    """Create a box that contains all boxes with corners low and high, (K, n) each."""
+    least, most = low.min(axis=0), high.max(axis=0)
+    slack = 1e-9 * (np.abs(least) + np.abs(most) + most - least)
+    return Box.between(least - slack, most + slack)
+
+
+def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
+    """Bound the distance to the nearest joint limit from below over boxes.
+
+    Returns the bound, rad or m, and the index of the box with the smallest one.
+    """
+    T = task.coordinate_matrix
+    middle, reach = (low + high) / 2 @ T.T, (high - low) / 2 @ np.abs(T).T
+    lower, upper, _ = task.joint_limits
+    size = np.abs(low).max() + np.abs(high).max()
+    margins = np.minimum(middle - reach - lower, upper - middle - reach).min(axis=1)
+    at = int(np.argmin(margins))
+    return float(margins[at]) - 16 * task.n * U * float(size) * float(
+        np.abs(T).sum(axis=1).max()
+    ), at

@@ -1,0 +1,35 @@
+"""Certificate of the design that a study makes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ...design import Design
+from ...errors import InputError
+from .certify import prove
+
+PROVED = 0.9
+"""Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
+
+PROVING, LEAST_PROVING = 0.05, 0.3
+"""Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
+
+
+def with_certificate(
+    design: Design, spent: float, say: Callable[[str], None]
+) -> Design:
+    """Add a certificate of the leaf margin to a design; return it unchanged if the proof fails.
+
+    The proof fails, too, if it takes too long compared with the ``spent`` seconds of processor
+    time.
+    """
+    say("proving its leaf margin")
+    seconds = max(LEAST_PROVING, PROVING * spent)
+    try:
+        proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
+    except (
+        InputError
+    ):  # bounds of these potentials, or the region's shape, are not known
+        return design
+    return replace(design, proof=proof) if proof else design

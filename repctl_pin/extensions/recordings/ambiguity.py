@@ -1,0 +1,160 @@
+"""Ambiguity of recorded configurations: misfit of a smooth function of the pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ..cells.monomials import Monomials
+from .recording import blocks
+from .table import Column
+
+_DEGREE = 3
+_RIDGES = 10.0 ** np.arange(-8, 1)
+"""Ridge parameters λ that are tried, for coordinates scaled to [−1, 1]."""
+
+_FOLDS = 6
+_FRAMES_PER_TERM = 3
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Ambiguity:
+    """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
+
+    Attributes
+    ----------
+    misfits : tuple of (K,) arrays
+        ``‖q − q̂(x)‖`` at each frame, rad or m, for each labelling; q̂ was fitted to the frames of
+        the other folds.
+    degree : int
+        Degree of the polynomial q̂.
+    method : str
+        Description of the fit and of the held-out frames.
+    """
+
+    misfits: tuple[Array, ...]
+    degree: int
+    method: str
+
+    @property
+    def residuals(self) -> tuple[float, ...]:
+        """Root mean square of the misfit of each labelling, rad or m."""
+        return tuple(
+            float(np.sqrt(np.mean(one**2))) if len(one) else np.nan
+            for one in self.misfits
+        )
+
+
+def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
+    r"""Fit configurations as a polynomial of the pose, and measure the misfit on held-out frames.
+
+    .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
+              \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2
+
+    Each fold of frames is held out in turn. The folds are the sessions, grouped into six if there
+    are more, or six blocks of time of a single session. Each labelling has its own λ, the one of
+    1e-8, 1e-7, …, 1 with the smallest misfit. With few frames the degree is lower, down to 1, so
+    that the fit has three frames per term.
+
+    Parameters
+    ----------
+    U : (K, k) array
+        Coordinates of the poses in a cell.
+    session : (K,) array of int
+        Session of each frame; the frames of a session are in the order of time.
+    labels : list of (K, n) arrays
+        Configurations of the frames in each labelling, rad or m.
+    """
+    fold, what = _folds(session)
+    Q = np.concatenate(list(labels), axis=1)
+    Q = Q - Q.mean(axis=0) if len(Q) else Q
+    U = _scaled(U)
+    counts = np.bincount(fold, minlength=1)
+    least = int(len(U) - counts.max(initial=0))
+    degree = _DEGREE
+    while degree > 1 and Monomials(U.shape[1], degree).size * _FRAMES_PER_TERM > least:
+        degree -= 1
+    misfit, n = np.zeros_like(Q), labels[0].shape[1]
+    parts = [slice(i, i + n) for i in range(0, Q.shape[1], n)]
+    if least:
+        misfit = _misfit(Monomials(U.shape[1], degree), U, fold, Q, parts)
+    name = {1: "linear", 2: "quadratic", 3: "cubic"}[degree]
+    method = f"ridge-regularised {name} fit q(pose), on held-out {what}"
+    return Ambiguity(
+        tuple(np.linalg.norm(misfit[:, one], axis=1) for one in parts), degree, method
+    )
+
+
+def _folds(session: Column) -> tuple[Column, str]:
+    """Assign frames to cross-validation folds; return each frame's fold, and the kind of fold."""
+    sessions = np.unique(session)
+    if len(sessions) > 1:
+        return np.searchsorted(sessions, session) % min(
+            len(sessions), _FOLDS
+        ), "sessions"
+    count = len(session)
+    return np.arange(count) * _FOLDS // max(count, 1), "blocks of time"
+
+
+def _scaled(U: Array) -> Array:
+    """Scale coordinates U (K, k) to [−1, 1], and leave out the columns that do not vary."""
+    if not len(U):
+        return U
+    low, high = U.min(axis=0), U.max(axis=0)
+    on = high - low > 1e-9
+    return np.asarray((2 * U - (low + high))[:, on] / (high - low)[on], float)
+
+
+def _misfit(
+    terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]
+) -> Array:
+    """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
+
+    ``parts`` are the columns of each labelling. One pass over the frames sums up the normal
+    equations, another evaluates the misfit.
+    """
+    folds, N = int(fold.max()) + 1, terms.size
+    gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
+    for part in blocks(len(U)):
+        T = terms.values(U[part])
+        for f in np.unique(fold[part]):
+            mine = fold[part] == f
+            gram[f] += T[mine].T @ T[mine]
+            right[f] += T[mine].T @ Q[part][mine]
+    fits = _fits(gram, right, np.bincount(fold, minlength=folds), parts)
+    misfit = np.empty_like(Q)
+    for part in blocks(len(U)):
+        T = terms.values(U[part])
+        for f in np.unique(fold[part]):
+            mine = np.flatnonzero(fold[part] == f)
+            misfit[part.start + mine] = Q[part][mine] - T[mine] @ fits[f]
+    return misfit
+
+
+def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
+    """Solve the ridge regressions that each leave out one fold: coefficients (folds, N, ·).
+
+    G = TᵀT (``gram``) and B = TᵀQ (``right``) of each fold hold its terms T (K, N) and
+    configurations Q. Each labelling has the λ with the smallest misfit on the left-out folds. The
+    part of the squared misfit on a fold that depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)``.
+    """
+    K, total, all_right = counts.sum(), gram.sum(axis=0), right.sum(axis=0)
+    made = np.empty((len(_RIDGES), *right.shape))
+    cost = np.zeros((len(_RIDGES), len(parts)))
+    for f in range(len(gram)):
+        s, V = np.linalg.eigh(total - gram[f])
+        B = V.T @ (all_right - right[f])
+        for i, ridge in enumerate(_RIDGES):
+            W = V @ (B / (np.maximum(s, 0.0) + ridge * (K - counts[f]))[:, None])
+            made[i, f] = W
+            each = np.sum(W * (gram[f] @ W - 2 * right[f]), axis=0)
+            cost[i] += [each[one].sum() for one in parts]
+    best = [
+        made[i][:, :, one]
+        for i, one in zip(np.argmin(cost, axis=0), parts, strict=True)
+    ]
+    return np.concatenate(best, axis=2)

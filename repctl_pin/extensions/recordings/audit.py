@@ -1,0 +1,440 @@
+"""Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
+
+Creep is a steady drift: the configuration at the pose changes from visit to visit. The hand is the
+frame that the task controls.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array, flag, positive, read_only
+from ...errors import InputError
+from ...model.length import elbow, joint_scale
+from ...model.robot import Robot
+from ...model.task import Task
+from ...motion.displacement import LinkPoints
+from ...motion.motion import CLOSED
+from ...studies.task_choice import choose_task
+from .joint_log import JointLog, in_seconds, joint_log, read_joint_log
+from .verdict import CREEPS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
+from .visits import Visits, find_visits
+
+_FEWEST = 3
+"""Minimum number of visits of a pose for differences to be measured."""
+
+_MOST_ROWS = 200_000
+_DEGREE = np.pi / 180
+_SLIGHT = 0.01
+_SOME = 0.3
+_TOO_FAST = 5.0
+_CLOCKS = ((3600.0, "hour"), (60.0, "minute"), (1.0, "second"))
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Audit:
+    """Result of :func:`audit`; True if the arm repeats.
+
+    Attributes
+    ----------
+    task : Task
+        Task that controls the hand.
+    log : JointLog
+        The log, in rad and m.
+    visits : Visits
+        Visits of the hand pose that was visited most often.
+    points : (N, L, 3) array
+        The point of each link's body that is displaced most, at each visit, m.
+    links : tuple of str
+        These L links.
+    found : Verdict or None
+        Verdict on the configurations at the visits; None with fewer than two returns.
+    part : int
+        Index of the link that is off most, see :mod:`.displacement`.
+    rate : float
+        Speed at which its point creeps, m/s; 0 with fewer than two returns.
+    error : float
+        Half-width of the 95 % confidence interval of ``rate``, m/s.
+    difference : float
+        Largest distance of that point between two visits, m.
+    notes : tuple of str
+        Remarks on the log.
+
+    Examples
+    --------
+    >>> t, q = np.arange(101) * 0.1, motion.q  # a log of the arm
+    >>> found = rp.audit((t, q), motion.task)
+    >>> bool(found), found.verdict, found.returns
+    (False, 'inconclusive', 2)
+    """
+
+    task: Task
+    log: JointLog
+    visits: Visits
+    points: Array
+    links: tuple[str, ...] = ()
+    found: Verdict | None = None
+    part: int = 0
+    rate: float = 0.0
+    error: float = 0.0
+    difference: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self.repeats
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in one word or two.
+
+        - ``repeats``: the largest difference between two visits is within the noise, and no slope
+          is significant.
+        - ``creeps``: the joints change steadily.
+        - ``creeps later``: they are the same at first, and change steadily later.
+        - ``jumps``: they are in one of a few configurations.
+        - ``scatters``: they differ, without a steady change.
+        - ``inconclusive``: there are two to four returns.
+        - ``no return``: there are fewer.
+        """
+        return NO_RETURN if self.found is None else self.found.kind
+
+    @property
+    def repeats(self) -> bool:
+        """True if the largest difference of the configurations at the pose is within the noise."""
+        return self.verdict == REPEATS
+
+    @property
+    def creeps(self) -> bool:
+        """True if some joint changes steadily, from the first visit or from a later one on."""
+        return self.verdict in (CREEPS, LATER)
+
+    @property
+    def joints(self) -> Trend | None:
+        """Creep of every joint, rad/s or m/s; None with fewer than two returns."""
+        return None if self.found is None else self.found.trend
+
+    @property
+    def differences(self) -> Array:
+        """Largest difference of each joint between two visits: (n,), rad or m."""
+        return np.ptp(self.visits.q, axis=0)
+
+    @property
+    def returns(self) -> int:
+        """Number of times that the hand came back to the pose."""
+        return len(self.visits.t) - 1
+
+    @property
+    def begins(self) -> float | None:
+        """Time of the log, s, at which a later creep begins; None for any other verdict."""
+        if self.found is None or self.verdict != LATER:
+            return None
+        return float(self.visits.t[self.found.begins - 1] - self.log.t[0])
+
+    @property
+    def elbow(self) -> int:
+        """Index of the elbow joint, found at the first visit."""
+        return elbow(self.task, self.visits.q[0])
+
+    @property
+    def along(self) -> Array:
+        """Displacement of the point of link ``part`` since the first visit: (N,), m.
+
+        It is measured along the straight line to the point's position at the last visit.
+        """
+        place = self.points[:, self.part] - self.points[0, self.part]
+        way = place[-1]
+        size = float(np.linalg.norm(way))
+        return place @ way / size if size > 0 else np.zeros(len(place))
+
+    @property
+    def clock(self) -> tuple[float, str]:
+        """Unit of time in which rates are written: its length, s, and its name.
+
+        It is an hour, a minute or a second: the longest unit that is at most twice as long as the
+        log.
+        """
+        span = float(self.log.t[-1] - self.log.t[0])
+        return next(one for one in _CLOCKS if span >= one[0] / 2 or one[0] == 1)
+
+    @property
+    def leaves_range(self) -> tuple[float, str] | None:
+        """Predicted time after the log, s, at which a joint leaves its range, and the joint's name.
+
+        The prediction extends the creep at the measured rate. It is None if the arm does not creep,
+        or if the time is more than 100 times as long as the log.
+        """
+        if self.joints is None or not self.creeps:
+            return None
+        last = self.log.q[self.log.t >= self.visits.t[-2]]
+        (lower, upper, _), rate = self.task.joint_limits, self.joints.rate
+        margin = np.where(rate > 0, upper - last.max(axis=0), last.min(axis=0) - lower)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left = np.where(
+                np.abs(rate) > self.joints.error, margin / np.abs(rate), np.inf
+            )
+        joint = int(np.argmin(left))
+        if not 0 <= left[joint] < 100 * (self.log.t[-1] - self.log.t[0]):
+            return None
+        return float(left[joint]), self.task.robot_joints[joint]
+
+    def summary(self) -> str:
+        """Summarise in one line whether the arm repeats, and how it differs if not."""
+        name, times = self.log.name, f"{self.returns} returns to one hand pose"
+        if self.found is None:
+            return (
+                f"{name}: the hand does not return to a pose often enough for a verdict"
+            )
+        seconds, unit = self.clock
+        error = f"{100 * self.error * seconds:.2g} cm per {unit}"
+        name_of = self.links[self.part]
+        if self.creeps:
+            rate = f"{100 * self.rate * seconds:.3g} ± {error}"
+            late = "" if self.verdict == CREEPS else f" after {self.begins:.4g} s"
+            return f"{name}: {name_of} creeps {rate}{late} in {times}"
+        off = f"{name_of} differs by up to {100 * self.difference:.3g} cm in {times}"
+        if self.repeats:
+            return f"{name}: repeats, no creep above {error}; {off}, within the noise"
+        return f"{name}: {self.verdict}; {off}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Convert the result to plain Python types, in s, m and rad, for JSON."""
+        found: dict[str, Any] = {
+            **self.task.as_dict(),
+            "log": self.log.name,
+            "rows": len(self.log.t),
+            "seconds": float(self.log.t[-1] - self.log.t[0]),
+            "verdict": self.verdict,
+            "repeats": self.repeats,
+            "creeps": self.creeps,
+            "returns": max(self.returns, 0),
+            "tolerance": self.visits.tolerance,
+            "noise": self.visits.noise,
+            "notes": self.notes,
+        }
+        if self.found is None:
+            return found
+        return found | {
+            "times": self.visits.t,
+            "configurations": self.visits.q,
+            "groups": self.found.groups,
+            "within_noise": self.found.within,
+            "joint_differences": self.differences,
+            "joint_rate": self.found.trend.rate,
+            "joint_rate_error": self.found.trend.error,
+            "part": self.links[self.part],
+            "difference": self.difference,
+            "rate": self.rate,
+            "rate_error": self.error,
+            "begins": self.begins,
+            "leaves_range": self.leaves_range,
+        }
+
+    def __repr__(self) -> str:
+        return f"<Audit of {self.task.robot.name} {self.task.frame}: {self.summary()}>"
+
+
+def audit(
+    log: Any,
+    robot: str | Path | Robot | Task,
+    *,
+    frame: str | None = None,
+    kind: str | None = None,
+    degrees: bool = False,
+    tolerance: float | None = None,
+) -> Audit:
+    """Measure how far an arm creeps between returns to one end-effector pose, from a joint log.
+
+    The end-effector poses of the log, f(q) of (1), are searched for the one that is visited most
+    often. The arm repeats if the largest difference of its configurations there is within the
+    noise. A joint's creep is the median of the slopes between all pairs of visits (Theil and Sen),
+    so an outlier, a gap or a pause does not change it. Its confidence interval is that of a
+    straight line with the robust scatter of the visits, at least the noise of the log.
+
+    Parameters
+    ----------
+    log
+        File with a column ``time``, s, and one for each joint: ``.csv``, ``.npz`` or ``.parquet``;
+        or a pair of times (T,), s, and joint positions (T, n), rad or m.
+    robot
+        Catalogue name, path to a URDF, a loaded robot or a task.
+    frame, kind : str, optional
+        Frame of the end effector and kind of task; by default the end of the arm, and the first
+        redundant kind.
+    degrees
+        True if revolute joints are in degrees.
+    tolerance : float, optional
+        Distance within which the end effector is at the pose again, m; by default from the noise of
+        the log.
+
+    Returns
+    -------
+    Audit
+        Visits, rates and their confidence.
+
+    Raises
+    ------
+    InputError
+        If the log cannot be read, or its values are not those of the joints: they look like
+        degrees, or violate limits as if the joints were in another order.
+
+    References
+    ----------
+    P. K. Sen, Estimates of the regression coefficient based on Kendall's tau, J. Am. Stat. Assoc.
+    63 (1968).
+
+    Examples
+    --------
+    >>> motion = rp.follow(control, path, q0, cycles=6, steps=100)  # J⁺
+    >>> found = rp.audit((motion.t, motion.q), task)
+    >>> found.verdict, found.returns, bool(found.rate > 1e-4)  # m/s
+    ('creeps', 6, True)
+    """
+    degrees = flag(degrees, "degrees")
+    if tolerance is not None:
+        tolerance = positive(tolerance, "tolerance", "m")
+    task = _task(robot, frame, kind)
+    if isinstance(log, tuple) and len(log) == 2:
+        given = joint_log(*log, task.n)
+    else:
+        given = read_joint_log(log, task.robot_joints)
+    units = np.where(task.revolute & degrees, _DEGREE, 1.0)
+    given = replace(given, q=units * given.q)
+    notes = []
+    if given.clock:
+        given = in_seconds(given, task.joint_limits[2])
+        notes.append(given.read)
+    notes += _units(task, given)
+    if given.dropped:
+        notes.append(f"{given.dropped} rows without new numbers were left out")
+    endless = np.isinf(task.joint_limits[1])
+    given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
+    every = -(-len(given.t) // _MOST_ROWS)
+    visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
+    if len(visits.t) < _FEWEST:
+        return Audit(task, given, visits, np.empty((0, 0, 3)), notes=tuple(notes))
+    # full turns of a joint without limits do not count
+    same = np.where(endless, np.unwrap(visits.q, axis=0), visits.q)
+    return _measured(task, given, replace(visits, q=same), tuple(notes))
+
+
+def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
+    """Make the task from a robot, its frame and a kind; return a given task as it is."""
+    if isinstance(robot, Task):
+        if frame is not None or kind is not None:
+            name = "frame" if frame is not None else "kind"
+            raise InputError(
+                ": a task has its own", argument=name, remedy=f"omit {name}="
+            )
+        if robot.coordinates is not None:
+            raise InputError(
+                ": a log holds the robot's own joints, not the coordinates of this task",
+                argument="robot",
+                remedy="pass the robot",
+            )
+        return robot
+    return choose_task(
+        robot if isinstance(robot, Robot) else Robot.load(robot), frame, kind
+    )
+
+
+def _units(task: Task, log: JointLog) -> list[str]:
+    """Check units, times and the order of the joints; return notes.
+
+    Values that look like degrees, or that are not those of this arm, raise an error. Slight
+    violations of joint limits, and speeds far beyond the limits, are noted.
+    """
+    (lower, upper, _), q = task.joint_limits, log.q
+    beyond = _beyond(q, lower, upper)
+    if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
+        return []
+    worst = int(np.argmax(beyond))
+    value = float(q[np.argmax(np.abs(q[:, worst])), worst])
+    found = (
+        f"{log.name}: {task.robot_joints[worst]} reaches {value:.4g}, but its limits are "
+        f"{lower[worst]:.3g} and {upper[worst]:.3g}"
+    )
+    if beyond[worst] <= _SLIGHT:
+        found = f"{log.name}: the joints are far faster than their speed limits"
+    turned = q * np.where(task.revolute, _DEGREE, 1.0)
+    within = (_beyond(turned, lower, upper) <= _SOME).all()
+    if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
+        raise InputError(
+            f"{found}: the values look like degrees", remedy="pass degrees=True"
+        )
+    if beyond[worst] <= _SLIGHT:
+        return [f"{found}; check the times"]
+    if beyond[worst] < _SOME:
+        return [f"{found} (rad or m)"]
+    orders = {
+        "reversed": np.arange(task.n)[::-1],
+        "alphabetical": np.argsort(np.argsort(task.robot_joints)),  # as ROS sorts them
+    }
+    for name, order in orders.items():
+        if not log.by_name and (_beyond(q[:, order], lower, upper) <= _SOME).all():
+            raise InputError(
+                f"{found}: the joints seem to be in {name} order",
+                remedy="name the columns by the joints",
+            )
+    raise InputError(
+        f"{found}: the values are not those of this arm",
+        remedy="check the order of the joints, and their units",
+    )
+
+
+def _speed_ratio(task: Task, t: Array, q: Array) -> float:
+    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint."""
+    speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
+    return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
+
+
+def _beyond(q: Array, lower: Array, upper: Array) -> Array:
+    """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
+    return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
+
+
+def _measured(
+    task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]
+) -> Audit:
+    """Judge the configurations at the visits, and measure the links; return the audit."""
+    scale = joint_scale(task, visits.q[0])
+    found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)
+    bodies = LinkPoints.of(task, visits.q)
+    points = bodies.at(visits.q)
+    part = int(np.argmax(np.linalg.norm(points - points[0], axis=2).max(axis=0)))
+    place = points[:, part]
+    later = replace(visits, t=visits.t[found.begins :], q=visits.q[found.begins :])
+    rate = trend(later.t, place[found.begins :]).rate
+    floor = np.maximum(visits.noise, CLOSED * scale)
+    farthest = max(float(np.linalg.norm(place - one, axis=1).max()) for one in place)
+    return Audit(
+        task,
+        log,
+        visits,
+        points,
+        bodies.links,
+        found,
+        part,
+        float(np.linalg.norm(rate)),
+        _error_of(bodies, later, part, floor),
+        farthest,
+        notes,
+    )
+
+
+def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
+    """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
+
+    The scatter of the point counts as at least what the joints' ``floor`` causes.
+    """
+    q, step = visits.q[0], 1e-6
+    around = np.vstack([q, q + step * np.eye(len(q))])
+    here, *moved = bodies.at(around)[:, part]
+    joint = (np.array(moved) - here) / step  # (n, 3)
+    noise = np.sqrt(np.sum((joint * floor[:, None]) ** 2, axis=0))
+    points = bodies.at(visits.q)[:, part]
+    return float(np.linalg.norm(trend(visits.t, points, noise).error))

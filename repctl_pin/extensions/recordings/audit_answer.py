@@ -1,0 +1,234 @@
+"""Answer of an audit: a sentence and a short table, for a terminal of 24 rows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...model.task import unit_of
+from ...show.text.headline import Headline
+from ...show.text.lines import Span, capital, fitted, wrapped
+from ...show.text.numbers import metres, number
+from ...show.text.parts import part_name
+from ...show.text.table import table
+from .audit import Audit
+from .verdict import ENOUGH, JUMPS, REPEATS, SCATTERS
+
+_JOINTS = 8
+"""Maximum number of joints in the table, the fastest first."""
+
+_SHOWN, _LETTERS = 24, 26
+"""Maximum numbers of visits, and of different configurations, that are written as letters."""
+
+_STILL = 1e-3
+"""Displacement of an origin, in m per rad or m of the joints, below which it does not move."""
+
+_SPANS = ((3600.0, "h"), (60.0, "min"), (0.0, "s"))
+
+
+def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
+    """Write the answer of an audit: a sentence, a short table, notes, and the written files.
+
+    Parameters
+    ----------
+    audit
+        The audit.
+    files
+        Lines on the files that were written, printed at the end.
+    """
+    out = [*wrapped(audit_sentence(audit)), Span(f"\n\n{fitted(_about(audit))}\n")]
+    after = [f"note: {note}" for note in audit.notes]
+    if audit.found is not None:
+        out.append(Span(f"\n{_table(audit)}\n\n"))
+        after = [*_leads(audit), *after]
+    return [*out, Span(fitted("\n".join([*after, *files])))]
+
+
+def audit_sentence(audit: Audit) -> list[Span]:
+    """Write the verdict, its statistic, and how often the hand came back."""
+    if audit.found is None:
+        return [
+            Span(
+                f"The log does not repeat{_distance(audit)}. Nothing can be said of creep."
+            )
+        ]
+    returns = Span(f" The hand is back at the same pose {audit.returns} times.")
+    return [*_verdict(audit), returns]
+
+
+def _verdict(audit: Audit) -> list[Span]:
+    """Write the verdict and its statistic, as a sentence."""
+    assert audit.found is not None
+    seconds, unit = audit.clock
+    name, off = _farthest(audit)
+    if audit.creeps:
+        fastest, rate, interval = _fastest(audit)
+        when = "" if audit.begins is None else time_span(audit.begins)
+        start = f"repeats for {when}, then creeps" if when else "creeps"
+        return [
+            Span(f"Your arm {start}: {fastest} "),
+            Span(rate.replace(" ", "\u00a0"), "bad"),
+            Span(f" {interval}."),
+        ]
+    if audit.verdict == REPEATS:
+        error = f"{metres(audit.error * seconds)} per {unit}"
+        return [
+            Span("Your arm repeats: "),
+            Span("no\u00a0creep", "good"),
+            Span(f" above the noise, {error}; {name} differs by at most {off}."),
+        ]
+    if audit.verdict == JUMPS:
+        count = int(audit.found.groups.max()) + 1
+        return [
+            Span(
+                f"Your arm does not repeat: it jumps between {count} configurations, {name} "
+            ),
+            Span(off, "bad"),
+            Span(" apart."),
+        ]
+    if audit.verdict == SCATTERS:
+        return [
+            Span(f"Your arm does not repeat: {name} differs by up to "),
+            Span(off, "bad"),
+            Span(", without a steady creep."),
+        ]
+    if audit.returns >= ENOUGH - 1:
+        return [
+            Span(f"Inconclusive: the noise of the log hides differences such as {off}.")
+        ]
+    noise = "within" if audit.found.within else "more than"
+    few = f"Inconclusive: {ENOUGH - 1} returns are needed. So far, {name} differs by up to {off}"
+    return [Span(f"{few}, {noise} the noise.")]
+
+
+def _farthest(audit: Audit) -> tuple[str, str]:
+    """Name what differs most between two visits: a joint's origin or, if none moves, a joint.
+
+    Return the name and the difference, as text.
+    """
+    joint = int(np.argmax(audit.differences))
+    value = float(audit.differences[joint])
+    name, off = f"the {part_of(audit)}", metres(audit.difference)
+    if audit.difference < _STILL * value:
+        unit = unit_of([audit.task.revolute[joint]])
+        name, off = audit.task.joint_names[joint], f"{_number(value)} {unit}"
+    return name, off.replace(" ", "\u00a0")
+
+
+def audit_headline(audit: Audit) -> Headline:
+    """Write the headline of the page: the sentence of the audit, and its consequences."""
+    notes = [note.removeprefix("! ") for note in _leads(audit)]
+    return Headline(
+        tuple(audit_sentence(audit)), tuple(Span(f"{capital(note)}.") for note in notes)
+    )
+
+
+def _distance(audit: Audit) -> str:
+    """Write how near the hand came to an earlier pose again, as the end of a sentence."""
+    if audit.returns > 0:
+        return " often enough: the hand is back at a pose once"
+    if not np.isfinite(audit.visits.nearest):
+        return ": the hand never leaves a pose and comes back"
+    nearest, allowed = metres(audit.visits.nearest), metres(audit.visits.tolerance)
+    said = f": the hand comes back no nearer than {nearest} ({allowed} would count)"
+    return re.sub(r"(\d) (\w+)", "\\1\u00a0\\2", said)
+
+
+def _fastest(audit: Audit) -> tuple[str, str, str]:
+    """Name the creep of the part that is off most or, if it does not creep, of the fastest joint.
+
+    Return the name, the rate and the confidence interval, as text.
+    """
+    assert audit.joints is not None
+    seconds, unit = audit.clock
+    if audit.rate > audit.error:
+        low, high = (
+            metres(max(audit.rate + s * audit.error, 0) * seconds) for s in (-1, 1)
+        )
+        rate = f"{metres(audit.rate * seconds)} per {unit}"
+        return f"the {part_of(audit)}", rate, f"(95 %: {low} to {high})"
+    joint = int(np.argmax(np.abs(audit.joints.rate) / audit.joints.error))
+    rate, error = (
+        number(float(value))
+        for value in (
+            abs(audit.joints.rate[joint]) * seconds,
+            audit.joints.error[joint] * seconds,
+        )
+    )
+    name = audit.task.joint_names[joint]
+    return (
+        name,
+        f"{rate} {unit_of([audit.task.revolute[joint]])} per {unit}",
+        f"(± {error})",
+    )
+
+
+def part_of(audit: Audit) -> str:
+    """Name the part that is off most."""
+    return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
+
+
+def _about(audit: Audit) -> str:
+    """Write one line that names the arm, its task and the log."""
+    task, t = audit.task, audit.log.t
+    rows = f"{len(t):,} rows in {time_span(float(t[-1] - t[0]))}"
+    return f"{task.robot.name} {task.frame}, {task.kind}, r = {task.r}: {audit.log.name}, {rows}"
+
+
+def time_span(seconds: float) -> str:
+    """Format a time: 2.5 h, 12 min, 48 s."""
+    scale, unit = next(one for one in _SPANS if seconds >= one[0])
+    return f"{seconds / (scale or 1):.2g} {unit}"
+
+
+def _number(value: float) -> str:
+    """Format a change of a joint; 0 below 1e-9 rad or m, as lengths are."""
+    return "0" if abs(value) < 1e-9 else number(value)
+
+
+def _table(audit: Audit) -> str:
+    """Format the table of creep: the part that is off most, then the joints, the largest first."""
+    joints, visits = audit.joints, audit.visits
+    assert joints is not None
+    seconds, unit = audit.clock
+    each = float(visits.t[-1] - visits.t[0]) / audit.returns
+    rates = (audit.rate * each, audit.rate * seconds, audit.error * seconds)
+    rows = [[part_of(audit), *map(metres, (audit.difference, *rates))]]
+    order = np.argsort(-audit.differences)[:_JOINTS]
+    for i in order:
+        rate, error = float(joints.rate[i]), float(joints.error[i])
+        values = (audit.differences[i], rate * each, rate * seconds, error * seconds)
+        name = f"{audit.task.joint_names[i]}, {unit_of([audit.task.revolute[i]])}"
+        rows.append([name, *map(_number, map(float, values))])
+    header = ["", "largest difference", "per return", f"per {unit}", "± 95 %"]
+    return table(header, rows)
+
+
+def _leads(audit: Audit) -> list[str]:
+    """Write which visits are alike, when a joint will leave its range, and what counts as the same
+    pose, one line each."""
+    said = []
+    if audit.verdict in (JUMPS, SCATTERS) and audit.found is not None:
+        said.append(_order(audit.found.groups))
+    if audit.leaves_range is not None:
+        when, joint = audit.leaves_range
+        said.append(
+            f"! at this rate {joint} leaves its range in another {time_span(when)}"
+        )
+    noise = _number(float(audit.visits.noise.max()))
+    said.append(
+        f"the same pose: within {metres(audit.visits.tolerance)}; noise of the joints: {noise}"
+    )
+    return said
+
+
+def _order(groups: NDArray[np.intp]) -> str:
+    """Write which visits have one configuration: A B A B …, and how many each."""
+    names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
+    more = "…" if len(names) > _SHOWN else ""
+    sizes = np.bincount(groups)
+    most = f"{sizes.max()} of {len(groups)} visits are within the noise of one another"
+    return f"configurations in turn: {names[:_SHOWN]}{more}; {most}"

@@ -1,0 +1,86 @@
+"""``repctl audit``: whether an arm drifts, and how fast, from a log of its joint positions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import repctl_pin as rp
+
+from ...cli.given import Options, positive
+from ...cli.options import Parser
+from ...cli.terminal import page_lines, progress, report
+from ...errors import InputError
+from ...files import written_together
+
+HELP = "measure in a recorded joint log how far the arm creeps between returns to one hand pose"
+EXAMPLE = """examples:
+  repctl audit joints.csv --robot my_arm.urdf
+  repctl audit joints.npz --robot panda --degrees
+  repctl follow design.json --strategy pseudoinverse --cycles 10 --csv m.csv
+  repctl audit m.csv --robot panda
+
+The log is a CSV, .npz or .parquet file with a column time, in s, and one for
+each joint, in rad or m. Poses that repeat are found by themselves. A pause at
+a pose counts once, and gaps are allowed."""
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of this subcommand."""
+    add = parser.add_argument
+    add("log", metavar="LOG", help="recorded joints: a .csv, .npz or .parquet file")
+    add(
+        "--robot",
+        metavar="ROBOT",
+        required=True,
+        help="catalogue name or path to a URDF",
+    )
+    parser.loading()
+    add("--frame", help="link that is the hand (default: the end of the arm)")
+    add(
+        "--task",
+        metavar="KIND",
+        help="pose, axis, position, xy, xz or yz (default: as in study)",
+    )
+    add("--degrees", action="store_true", help="the log has revolute joints in degrees")
+    add(
+        "--tolerance",
+        type=positive,
+        metavar="M",
+        help="distance within which the hand counts as back, m (default: from the log's noise)",
+    )
+    out = "folder of audit.html and audit.png (default repctl-out/LOG)"
+    add("--out", metavar="FOLDER", help=out)
+    add("--json", action="store_true", help="print JSON instead of text")
+
+
+def run(options: Options) -> int:
+    """Audit the log, print the answer and write the page and the figure."""
+    folder = options.output_folder(Path(options.log).stem)
+    say = progress(options.json)
+    from .audit_answer import audit_answer
+    from .audit_files import write_audit
+
+    say("loading the robot")
+    robot = options.load_robot()
+    say("reading the log and searching for repeated poses")
+    try:
+        found = rp.audit(
+            options.log,
+            robot,
+            frame=options.frame,
+            kind=options.task,
+            **options.of("degrees", "tolerance"),
+        )
+    except InputError as error:
+        if error.remedy == "pass degrees=True":
+            error.remedy = "use --degrees"
+        raise
+    say("drawing the page and the figure")
+    files: list[Path] = []
+    if found.found is not None:
+        with written_together(folder) as staged:
+            files = [folder / file.name for file in write_audit(found, staged)]
+
+    listed = files if options.json else []  # the answer names them itself
+    lines = page_lines(files) if files else []
+    return report(options, found.as_dict, lambda: audit_answer(found, lines), listed)

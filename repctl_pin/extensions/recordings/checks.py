@@ -1,0 +1,280 @@
+"""Plausibility checks of recorded frames: units, order of the joints, frame of the poses, times."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from ...arguments import Array, percentage, row
+from ...errors import InputError
+from ...model.length import arm_length
+from ...model.task import Task
+from ..cells.kinematics import placed
+from ..cells.rotations import log3
+
+_SOME = 256
+"""Maximum number of frames at which recorded joints and poses are compared."""
+
+_APART_M, _APART_RAD = 0.05, 0.2
+"""Median difference between forward kinematics and recorded poses above which they are refused."""
+
+_CALIBRATED_M, _CALIBRATED_RAD = 3e-3, 0.01
+"""Constant offsets of poses that are taken for the calibration of the arm, and not refused."""
+
+_EXPLAINED = 1.5
+"""Ratio of the misses without and with an offset from which the offset is not noise."""
+
+_FEWEST = 4
+"""Minimum number of frames at which an offset is distinguished from noise."""
+
+_ALIKE_M, _ALIKE_RAD = 0.01, 0.05
+"""Median difference below which a corrected reading of the numbers explains the poses."""
+
+_BEYOND = 0.1
+"""Distance beyond a joint limit that no calibration explains, rad or m."""
+
+
+def require_metres(task: Task, p: Array) -> None:
+    """Raise an error for positions (K, 3) far beyond the arm's reach, probably in millimetres."""
+    q = np.array(task.reference)
+    slides = (task.upper - task.lower)[~task.revolute]
+    reach = arm_length(task, q) + float(slides[np.isfinite(slides)].sum())
+    away = float(np.median(np.linalg.norm(p - task.joint_origins(q)[0], axis=1)))
+    if reach <= 0 or away < 20 * reach:
+        return
+    fact = (
+        f"the positions are {away:.3g} m from the base in the median; "
+        f"the arm reaches {reach:.2g} m"
+    )
+    if away / 1000 < 1.5 * reach:
+        raise InputError(
+            f"{fact}: they look like millimetres", remedy="divide them by 1000"
+        )
+    raise InputError(fact, remedy="give positions in m, in the frame of the base")
+
+
+def require_radians(task: Task, Q: Array) -> None:
+    """Raise an error for configurations (K, n) that fit the joint limits only as degrees."""
+    beyond = -task.limit_margin(Q)
+    if float((beyond.max(axis=1) > _BEYOND).mean()) < 0.5 or not task.revolute.any():
+        return
+    converted = np.where(task.revolute, np.radians(Q), Q)
+    size = float(np.abs(Q[:, task.revolute]).max())
+    if (
+        size > 2 * np.pi
+        and float((task.limit_margin(converted).min(axis=1) >= 0).mean()) > 0.9
+    ):
+        raise InputError(
+            f"the joints go to {size:.3g} and fit their limits as degrees only",
+            remedy="convert them to rad",
+        )
+
+
+def require_limits(task: Task, Q: Array) -> None:
+    """Raise an error if one joint exceeds its limits in most of the configurations Q (K, n).
+
+    The joints are then probably in another order.
+    """
+    beyond = (-task.limit_margin(Q) > _BEYOND).mean(axis=0)
+    joint = int(np.argmax(beyond))
+    if beyond[joint] > 0.5:
+        raise InputError(
+            f"{task.joint_names[joint]} is outside its limits "
+            f"in {percentage(beyond[joint])} of the frames",
+            remedy=f"give the joints in the order {', '.join(task.joint_names)}",
+        )
+
+
+def require_agreement(
+    task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
+) -> None:
+    """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
+
+    A constant offset of the tool or of the base is refused if it is larger than the misses that
+    remain without it, which are the noise of the data, and than the calibration of an arm. Other
+    differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the numbers
+    that would explain it, if one is found.
+
+    Parameters
+    ----------
+    task
+        The task.
+    Q, p, R : (K, n), (K, 3) and (K, 3, 3) arrays
+        Configurations, positions and rotations at the same recorded frames.
+    quaternions
+        True if R comes from quaternions, whose order may be wrong.
+    """
+    some = np.linspace(0, len(Q) - 1, min(_SOME, len(Q))).astype(int)
+    Q, p, R = Q[some], p[some], R[some]
+    by, offset = _distance(task, Q, p, R), _offset(task, Q, p, R)
+    if by[0] <= _APART_M and by[1] <= _APART_RAD and offset is None:
+        return
+    why, remedy = _explanation(task, Q, p, R, quaternions=quaternions)
+    if offset is not None and not why:
+        why, remedy = offset
+    angle = f" and {by[1]:.2g} rad" if _turns(task) else ""
+    raise InputError(
+        f"forward kinematics of the joints misses the poses by {by[0]:.2g} m{angle} in the "
+        f"median{why}",
+        remedy=remedy,
+    )
+
+
+def _explanation(
+    task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool
+) -> tuple[str, str]:
+    few = slice(None, None, max(1, len(Q) // 16))
+    for order in _orders(task.n):
+        if _alike(_distance(task, Q[few][:, order], p[few], R[few])):
+            names = ", ".join(task.joint_names)
+            return (
+                ": the joints are in another order",
+                f"give them in the order {names}",
+            )
+    turned = _first_is_w(R)
+    if quaternions and _alike(_distance(task, Q, p, turned)):
+        return ": the quaternions begin with qw", "give qx, qy, qz, qw"
+    return "", "check the frame, the units and the order of the joints"
+
+
+def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
+    """Find a constant offset of the tool or of the base, and describe it with its remedy.
+
+    None if there is none that stands out from the noise. Another frame of the tool, a shift of the
+    base, and a shift with a rotation are tried; the first of equally good ones is taken.
+    """
+    if len(Q) < _FEWEST:
+        return None
+    p_own, R_own, _ = placed(task, Q)
+    rows = list(task.rows[: min(3, task.m)])
+    without = _miss(task, p, R, p_own, R_own)
+    back = np.swapaxes(R_own, 1, 2)
+    # another frame of the tool: p = p_own + R_own d, R = R_own D
+    d = np.linalg.lstsq(
+        R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6
+    )[0]
+    D = _mean_rotation(back @ R) if _turns(task) else np.eye(3)
+    at = row(np.round(d, 3) + 0.0)
+    tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
+    moved = p_own + R_own @ d
+    found = [(tool, "name that frame", _miss(task, p, R, moved, R_own @ D))]
+    # another base: p = B p_own + t, R = B R_own
+    for B in (np.eye(3), _base_rotation(task, p, R, p_own, R_own, rows)):
+        t = np.zeros(3)
+        t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]
+        at = row(np.round(t, 3) + 0.0)
+        base = f": the poses are in another base frame, shifted by {at} m{_turned(B)}"
+        left = _miss(task, p, R, p_own @ B.T + t, B @ R_own)
+        found.append((base, "name that base", left))
+    best = found[0]
+    for other in found[1:]:
+        if 1.05 * _size(other[2]) + 1e-3 < _size(best[2]):
+            best = other
+    free = len(Q) * len(rows)
+    least = _EXPLAINED * np.sqrt(
+        free / (free - min(6, 2 * len(rows)))
+    )  # an offset fits noise
+    shifted = without[0] > max(_CALIBRATED_M, least * best[2][0])
+    turned = without[1] > max(_CALIBRATED_RAD, least * best[2][1])
+    return best[:2] if shifted or turned else None
+
+
+def _size(miss: tuple[float, float]) -> float:
+    """Add misses in m and rad, in units of the calibration of an arm."""
+    return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
+
+
+def _turned(R: Array) -> str:
+    angle = float(np.linalg.norm(log3(R[None])))
+    return f", turned by {angle:.2g} rad" if angle > _CALIBRATED_RAD else ""
+
+
+def _mean_rotation(R: Array) -> Array:
+    """Average rotations (K, 3, 3): the rotation nearest to their mean."""
+    U, _, Vt = np.linalg.svd(R.mean(axis=0))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def _base_rotation(
+    task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
+) -> Array:
+    """Find the rotation B of the base, from the rotations or, if they are free, the positions."""
+    if task.kind == "pose":
+        return _mean_rotation(R @ np.swapaxes(R_own, 1, 2))
+    a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    signs = np.ones(len(rows))
+    signs[-1] = np.linalg.det(U @ Vt)
+    B = np.eye(3)
+    if len(rows) > 1:
+        B[np.ix_(rows, rows)] = U @ np.diag(signs) @ Vt
+    return B
+
+
+def _orders(n: int) -> list[list[int]]:
+    """List permutations of n joints to try: reversed, rotated, and with two joints exchanged."""
+    plain = list(range(n))
+    orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]
+    for i, j in combinations(range(n), 2):
+        swapped = plain.copy()
+        swapped[i], swapped[j] = j, i
+        orders.append(swapped)
+    return orders
+
+
+def _first_is_w(R: Array) -> Array:
+    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(
+        Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]
+    ).as_matrix()
+
+
+def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
+    """Compute the median differences between forward kinematics and poses, m and rad."""
+    p_own, R_own, _ = placed(task, Q)
+    return _miss(task, p, R, p_own, R_own)
+
+
+def _miss(
+    task: Task, p: Array, R: Array, p_own: Array, R_own: Array
+) -> tuple[float, float]:
+    """Compute the median differences between two series of poses, m and rad."""
+    rows = task.rows[: min(3, task.m)]
+    distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
+    if not _turns(task):
+        return distance, 0.0
+    if task.kind == "axis":
+        cosine = np.einsum("Ka,Ka->K", R_own[:, :, 2], R[:, :, 2]).clip(-1, 1)
+        return distance, float(np.median(np.arccos(cosine)))
+    turn = log3(R @ np.swapaxes(R_own, 1, 2))
+    return distance, float(np.median(np.linalg.norm(turn, axis=1)))
+
+
+def _turns(task: Task) -> bool:
+    return task.kind in ("pose", "axis")
+
+
+def _alike(by: tuple[float, float]) -> bool:
+    return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
+
+
+def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
+    """Raise an error if times (K,) do not increase within each session.
+
+    Its ``at`` is the number of the frame. ``split`` is True if the recording has several sessions.
+    """
+    order = np.argsort(sessions, kind="stable")
+    late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)
+    if not late.any():
+        return
+    k = int(np.argmax(late))
+    before, after = times[order[k]], times[order[k + 1]]
+    remedy = "sort the frames by time" + ("" if split else ", or number the sessions")
+    raise InputError(
+        f"the time {after:.6g} s follows {before:.6g} s, but must increase within a session",
+        remedy=remedy,
+        at=int(order[k + 1]),
+    )

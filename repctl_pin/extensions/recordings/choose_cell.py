@@ -1,0 +1,239 @@
+"""Cell around recorded frames, and a function over it near the recorded configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from ...arguments import Array
+from ...errors import InputError
+from ...fit_options import FitOptions
+from ...strategies import Pseudoinverse
+from ..cells.cell import Cell
+from ..cells.cell_design import CellDesign
+from ..cells.function import InverseFunction
+from ..cells.nearest_function import nearest_inverse_function
+from ..cells.rotations import exp3
+from ..cells.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from .recording import Recording, thinned
+
+_SHARES = (1.0, 0.98, 0.9)
+"""Shares of the frames that a cell has to hold, tried in this order until a function covers it."""
+
+_FRAMES, _TRIED = 2**16, 2**12
+"""Maximum numbers of frames: around which a cell is made, and at which its function is tested."""
+
+_WIDER, _PAD_M, _PAD_RAD = 1.02, 0.005, 0.01
+"""Factor and margins by which the half-widths of a cell exceed those of the frames in it."""
+
+_HELD = 5e-7
+"""Deviation from the middle, rad or m, below which a coordinate of all poses counts as constant."""
+
+_FAR_ROUND = 0.6
+"""Angle around the base, rad to either side, above which a sector is tried before a box."""
+
+_SMALL_SPIN = 0.6
+
+
+def design_for(
+    recording: Recording, options: FitOptions, report: Callable[[str, float], None]
+) -> CellDesign:
+    """Design a function over a box or a sector, just large enough to hold the recorded frames.
+
+    The cell holds all frames or, if no function covers it, 98 or 90 % of them. If no function
+    covers those either, the one that covers most frames is returned. In the middle of the cell, the
+    function has a recorded configuration, see :func:`_posture`, if a design from it succeeds.
+
+    Raises
+    ------
+    InputError
+        If there is no function over any of the cells.
+    """
+    thin = thinned(recording, _FRAMES)
+    few = thinned(recording, _TRIED)
+    best: tuple[float, CellDesign | None] = (0.0, None)
+    failure = InputError("no cell holds the frames")
+    for share in _SHARES:
+        for cell in _cells(thin, share):
+            report(f"a function over {cell.size()}", 0.1)
+            try:
+                found = _design(thin, cell, options)
+            except InputError as error:
+                failure = error
+                continue
+            held = _held(found, few)
+            if held >= share - 1.0 / len(few):
+                return found
+            best = max(best, (held, found), key=lambda pair: pair[0])
+    if best[1] is None:
+        raise InputError(
+            f"no function covers a cell around the frames: {failure.args[0]}",
+            remedy="split the recording, or use the function of a smaller cell",
+        )
+    return best[1]
+
+
+def _held(found: CellDesign, recording: Recording) -> float:
+    """Compute the share of the frames at which the function has a value within the limits."""
+    F = InverseFunction(found.function.chart)
+    Q = F.batch(recording.homogeneous, missing="nan")
+    return float(np.isfinite(Q[:, 0]).mean())
+
+
+def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign:
+    """Design the function of a cell from a recorded configuration in its middle.
+
+    Without recorded joints, or if that fails, the design searches for the configuration itself.
+    """
+    control = Pseudoinverse(cell.task)
+    if recording.joints is not None:
+        try:
+            return nearest_inverse_function(
+                control,
+                cell,
+                posture=_posture(recording, cell),
+                incomplete="keep",
+                options=options,
+            )
+        except InputError:
+            pass
+    return nearest_inverse_function(control, cell, incomplete="keep", options=options)
+
+
+def _posture(recording: Recording, cell: Cell) -> Array:
+    """Select a typical recorded configuration near the middle of a cell.
+
+    Candidates are the configurations of each session nearest to the middle. The one with the
+    smallest sum of distances to the others is returned.
+    """
+    assert recording.joints is not None
+    U, _ = cell.coordinates(recording.positions, recording.rotations)
+    away = np.linalg.norm(U, axis=1)
+    order = np.lexsort((away, recording.session))
+    first = order[np.unique(recording.session[order], return_index=True)[1]]
+    Q = recording.joints[first[:512]]
+    distance = np.linalg.norm(Q[:, None] - Q[None], axis=2).sum(axis=1)
+    return Q[int(np.argmin(distance))]
+
+
+# ---- cells
+
+
+def _cells(recording: Recording, share: float) -> Iterator[Cell]:
+    """Yield a box and a sector that hold a share of the poses.
+
+    The sector comes first if the poses extend far around the base.
+    """
+    p = recording.positions
+    angle = np.arctan2(p[:, 1], p[:, 0])
+    angle = np.angle(np.exp(1j * (angle - _mean_angle(angle))))
+    shapes = [_box, _sector]
+    if np.quantile(np.abs(angle), share) > _FAR_ROUND:
+        shapes.reverse()
+    for shape in shapes:
+        try:
+            yield shape(recording, share)
+        except InputError:  # there is no such cell, as of poses all around the base
+            continue
+
+
+def _box(recording: Recording, share: float) -> Cell:
+    task, p, R = recording.task, recording.positions, recording.rotations
+    positions, turns = min(3, task.m), task.m - min(3, task.m)
+    middle = pin.SE3(_mean_rotation(R), np.median(p, axis=0))
+    probe = Cell(task, middle, 1.0, 0.5 if turns else 0.0)
+    Y = _within(_measured(probe, p, R), share)
+    between = (Y.max(axis=0) + Y.min(axis=0)) / 2
+    origin, turned = middle.translation.copy(), middle.rotation
+    origin[task.rows[:positions]] += between[:positions]
+    if (
+        turns
+    ):  # the middle of rotation vectors is not that of the rotations: measured again
+        turned = exp3(probe.vectors(between[None, positions:]))[0] @ turned
+    probe = Cell(task, pin.SE3(turned, origin), 1.0, 0.5 if turns else 0.0)
+    w = _widths(_within(_measured(probe, p, R), share), positions)
+    return Cell(task, probe.placement, w[:positions], w[positions:] if turns else 0.0)
+
+
+def _sector(recording: Recording, share: float) -> Cell:
+    task, p, R = recording.task, recording.positions, recording.rotations
+    away, mean = np.hypot(p[:, 0], p[:, 1]), _mean_angle(np.arctan2(p[:, 1], p[:, 0]))
+    angle = np.angle(np.exp(1j * (np.arctan2(p[:, 1], p[:, 0]) - mean)))
+    back = Rotation.from_rotvec(np.outer(-angle, [0.0, 0.0, 1.0])).as_matrix()
+    turned = _mean_rotation(back @ R)
+    rho, z = float(np.median(away)), float(np.median(p[:, 2]))
+    for _ in range(2):
+        point = np.array([rho * np.cos(mean), rho * np.sin(mean), z])
+        sizes = {"height": 1.0 if task.m > 2 else 0.0, "angle": np.pi}
+        sizes |= {"half_angle": 1.0} if task.m > 3 else {}
+        sizes |= {"spin": np.pi} if task.kind == "pose" else {}
+        probe = Sector(task, pin.SE3(turned, point), radius=0.5 * rho, **sizes)
+        Y = _within(_measured(probe, p, R), share)
+        between = (Y.max(axis=0) + Y.min(axis=0)) / 2
+        found, middle = probe, _widths(Y, 3)
+        rho, mean = rho + between[RADIUS], mean + between[ANGLE]
+        z += between[HEIGHT] if task.m > 2 else 0.0
+        turned = pin.exp3(between[ANGLE] * np.array([0.0, 0.0, 1.0])) @ turned
+        if task.m > 3:
+            turned = turned @ pin.exp3(np.append(between[3:5], 0.0))
+        if task.m > SPIN:
+            turned = turned @ pin.exp3(np.array([0.0, 0.0, between[SPIN]]))
+    return _sector_of(found, middle)
+
+
+def _sector_of(probe: Sector, w: Array) -> Sector:
+    """Make a sector with the middle of ``probe`` and half-widths w (m,).
+
+    A small spin becomes a third half-angle.
+    """
+    task = probe.task
+    spin = float(w[SPIN]) if task.m > SPIN else 0.0
+    turns = w[3:5] if task.m > 3 else 0.0
+    if 0 < spin < _SMALL_SPIN:
+        turns, spin = np.append(w[3:5], spin), 0.0
+    return Sector(
+        task,
+        probe.placement,
+        radius=float(w[RADIUS]),
+        height=float(w[HEIGHT]) if task.m > 2 else 0.0,
+        angle=min(float(w[ANGLE]), np.pi),
+        half_angle=turns,
+        spin=min(spin, np.pi),
+    )
+
+
+def _measured(probe: Cell, p: Array, R: Array) -> Array:
+    """Compute the coordinates of poses from the middle of the cell ``probe``, m and rad: (K, m)."""
+    U, _ = probe.coordinates(p, R)
+    return U * probe.widths[probe.moved]
+
+
+def _within(Y: Array, share: float) -> Array:
+    """Select the rows of Y (K, m), a share of all poses, that are nearest to their median."""
+    if share == 1.0:
+        return Y
+    away = np.abs(Y - np.median(Y, axis=0))
+    score = (away / np.maximum(np.quantile(away, 0.9, axis=0), _HELD)).max(axis=1)
+    return Y[score <= np.quantile(score, share)]
+
+
+def _widths(Y: Array, positions: int) -> Array:
+    """Compute half-widths (m,) of a cell around 0 that holds poses Y (K, m), with a margin.
+
+    The first ``positions`` coordinates are in m, the others in rad.
+    """
+    reach = np.abs(Y).max(axis=0)
+    pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)
+    widths = np.where(reach < _HELD, 0.0, _WIDER * reach + pad)
+    return widths if widths.any() else pad
+
+
+def _mean_rotation(R: Array) -> Array:
+    return Rotation.from_matrix(R).mean().as_matrix()
+
+
+def _mean_angle(angle: Array) -> float:
+    return float(np.angle(np.exp(1j * angle).mean()))

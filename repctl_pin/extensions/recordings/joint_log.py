@@ -1,0 +1,398 @@
+"""A log of joint positions: times, and one column per joint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array, as_numbers, file_name, read_only
+from ...errors import InputError
+from .table import Column, Table, read_table
+
+CLOCKS = (
+    "time",
+    "t",
+    "times",
+    "timestamp",
+    "stamp",
+    "sec",
+    "secs",
+    "seconds",
+    "%time",
+    "__time",
+)
+"""Names of a column of times; a unit may follow, as in ``time_ms``."""
+
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of time, s."""
+
+_UNIT_NAMES = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"} | {
+    u: u for u in UNITS
+}
+_EPOCH = (6.3e8, 4.1e9)
+"""Times since 1970 that are recognised, s: from 1990 to 2100."""
+
+_STEPS, _USUAL_STEPS = (1e-5, 100.0), (2e-4, 0.5)
+"""Time steps of logs that are possible, and those that are usual, s."""
+
+_TOO_FAST, _TOO_SLOW = 5.0, 2e-3
+"""Joint speeds relative to their limits that are impossible, and that are unusually low."""
+
+TABLES = ("q", "Q", "joints", "positions", "position", "qpos", "observation.state")
+"""Names of an array with the positions of all joints, one row per time."""
+
+_LISTED = 4
+_NUMBERED = re.compile(r"(.*?)(\d+)\W*$")
+_WORD = re.compile(r"[a-z]+|[A-Z]+(?![a-z])|[A-Z][a-z]+")
+_NO_POSITION = frozenset(
+    """
+    vel vels velocity velocities speed speeds dq qd qdot acc accel acceleration accelerations
+    ddq qdd jerk effort efforts torque torques tau force current currents voltage power temp
+    temperature error errors err deviation offset limit min max lower upper std
+    """.split()  # noqa: SIM905
+)
+"""Words in the name of a column that holds no joint positions."""
+
+_NOT_MEASURED = frozenset(
+    """
+    desired des command commands commanded cmd target reference ref goal setpoint planned
+    action actions nominal
+    """.split()  # noqa: SIM905
+)
+"""Words in the name of a column of positions that were not measured."""
+
+_MEASURED = frozenset(
+    """
+    actual measured meas position positions pos state feedback present
+    """.split()  # noqa: SIM905
+)
+"""Words in the name of a column of measured positions."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class JointLog:
+    """Recorded joint positions.
+
+    Attributes
+    ----------
+    name : str
+        Name of the file, or ``log``.
+    t : (T,) array
+        Time, s, increasing.
+    q : (T, n) array
+        Joint positions, rad or m.
+    by_name : bool
+        True if the file names the joints; False if they were taken in its order.
+    dropped : int
+        Number of rows left out, because a number is missing or the time equals that of the previous
+        row.
+    clock : str
+        Name of the column of times; empty for arrays.
+    read : str
+        Description of the columns that were read.
+    """
+
+    name: str
+    t: Array
+    q: Array
+    by_name: bool = True
+    dropped: int = 0
+    clock: str = ""
+    read: str = ""
+
+
+def read_joint_log(file: Any, joints: Sequence[str]) -> JointLog:
+    """Read a log of joint positions from a ``.csv``, ``.npz`` or ``.parquet`` file.
+
+    The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
+    joint. The name of the joint may be part of a longer name, such as ``panda_joint1.position``.
+    Columns of one name and a number, such as ``q1`` to ``q7``, are taken in the order of the
+    numbers, and an array ``q`` in that of its columns. Measured positions (actual, position,
+    measured) come before desired ones. Velocities, efforts and errors are not taken.
+
+    Parameters
+    ----------
+    file
+        The file.
+    joints
+        Names of the joints, in the order of the result.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a joint or the times are missing, several columns may be the
+        joints, or time runs backwards; the message names the line.
+    """
+    table = read_table(file_name(file, "log"))
+    columns, where = table.columns, str(table.file)
+    clock = _clock(list(columns))
+    if clock is None:
+        raise InputError(
+            f"{where}: there is no column of times among {', '.join(columns)}",
+            remedy="name one time, in s",
+        )
+    single = {
+        name: c for name, c in columns.items() if c.ndim == 1 and c.dtype.kind in "fiu"
+    }
+    if clock not in single:
+        raise InputError(
+            f"{where}: the times in {clock!r} are not numbers, one per row"
+        )
+    header = [name for name in single if name != clock]
+    try:
+        names, by_name = _columns(header, joints)
+        whole = None if names else _whole(columns, len(joints))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    if names:
+        q = np.stack([single[name] for name in names], axis=1)
+        taken = f"{names[0]} to {names[-1]}"
+        if words_of(names[0], joints) & _NOT_MEASURED:
+            taken += ", which are not measured"
+    elif whole is not None:
+        taken, by_name = whole, False
+        q = columns[whole][:, : len(joints)]
+    else:
+        raise _no_joints(where, header, joints)
+    t = single[clock].astype(float)
+    log = _checked(where, t, q.astype(float), by_name, table)
+    return replace(log, clock=clock, read=taken)
+
+
+def in_seconds(log: JointLog, fastest: Array) -> JointLog:
+    """Convert the times of a log that was read from a file to s, and say in ``read`` what was read.
+
+    The unit is that in the name of the column; or that in which the times are of the years 1990 to
+    2100; or the only one in which the time steps and the joint speeds are those of a robot.
+
+    Parameters
+    ----------
+    log
+        The log, with positions in rad or m.
+    fastest : (n,) array
+        Speed limits of the joints, rad/s or m/s.
+
+    Raises
+    ------
+    InputError
+        If several units are possible.
+    """
+    unit, epoch = _unit(log, fastest)
+    said = f"{unit} since 1970" if epoch else unit
+    read = f"read {log.clock} in {said}, and joints from {log.read}"
+    return replace(log, t=log.t * UNITS[unit], read=read)
+
+
+def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
+    """Find the unit of the times of a log, and whether they count from 1970."""
+    steps = np.diff(log.t)
+    step = float(np.median(steps))
+    speeds = np.abs(np.diff(log.q, axis=0)) / steps[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = float(np.nanmax(np.quantile(speeds, 0.99, axis=0) / fastest))
+    ratio = ratio if np.isfinite(ratio) else 0.0
+    since = {
+        unit
+        for unit, s in UNITS.items()
+        if _EPOCH[0] < log.t[0] * s < _EPOCH[1] and _STEPS[0] <= step * s <= _STEPS[1]
+    }
+    named = _unit_of(log.clock)
+    if named:
+        return named, named in since
+    if len(since) == 1:
+        return since.pop(), True
+    possible = [
+        unit
+        for unit, s in UNITS.items()
+        if _STEPS[0] <= step * s <= _STEPS[1] and ratio / s <= _TOO_FAST
+    ]
+    usual = [
+        u for u in possible if _USUAL_STEPS[0] <= step * UNITS[u] <= _USUAL_STEPS[1]
+    ]
+    for units in (usual, possible):
+        if len(units) == 1:
+            return units[0], False
+        if len(units) > 1:
+            moving = [unit for unit in units if ratio / UNITS[unit] >= _TOO_SLOW]
+            if moving == units[:1]:
+                return units[0], False
+            each = " or ".join(units)
+            raise InputError(
+                f"{log.name}: the times in {log.clock!r} may be in {each}",
+                remedy="name the column " + " or ".join(f"time_{u}" for u in units),
+            )
+    return "s", False  # no unit fits; the speeds are noted
+
+
+def _unit_of(clock: str) -> str:
+    """Return the unit that the name of a column of times ends with, as ``time_ms``; else empty."""
+    words = re.findall(r"[a-zµ]+", clock.lower())
+    return _UNIT_NAMES.get(words[-1], "") if len(words) > 1 else ""
+
+
+def _clock(header: Sequence[str]) -> str | None:
+    """Find the column of times, in the order of ``CLOCKS``; None if there is none."""
+    bare = {
+        name: re.sub(
+            r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower()
+        )
+        for name in header
+    }
+    found = [name for name in header if name.lower() in CLOCKS or bare[name] in CLOCKS]
+    return min(found, key=lambda name: CLOCKS.index(bare[name]), default=None)
+
+
+def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> InputError:
+    """Make the error for a file without columns of joint positions."""
+    held = [j for j in joints if any(_holds(name, j) for name in header)]
+    others = [name for name in header if words_of(name, joints) & _NO_POSITION]
+    missing = next((joint for joint in joints if joint not in held), None)
+    what = "no column is named as a joint"
+    if held and missing is not None:
+        what = f"no column is named {missing}"
+    elif others:
+        listed = ", ".join(others[:_LISTED]) + ", …" * (len(others) > _LISTED)
+        what = (
+            f"there are no joint positions: the columns {listed} are other quantities"
+        )
+    return InputError(
+        f"{where}: {what}", remedy=f"name the columns {', '.join(joints)}"
+    )
+
+
+def joint_log(t: Any, q: Any, n: int) -> JointLog:
+    """Check times t (T,), s, and joint positions q (T, n), and make a log of them."""
+    times, values = as_numbers(t), as_numbers(q)
+    sizes = None if values is None or times is None else (times.shape, values.shape)
+    if sizes is None or sizes[1] != (*sizes[0], n):
+        got = "others" if sizes is None else f"shapes {sizes[0]} and {sizes[1]}"
+        raise InputError(
+            f"must be numbers: times (T,) and joint positions (T, {n}); got {got}",
+            argument="log",
+        )
+    assert times is not None and values is not None
+    return _checked("log", times, values, True, None)
+
+
+def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:
+    """Find the columns of the joints: by name, by names that contain it, or by number.
+
+    Columns whose names differ in the joint only belong together.
+
+    Returns
+    -------
+    Their names, empty if they are not found, and whether they name the joints.
+
+    Raises
+    ------
+    InputError
+        If several columns may be the joints.
+    """
+    if set(joints) <= set(header):
+        return list(joints), True
+    positions = [name for name in header if not words_of(name, joints) & _NO_POSITION]
+    held = [[name for name in positions if _holds(name, joint)] for joint in joints]
+    if any(held):
+        if not all(held):
+            return [], True
+        forms: dict[str, list[str]] = {}
+        for joint, names in zip(joints, held, strict=True):
+            for name in names:
+                forms.setdefault(name.replace(joint, "*"), []).append(name)
+        whole = [names for names in forms.values() if len(names) == len(joints)]
+        if not whole and all(len(names) == 1 for names in held):
+            whole = [[names[0] for names in held]]
+        return _chosen(whole or held, joints), True
+    groups: dict[str, list[tuple[int, str]]] = {}
+    for name in positions:
+        if found := _NUMBERED.match(name):
+            groups.setdefault(found[1], []).append((int(found[2]), name))
+    fitting = [sorted(group) for group in groups.values() if len(group) == len(joints)]
+    numbered = [[name for _, name in group] for group in fitting]
+    return (_chosen(numbered, joints) if numbered else []), False
+
+
+def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
+    """Choose the set of columns that is most likely measured; refuse equally likely ones."""
+
+    def rank(names: Sequence[str]) -> int:
+        words = words_of(names[0], joints)
+        return 2 if words & _NOT_MEASURED else 0 if words & _MEASURED else 1
+
+    best = min(map(rank, sets))
+    found = [names for names in sets if rank(names) == best]
+    if len(found) > 1 or len(found[0]) != len(joints):
+        listed = "; ".join(f"{names[0]} to {names[-1]}" for names in found)
+        raise InputError(
+            f"several columns may be the joint positions: {listed}",
+            remedy=f"name those of the joints {', '.join(joints)}",
+        )
+    return list(found[0])
+
+
+def words_of(name: str, joints: Sequence[str]) -> set[str]:
+    """Split the name of a column, without the name of a joint, into words in lower case."""
+    for joint in joints:
+        if _holds(name, joint):
+            name = name.replace(joint, " ")
+    return {word.lower() for word in _WORD.findall(name)}
+
+
+def _holds(name: str, joint: str) -> bool:
+    """Check whether a column's name contains a joint's name, with no letter or digit next to it."""
+    return (
+        re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name)
+        is not None
+    )
+
+
+def _whole(columns: Mapping[str, Column], n: int) -> str | None:
+    """Find the array of all joints; its columns after the first n may be those of a gripper.
+
+    None if there is none.
+    """
+    found = [
+        name
+        for name in TABLES
+        if name in columns
+        and columns[name].ndim == 2
+        and columns[name].shape[1] >= n
+        and columns[name].dtype.kind in "fiu"
+    ]
+    if any(not np.array_equal(columns[found[0]], columns[name]) for name in found[1:]):
+        raise InputError(
+            f"several arrays may be the joint positions: {', '.join(found)}",
+            remedy="leave one of them",
+        )
+    return found[0] if found else None
+
+
+def _checked(
+    name: str, t: Array, q: Array, by_name: bool, table: Table | None
+) -> JointLog:
+    """Make a log without rows that lack a number or repeat a time.
+
+    If time runs backwards, an error is raised.
+    """
+    rows = np.flatnonzero(np.isfinite(t) & np.isfinite(q).all(axis=1))
+    steps = np.diff(t[rows])
+    if (steps < 0).any():
+        at = int(rows[int(np.argmax(steps < 0)) + 1])
+        place = f"{name}, row {at}" if table is None else table.line(at)
+        raise InputError(
+            f"{place}: time runs backwards",
+            remedy="sort the rows, or split the file",
+            at=at,
+        )
+    rows = rows[np.append(True, steps > 0)] if len(rows) else rows
+    if len(rows) < 3:
+        raise InputError(
+            f"{name} has {len(rows)} rows with numbers, too few for an audit",
+            remedy="record more cycles",
+        )
+    return JointLog(name, t[rows], q[rows], by_name, len(t) - len(rows))

@@ -1,0 +1,129 @@
+"""``repctl relabel``: give recorded demonstrations one configuration per pose."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import repctl_pin as rp
+
+from ...cli.given import Options, integer, natural, numbers_of, save_control
+from ...cli.options import Parser
+from ...cli.terminal import in_percent, progress, report
+from ...errors import InputError, needed
+from ...files import write_whole, written_together
+from ...show.text.lines import fitted
+
+HELP = "give recorded poses or joints one configuration per pose, and report the difference"
+EXAMPLE = """examples:
+  repctl relabel demos.csv panda
+  repctl relabel demos.npz my_arm.urdf --frame tool0 --leaf 0.2
+  repctl relabel demos.parquet cell.json --out relabelled
+
+FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the base, and optionally
+time and session. It writes the same file with new joints, cell.json (the function), and
+report.html."""
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of this subcommand."""
+    add = parser.add_argument
+    add(
+        "file", metavar="FILE", help="recording: .csv, .npz, or .parquet (with pyarrow)"
+    )
+    parser.what(
+        "the robot (catalogue name or URDF), or a saved cell (.json) whose function is used; for a "
+        "robot, the cell that holds the frames is found"
+    )
+    add("--frame", help="link that the poses are of (default: the end of the arm)")
+    add("--task", metavar="KIND", help="pose (default), axis, position, xy, xz or yz")
+    parser.set_defaults(start=None)
+    add(
+        "--leaf",
+        metavar="C",
+        help="elbow of the new joints: c of the function, rad, separated by commas (default: near "
+        "the median of the recorded joints, so that no more frames are lost than at 0)",
+    )
+    held = "number of held-out poses of the function's design (default 1024)"
+    add("--held-out", type=integer, default=1024, help=held)
+    add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
+    add(
+        "--out",
+        metavar="FOLDER",
+        help="output folder (default repctl-out/NAME of the file)",
+    )
+    add("--json", action="store_true", help="print JSON instead of the table")
+
+
+def run(options: Options) -> int:
+    """Relabel a recording, print the figures, and write the new file, cell.json and report.html."""
+    file = Path(options.file)
+    folder = options.output_folder(file.stem)
+    if file.resolve() == (folder / file.name).resolve():
+        raise InputError(
+            f"would replace {file}", argument="--out", remedy="choose another folder"
+        )
+    say = progress(options.json)
+    needed("matplotlib", "meshcat", by="repctl relabel")
+    design = options.load_saved() if options.saved else None
+    if isinstance(design, rp.Design):
+        raise InputError(
+            f"this command takes the function of a cell, but {options.what} is over joint space",
+            remedy="make one with repctl cell",
+        )
+    task = options.problem(path=False).task if design is None else design.task
+    leaf = None
+    if options.leaf is not None:
+        what = "is not a list of numbers; separate them by commas"
+        leaf = numbers_of(options.leaf, "--leaf", what)
+    say("reading")
+    relabeled = rp.relabel(
+        rp.Recording.read(file, task),
+        design=design,
+        leaf=leaf,
+        options=rp.FitOptions(**options.of("held_out", "seed")),
+        progress=in_percent(say),
+    )
+    from .relabel_page import relabel_page, relabel_sentence
+
+    say("drawing")
+    page = relabel_page(relabeled, command=options.command_line)
+    with written_together(folder) as staged:
+        made = [
+            relabeled.save(staged / file.name),
+            save_control(relabeled.design, staged / "cell.json"),
+            write_whole(staged / "report.html", page),
+        ]
+        files = [folder / one.name for one in made]
+
+    def text() -> str:
+        return fitted(f"{relabel_sentence(relabeled)}\n\n{relabeled.summary()}\n")
+
+    return report(options, lambda: _as_dict(relabeled), text, files)
+
+
+def _as_dict(relabeled: rp.Relabeled) -> dict[str, Any]:
+    """Convert the result to plain Python types, for JSON output."""
+    import numpy as np
+
+    found, before = relabeled.found, relabeled.margins_before
+
+    moved = np.linalg.norm(relabeled.moved[found], axis=1)
+    return {
+        **relabeled.recording.task.as_dict(),
+        "frames": len(relabeled.recording),
+        "relabelled": int(found.sum()),
+        "sessions": len(relabeled.recording.names),
+        "ambiguity_before": relabeled.residual_before,
+        "ambiguity_after": relabeled.residual_after,
+        "method": relabeled.ambiguity.method,
+        "limit_margin_before": None if before is None else before[found].min(),
+        "limit_margin_after": relabeled.margins_after[found].min(),
+        "moved": np.sqrt(np.mean(moved**2)),
+        "cell": relabeled.design.cell.size(),
+        "leaf": relabeled.leaf,
+        "removed": relabeled.removed,
+        "recomputed": relabeled.recomputed,
+        "not_relabelled": [asdict(gap) for gap in relabeled.gaps],
+    }

@@ -1,0 +1,287 @@
+"""Tables of recorded frames: CSV files, NumPy's .npz, and Parquet if pyarrow is installed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import read_only
+from ...errors import InputError, needed
+from ...files import read_bytes, write_whole
+
+FORMATS = (".csv", ".npz", ".parquet")
+_LARGEST = 4_000_000_000
+_BLOCK = 2**14
+_WHOLE = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
+
+Column = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Table:
+    """Columns of a file, by name.
+
+    Attributes
+    ----------
+    file : Path
+        The file.
+    columns : dict of str to (K, …) array
+        Numbers, or text as objects.
+    """
+
+    file: Path
+    columns: Mapping[str, Column]
+
+    def line(self, frame: int) -> str:
+        """Write the line of a frame in a CSV file, or its number in another file, for a message.
+
+        Frames are counted from 0.
+        """
+        if self.file.suffix.lower() == ".csv":
+            lines = (line for line, _ in _lines(self.file))
+            return f"{self.file}, line {next(islice(lines, frame, None), 0)}"
+        return f"{self.file}, frame {frame}"
+
+
+def read_table(file: Path) -> Table:
+    """Read a table in the format of the file's suffix.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its columns are not numbers of equal length; the message
+        names the line.
+    """
+    suffix = _format(file)
+    if suffix == ".parquet":
+        needed("pyarrow", by="a Parquet file")
+    data = read_bytes(file, _LARGEST)
+    columns = {".csv": _of_csv, ".npz": _of_npz, ".parquet": _of_parquet}[suffix](
+        file, data
+    )
+    lengths = {len(values) for values in columns.values()}
+    if not columns or lengths == {0}:
+        raise InputError(f"{file} contains no frames", remedy="write one row per frame")
+    if len(lengths) > 1:
+        each = ", ".join(f"{name}: {len(values)}" for name, values in columns.items())
+        raise InputError(
+            f"{file}: the arrays have different lengths ({each})",
+            remedy="write one row per frame in each",
+        )
+    return Table(file, columns)
+
+
+def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
+    """Write columns in the format of the file's suffix, atomically."""
+    suffix = _format(file)
+    if suffix == ".csv":
+        return write_whole(file, _csv_text(columns))
+    out = io.BytesIO()
+    if suffix == ".npz":
+        plain = {
+            name: values.astype(str) if values.dtype == object else values
+            for name, values in columns.items()
+        }
+        np.savez_compressed(out, allow_pickle=False, **plain)
+    else:
+        needed("pyarrow", by="a Parquet file")
+        import pyarrow
+        import pyarrow.parquet
+
+        made = {name: _arrow(values) for name, values in columns.items()}
+        pyarrow.parquet.write_table(pyarrow.table(made), out)
+    return write_whole(file, out.getvalue())
+
+
+def _format(file: Path) -> str:
+    suffix = file.suffix.lower()
+    if suffix not in FORMATS:
+        raise InputError(f"{file} is not a .csv, .npz or .parquet file")
+    return suffix
+
+
+def _of_csv(file: Path, data: bytes) -> dict[str, Column]:
+    text = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", newline="")
+    try:
+        names = [
+            name.strip("#\"' \t") for name in next(csv.reader([text.readline()]), [])
+        ]
+        filled = (line for line in iter(text.readline, "") if line.strip())
+        first = next(csv.reader([next(filled, "")]), [])
+        _check_header(file, names, first)
+        kinds = [float if _is_number(cell) else object for cell in first]
+        text.seek(0)
+        text.readline()
+        one = len(set(kinds)) == 1 and kinds[0] is float
+        rows = np.loadtxt(
+            text,
+            dtype=float if one else [(f"c{i}", kind) for i, kind in enumerate(kinds)],
+            delimiter=",",
+            comments=None,
+            quotechar='"',
+            ndmin=2 if one else 1,
+        )
+    except InputError:
+        raise
+    except UnicodeDecodeError:
+        raise InputError(f"cannot read {file}: the file is not UTF-8 text") from None
+    except (ValueError, csv.Error) as error:
+        raise _wrong_line(file, len(names), first, error) from None
+    found = {n: rows[:, i] if one else rows[f"c{i}"] for i, n in enumerate(names)}
+    for name, cell in zip(names, first, strict=True):  # counters stay whole numbers
+        values = found[name]
+        counts = _WHOLE.fullmatch(cell) and values.dtype == float
+        if counts and np.isfinite(values).all() and (values == np.rint(values)).all():
+            found[name] = values.astype(np.int64)
+    return found
+
+
+def _check_header(file: Path, names: list[str], first: list[str]) -> None:
+    if any(";" in name for name in names):
+        raise InputError(
+            f"{file}: separate the columns by commas, and use decimal points"
+        )
+    if not names or any(_is_number(name) or not name for name in names):
+        raise InputError(
+            f"{file}: the first line must name the columns, such as time and the joints"
+        )
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"{file}: two columns are named {twice[0]!r}; rename one of them"
+        )
+    if not first:
+        raise InputError(f"{file} contains no frames", remedy="write one row per frame")
+    if len(first) != len(names):
+        raise InputError(
+            f"{file}, line 2: {len(first)} fields, but the header has {len(names)}"
+        )
+
+
+def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of a CSV file below its header, with their line numbers."""
+    data = read_bytes(file, _LARGEST)
+    lines = csv.reader(
+        io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", "replace", newline="")
+    )
+    next(lines, None)
+    for row in lines:
+        if row:
+            yield lines.line_num, row
+
+
+def _wrong_line(
+    file: Path, size: int, first: list[str], error: Exception
+) -> InputError:
+    """Make the error for the first line of a CSV file that cannot be read."""
+    try:
+        for line, row in _lines(file):
+            if len(row) != size:
+                return InputError(
+                    f"{file}, line {line}: {len(row)} fields, but the header has {size}"
+                )
+            for cell, like in zip(row, first, strict=True):
+                if _is_number(like) and not _is_number(cell):
+                    return InputError(f"{file}, line {line}: {cell!r} is not a number")
+    except csv.Error as other:
+        error = other
+    return InputError(f"cannot read {file}: {error}")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _csv_text(columns: Mapping[str, Column]) -> bytes:
+    flat: dict[str, Column] = {}
+    for name, values in columns.items():
+        wide = values.reshape(len(values), -1)
+        keys = (
+            [name]
+            if values.ndim == 1
+            else [f"{name}_{i}" for i in range(wide.shape[1])]
+        )
+        flat |= dict(zip(keys, wide.T, strict=True))
+    size = len(next(iter(flat.values())))
+    parts = [_lines_of([tuple(flat)])]
+    for k in range(
+        0, size, _BLOCK
+    ):  # text of all rows at once would take four times its size
+        block = (values[k : k + _BLOCK].tolist() for values in flat.values())
+        parts.append(_lines_of(zip(*block, strict=True)))
+    return b"".join(parts)
+
+
+def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    return out.getvalue().encode("utf-8", "replace")
+
+
+def _of_npz(file: Path, data: bytes) -> dict[str, Column]:
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except (
+        ValueError,
+        OSError,
+        EOFError,
+        KeyError,
+        AttributeError,
+        zipfile.BadZipFile,
+    ) as error:
+        raise InputError(f"cannot read {file}: {error}") from None
+    return {name: values for name, values in found.items() if values.ndim}
+
+
+def _of_parquet(file: Path, data: bytes) -> dict[str, Column]:
+    import pyarrow
+    import pyarrow.parquet
+
+    try:
+        table = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
+    except (pyarrow.ArrowException, OSError) as error:
+        raise InputError(f"cannot read {file}: {error}") from None
+    return {name: _plain(table[name]) for name in table.column_names}
+
+
+def _plain(column: Any) -> Column:
+    """Convert a Parquet column to an array; lists of equal length become its rows."""
+    import pyarrow
+
+    if not (
+        pyarrow.types.is_list(column.type)
+        or pyarrow.types.is_fixed_size_list(column.type)
+    ):
+        return np.asarray(column.to_numpy())
+    flat = np.concatenate([np.asarray(chunk.flatten()) for chunk in column.chunks])
+    size = len(flat) // max(len(column), 1)
+    if size * len(column) == len(flat) and size:
+        return flat.reshape(len(column), size)
+    return np.array(column.to_pylist(), dtype=object)
+
+
+def _arrow(values: Column) -> Any:
+    import pyarrow
+
+    if values.ndim == 1:
+        return pyarrow.array(values)
+    wide = values.reshape(len(values), -1)
+    return pyarrow.FixedSizeListArray.from_arrays(
+        pyarrow.array(wide.ravel()), wide.shape[1]
+    )

@@ -1,0 +1,225 @@
+"""Verdict on the configurations at the visits of one pose, by the largest of their differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from ...arguments import Array, read_only
+from ...motion.motion import CLOSED
+
+REPEATS, CREEPS, LATER = "repeats", "creeps", "creeps later"
+JUMPS, SCATTERS, INCONCLUSIVE = "jumps", "scatters", "inconclusive"
+NO_RETURN = "no return"
+
+ENOUGH = 6
+"""Minimum number of visits for a verdict, and of visits within the noise that are named."""
+
+CONFIDENCE = 0.95
+
+_SURE = 0.9999
+"""Confidence with which differences, or a slope within the noise, are distinguished from noise."""
+
+_QUIET = 3.0
+"""Minimum ratio of the later creep, had it lasted from the start, to the noise before it."""
+
+_LATER = 4
+"""Minimum number of visits of a later creep."""
+
+_ALIKE = 0.02
+"""Difference of one configuration from visit to visit, relative to that of all visits."""
+
+_APART = 2.0
+"""Minimum distance of two configurations, in multiples of the width of the noise."""
+
+_EXPLAINED = 0.5
+"""Maximum range about a steady line, relative to the range of the values."""
+
+_SHARP = 0.25
+"""Share of the bound on the bias within which visits must agree for an arm to repeat."""
+
+_BLIND = 0.05
+"""Half-width of the noise, rad or arm lengths, above which a log cannot show repeatability."""
+
+_MOST_VISITS = 400
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Trend:
+    """Robust lines through columns of values over time: medians of the slopes between all pairs.
+
+    Attributes
+    ----------
+    rate : (k,) array
+        Slope of each column, per s.
+    error : (k,) array
+        Half-width of the confidence interval of each slope, per s.
+    scatter : (k,) array
+        Robust standard deviation of each column about its line.
+    """
+
+    rate: Array
+    error: Array
+    scatter: Array
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Verdict:
+    """How the configurations at the visits of one pose differ.
+
+    Attributes
+    ----------
+    kind : str
+        ``repeats``, ``creeps``, ``creeps later``, ``jumps``, ``scatters`` or ``inconclusive``.
+    trend : Trend
+        Creep of every joint, rad/s or m/s, over the visits from ``begins`` on.
+    begins : int
+        Number of the visit at which a later creep begins; 0 for all other kinds.
+    groups : (N,) array of int
+        Number of each visit's configuration. Visits of one configuration are within the noise.
+    within : bool
+        True if the differences of all visits are within the noise.
+    """
+
+    kind: str
+    trend: Trend
+    begins: int
+    groups: NDArray[np.intp]
+    within: bool
+
+
+def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
+    """Compare the configurations q (N, n) of the visits at times t (N,), s, with their noise.
+
+    Each value has an interval: its deviation times a quantile of the normal distribution, plus its
+    bias. The quantile is corrected for the number of pairs (Bonferroni), so that two intervals of
+    equal configurations do not overlap in one log of 10,000.
+
+    Parameters
+    ----------
+    t, q
+        Times and configurations.
+    deviation, bias : (N, n) arrays
+        Standard deviation and largest bias of each value.
+    scale : (n,) array
+        Unit of each joint, 1 rad or the arm length in m. Differences of 1e-5 units do not count.
+    """
+    (N, n), floor = q.shape, CLOSED * scale
+    z = norm.isf((1 - _SURE) / (N * (N - 1) * n))
+    r = z / np.sqrt(2) * deviation + bias + floor
+    groups = _groups(q, r)
+    within = groups.max() == 0
+    least = np.maximum(np.median(np.maximum(deviation, bias), axis=0), floor)
+
+    def creep(part: slice, confidence: float = CONFIDENCE) -> Trend:
+        return trend(t[part], q[part], least, 1 - (1 - confidence) / n)
+
+    whole, kind, begins = creep(slice(None)), SCATTERS, 0
+    if N < ENOUGH:
+        return Verdict(INCONCLUSIVE, whole, 0, groups, within)
+    if within:
+        slow = _significant(creep(slice(None), _SURE)).any()
+        # large errors of the visits must not hide a difference
+        sharp = z / np.sqrt(2) * deviation + _SHARP * bias + floor
+        half = np.median(sharp, axis=0)
+        blind = ((half > _BLIND * scale) | (np.ptp(q, axis=0) > 2 * half)).any()
+        kind = CREEPS if slow else INCONCLUSIVE if blind else REPEATS
+        return Verdict(kind, whole, 0, groups, True)
+    head = int(np.argmax(groups != 0))
+    if ENOUGH <= head <= N - _LATER:
+        later = creep(slice(head, None))
+        lasted = np.abs(later.rate) * (t[head - 1] - t[0])
+        quiet = lasted > 2 * _QUIET * np.median(r, axis=0)
+        if (_steady(t[head:], q[head:], r[head:], later) & quiet).any():
+            kind, begins, whole = LATER, head, later
+    wide = np.maximum(r, _ALIKE * np.ptp(q, axis=0))
+    alike = _groups(q, wide)
+    if kind != LATER and _few(q, wide, alike):
+        kind, groups = JUMPS, alike
+    elif kind != LATER and _steady(t, q, r, whole).any():
+        kind = CREEPS
+    return Verdict(kind, whole, begins, groups, False)
+
+
+def _groups(q: Array, r: Array) -> NDArray[np.intp]:
+    """Number the configurations (N,): a visit joins the first whose intervals all overlap its own.
+
+    Intervals q ± r (N, n) of each joint have a common point if and only if each two overlap.
+    """
+    low, high = list[Array](), list[Array]()
+    groups = np.zeros(len(q), np.intp)
+    for k, (a, b) in enumerate(zip(q - r, q + r, strict=True)):
+        for g in range(len(low) + 1):
+            if g == len(low):
+                low.append(a)
+                high.append(b)
+            elif (np.maximum(low[g], a) <= np.minimum(high[g], b)).all():
+                low[g], high[g] = np.maximum(low[g], a), np.minimum(high[g], b)
+            else:
+                continue
+            groups[k] = g
+            break
+    return groups
+
+
+def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
+    """Check whether the configurations are few, visited repeatedly, and far apart."""
+    count = groups.max() + 1
+    if count > max(3, len(q) // 4) or np.median(np.bincount(groups)) < 2:
+        return False
+    centres = np.array([np.median(q[groups == g], axis=0) for g in range(count)])
+    widths = np.array([np.median(r[groups == g], axis=0) for g in range(count)])
+    return all(
+        (np.abs(centres[g] - centres[:g]) > _APART * (widths[g] + widths[:g]))
+        .any(axis=1)
+        .all()
+        for g in range(1, count)
+    )
+
+
+def _significant(found: Trend) -> NDArray[np.bool_]:
+    return np.abs(found.rate) > found.error
+
+
+def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
+    """Check which joints (n,) have a significant slope, and a line that explains their values."""
+    rest = np.ptp(q - t[:, None] * found.rate, axis=0)
+    most = np.maximum(_EXPLAINED * np.ptp(q, axis=0), 2 * np.median(r, axis=0))
+    return _significant(found) & (rest <= most)
+
+
+def trend(
+    t: Array, values: Array, floor: Array | float = 0.0, confidence: float = CONFIDENCE
+) -> Trend:
+    """Fit a line to each column of values (N, k) by the median of the slopes of all pairs.
+
+    Parameters
+    ----------
+    t : (N,) array
+        Times, s.
+    values : (N, k) array
+        Values at these times.
+    floor : (k,) array or float
+        Lower bound on the standard deviation of each column, for the confidence intervals.
+    confidence
+        Confidence level of the intervals.
+    """
+    rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), _MOST_VISITS)).astype(int))
+    i, k = np.triu_indices(len(rows), 1)
+    some, times = values[rows], t[rows]
+    rate = np.median((some[k] - some[i]) / (times[k] - times[i])[:, None], axis=0)
+    line = values - t[:, None] * rate
+    off = line - np.median(line, axis=0)
+    if len(t) < 8:
+        scatter = np.sqrt(np.sum(off**2, axis=0) / (len(t) - 2))
+    else:
+        scatter = np.median(np.abs(off), axis=0) / 0.6745
+    quantile = student.ppf((1 + confidence) / 2, len(t) - 2)
+    spread = np.sqrt(np.sum((t - t.mean()) ** 2))
+    return Trend(rate, quantile * np.maximum(scatter, floor) / spread, scatter)

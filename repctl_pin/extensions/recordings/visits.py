@@ -1,0 +1,392 @@
+"""Search for the hand pose to which a recorded joint motion returns most often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ...arguments import Array, read_only
+from ...model.length import arm_length
+from ...model.task import Task
+
+FLOOR = 1e-4
+"""Smallest tolerance of a hand pose, in arm lengths: the repeatability of a good arm."""
+
+_CANDIDATES = 32
+"""Number of poses tried at equally spaced times, and again at equal distances along the path."""
+
+_RADIAN = 0.25
+"""Distance, in arm lengths, that counts as much as a rotation of the hand by 1 rad."""
+
+_LEFT = 3.0
+"""Distance at which the hand has left a pose, in multiples of the search radius."""
+
+_REST = 0.2
+"""Minimum duration of a rest at a pose, s."""
+
+_GAP = 5.0
+"""Time step, in multiples of the median one, above which the log has a gap."""
+
+
+_EXACT, _COARSE = 1e-9, 1e-2
+"""Steps between values, rad or m: smaller ones are rounding errors, larger ones no resolution."""
+
+_AVERAGED = 4
+"""Number of rows of a visit from which they are averaged, and of rows per fitted direction."""
+
+_MOST_ROWS = 64
+"""Maximum number of rows of a visit that are averaged."""
+
+_SLOPE = 4.0
+"""Assumed bound on the self-motion between two nearby poses, relative to the motion by J⁺."""
+
+_REGRESSED = 0.3
+"""Assumed error of the regression at a visit, relative to its correction of the mean."""
+
+_MOVES = 0.3
+"""Extent of the hand's motion during a visit that is fitted, relative to the largest one."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Visits:
+    """Visits of the hand at one pose: their times and configurations.
+
+    Attributes
+    ----------
+    t : (N,) array
+        Time of each visit, s; a pause at the pose is one visit.
+    q : (N, n) array
+        Configuration at each visit, corrected by J⁺ to reach the pose exactly.
+    tolerance : float
+        Distance within which the hand counts as back, m; 1 rad counts as a quarter of the arm's
+        length.
+    noise : (n,) array
+        Noise of each joint, standard deviation, rad or m.
+    nearest : float
+        Smallest distance at which the hand came back to one of the poses tried, m.
+    deviation : (N, n) array
+        Standard deviation of the joints at each visit that the noise of the log causes, rad or m.
+    bias : (N, n) array
+        Bound on other errors at each visit, rad or m: of interpolation between the rows of the log,
+        and of the correction by J⁺.
+    """
+
+    t: Array
+    q: Array
+    tolerance: float
+    noise: Array
+    nearest: float
+    deviation: Array
+    bias: Array
+
+
+def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visits:
+    """Find the pose to which the hand returns most often, and all visits there.
+
+    Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
+    The pose with the most visits is taken, and of equal ones the one where the hand stayed longest.
+    If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
+    poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
+    ``(p, ℓ R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
+
+    Parameters
+    ----------
+    task
+        Task of the hand.
+    t : (T,) array
+        Time, s.
+    Q : (T, n) array
+        Joint positions, rad or m.
+    tolerance : float or None
+        Distance within which the hand counts as back, m; if None, four times the noise of the
+        distance between two poses, plus the sagitta of the path between two rows, plus 1e-4 arm
+        lengths.
+    """
+    noise, length = noise_of(Q), arm_length(task, Q[0]) or 1.0
+    radian = _RADIAN * length if task.kind in ("pose", "axis") else 0.0
+    X = _features(task, Q, radian)
+    whole = np.diff(t) <= _GAP * np.median(np.diff(t))
+    steps = np.linalg.norm(np.diff(X, axis=0), axis=1) * whole
+    if tolerance is None:
+        tolerance = _tolerance(task, Q, X, noise, radian, whole) + FLOOR * length
+    radius = tolerance + float(np.quantile(steps, 0.95))
+    tree = cKDTree(X)
+    best: list[_Pass] = []
+    chosen, rank, nearest = 0, (0.0, 0.0), np.inf
+    each = float(np.median(np.diff(t)))
+    for row in _candidates(t, steps):
+        runs = _runs(np.sort(tree.query_ball_point(X[row], _LEFT * radius)))
+        found = [_closest(X, X[row], run, whole, tolerance) for run in runs]
+        nearest = min(nearest, _second(X, row, found))
+        there = [one for one in found if one.distance <= tolerance]
+        stays = each * np.array([len(one.rows) for one in there])
+        rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8
+        score = len(there) * (1.0 + rests), float(stays.sum())
+        if score > rank:
+            best, chosen, rank = there, int(row), score
+    target = task.placement(Q[chosen])
+    made = [_configuration(task, t, Q, one, target) for one in best]
+    times = np.array([float(_at(t, one.at)) for one in best])
+    deviation, bias = _errors(task, made, noise, _quantum(Q))
+    q = np.array([one.q for one in made])
+    return Visits(times, q, tolerance, noise, nearest, deviation, bias)
+
+
+class _Pass(NamedTuple):
+    """Rows of a log near one pose: a stay of the hand there, or its way past the pose.
+
+    ``run`` are the rows near the pose, and ``rows`` those within the tolerance. ``at`` is the row
+    number, with a fraction, at which the hand is nearest to the pose, and ``distance`` its distance
+    there, m.
+    """
+
+    run: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    at: float
+    distance: float
+
+
+def noise_of(Q: Array) -> Array:
+    """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
+
+    Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; those of a
+    smooth motion vanish as k grows. The smallest estimate of orders 3 to 6 is taken, each from the
+    median size of the differences, which pauses and gaps of the log hardly change.
+    """
+    if len(Q) < 16:
+        return np.zeros(Q.shape[1])
+    sizes = [
+        np.median(np.abs(np.diff(Q, k, axis=0)), axis=0)
+        / 0.6745
+        / np.sqrt(comb(2 * k, k))
+        for k in range(3, 7)
+    ]
+    return np.min(sizes, axis=0)
+
+
+def _quantum(Q: Array) -> Array:
+    """Find the resolution of every column of Q (T, n): the smallest step between its values."""
+    steps = np.diff(np.sort(Q, axis=0), axis=0)
+    return np.min(np.where(steps > _EXACT, steps, np.inf), axis=0, initial=_COARSE)
+
+
+def _features(task: Task, Q: Array, radian: float) -> Array:
+    """Convert configurations to points (T, d), m, whose distances are those of the hand poses."""
+    placements = [task.placement(q) for q in Q]
+    p = np.array([M.translation for M in placements])[
+        :, [a for a in task.rows if a < 3]
+    ]
+    if not radian:
+        return p
+    R = np.array([M.rotation for M in placements])
+    turned = R[:, :, 2] if task.kind == "axis" else R.reshape(len(R), 9) / np.sqrt(2)
+    return np.hstack([p, radian * turned])
+
+
+def _tolerance(
+    task: Task,
+    Q: Array,
+    X: Array,
+    noise: Array,
+    radian: float,
+    whole: NDArray[np.bool_],
+) -> float:
+    """Compute the default tolerance of a hand pose, m, to which ``FLOOR`` is added.
+
+    It is four times the noise of the distance between two poses, plus the sagitta of the path
+    between two rows. ``whole`` is False for the time steps that are gaps.
+    """
+    some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
+    J = task.jacobians(some)
+    weight = np.where(
+        np.arange(J.shape[1]) < sum(a < 3 for a in task.rows), 1.0, radian
+    )
+    hand = float(
+        np.sqrt(np.mean(np.sum((weight[:, None] * J * noise) ** 2, axis=(1, 2))))
+    )
+    bends = np.linalg.norm(np.diff(X, 2, axis=0), axis=1)[whole[1:] & whole[:-1]]
+    return 4 * np.sqrt(2) * hand + (
+        float(np.quantile(bends, 0.95)) / 8 if len(bends) else 0.0
+    )
+
+
+def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
+    """Choose the rows of the log whose poses are tried, spread over time and along the path."""
+    way = np.append(0.0, np.cumsum(steps))
+    shares = (np.arange(_CANDIDATES) + 0.5) / _CANDIDATES
+    by_time = np.searchsorted(t, t[0] + shares * (t[-1] - t[0]))
+    by_way = np.searchsorted(way, shares * way[-1])
+    return np.unique(np.minimum(np.r_[0, by_time, by_way], len(t) - 1))
+
+
+def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Split sorted row numbers into runs of consecutive ones; between runs, the hand was away."""
+    return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
+
+
+def _closest(
+    X: Array,
+    pose: Array,
+    run: NDArray[np.intp],
+    whole: NDArray[np.bool_],
+    tolerance: float,
+) -> _Pass:
+    """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
+
+    Between two rows the motion is taken as straight; across a gap of the log it is unknown.
+    """
+    offsets = X[run] - pose
+    distances = np.linalg.norm(offsets, axis=1)
+    k = int(np.argmin(distances))
+    at, best = float(run[k]), float(distances[k])
+    for i in (k - 1, k):
+        if not (0 <= i < len(run) - 1 and whole[run[i]]):
+            continue
+        way = offsets[i + 1] - offsets[i]
+        share = -float(offsets[i] @ way) / max(float(way @ way), _EXACT**2)
+        share = min(max(share, 0.0), 1.0)
+        distance = float(np.linalg.norm(offsets[i] + share * way))
+        if distance < best:
+            at, best = run[i] + share, distance
+    return _Pass(run, run[distances <= tolerance], at, best)
+
+
+def _second(X: Array, row: int, found: list[_Pass]) -> float:
+    """Compute how near the hand comes to the pose of a row at other visits, or while away, m.
+
+    It is infinite if the hand never leaves the pose.
+    """
+    others = [one.distance for one in found if row not in one.run]
+    if others:
+        return min(others)
+    away = np.delete(np.arange(len(X)), np.concatenate([one.run for one in found]))
+    return (
+        float(np.linalg.norm(X[away] - X[row], axis=1).min()) if len(away) else np.inf
+    )
+
+
+def _at(values: Array, at: float) -> Array:
+    """Interpolate values (T, …) at a row number with a fraction."""
+    low = min(int(at), len(values) - 2)
+    return values[low] + (at - low) * (values[low + 1] - values[low])
+
+
+class _Estimate(NamedTuple):
+    """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose.
+
+    ``off`` (m,) is the error of the hand before the correction, ``A`` (n, n) the derivative of q by
+    an error of the rows before it, and ``bend`` (n,) the error of interpolation.
+    """
+
+    q: Array
+    off: Array
+    A: Array
+    bend: Array
+
+
+def _configuration(
+    task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3
+) -> _Estimate:
+    """Estimate the configuration of a visit: the mean of four rows or more, or interpolated."""
+    if len(one.rows) >= _AVERAGED:
+        q, A = _average(task, Q[one.rows], target)
+        bend = _REGRESSED * np.abs(q - Q[one.rows].mean(axis=0))
+    else:
+        q, A, bend = _interpolated(task, t, Q, one.at, target)
+    return _Estimate(_onto(task, q, target), task.error(q, target), A, bend)
+
+
+def _errors(
+    task: Task, made: list[_Estimate], noise: Array, quantum: Array
+) -> tuple[Array, Array]:
+    """Compute the standard deviations (N, n) and the biases (N, n) of the configurations.
+
+    The correction by J⁺ leaves the part ``P = I − J⁺ J`` of an error. It does not see a self-motion
+    between the pose and where the hand was.
+    """
+    off = np.array([one.off for one in made])
+    off = off - np.median(off, axis=0)
+    deviation, bias = [], []
+    for one, e in zip(made, off, strict=True):
+        J = task.jacobian(one.q)
+        G = np.linalg.pinv(J, rcond=1e-3)
+        P = np.eye(task.n) - G @ J
+        deviation.append(np.sqrt((P @ one.A) ** 2 @ noise**2))
+        interpolation = np.abs(P) @ (one.bend + quantum / 2)
+        bias.append(interpolation + _SLOPE * np.linalg.norm(G @ e))
+    return np.array(deviation), np.array(bias)
+
+
+def _average(task: Task, Q: Array, target: pin.SE3) -> tuple[Array, Array]:
+    """Average the configurations (K, n) of a visit.
+
+    Its rows need not lie evenly around the pose. A linear regression of q on the error e of the
+    hand gives the configuration at ``e = 0``, along the directions in which the hand moves most.
+
+    Returns
+    -------
+    Configuration (n,), and its derivative A (n, n) by an error of the rows, in units of the
+    standard deviation of one row.
+    """
+    Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
+    E = np.array([task.error(q, target) for q in Q])
+    U, sizes, Vt = np.linalg.svd(E - E.mean(axis=0), full_matrices=False)
+    used = sizes > max(_MOVES * sizes[0], _EXACT)
+    used[len(Q) // _AVERAGED :] = False
+    S, Vt = U[:, used] / sizes[used], Vt[used]
+    weights = 1 / len(Q) - S @ (Vt @ E.mean(axis=0))
+    slopes = (S.T @ Q).T @ Vt  # dq/de, (n, m)
+    q = weights @ Q
+    A = np.eye(task.n) + slopes @ task.jacobian(q)
+    return q, max(1.0, float(np.linalg.norm(weights))) * A
+
+
+def _interpolated(
+    task: Task, t: Array, Q: Array, at: float, target: pin.SE3
+) -> tuple[Array, Array, Array]:
+    """Interpolate the rows around a quick visit by a cubic, where the hand is nearest to the pose.
+
+    Across a gap of the log, and at its ends, the interpolation is linear.
+
+    Returns
+    -------
+    Configuration (n,); its derivative A (n, n) by errors of the rows, which also shift the time;
+    and the error (n,) of interpolation.
+    """
+    low = min(int(at), len(Q) - 2)
+    step = t[low + 1] - t[low]
+    near = np.arange(max(low - 2, 0), min(low + 4, len(Q)))
+    near = near[np.abs(t[near] - t[low] - step / 2) < 0.5 * step * _GAP]
+    few = near[(near >= low - 1) & (near <= low + 2)]
+    u = (t[few] - t[low]) / step
+    powers = np.arange(len(few))
+    c = np.linalg.solve(u[:, None] ** powers, Q[few])
+    x, J, slope = at - low, task.jacobian(Q[low]), c[1]
+    first, last = max(x - 0.5, u[0]), min(x + 0.5, u[-1])
+    for _ in range(3):
+        q, slope = x**powers @ c, powers[1:] * x ** powers[:-1] @ c[1:]
+        J = task.jacobian(q)
+        d = J @ slope
+        square = max(float(d @ d), _EXACT**2)
+        x = float(np.clip(x + d @ task.error(q, target) / square, first, last))
+    d = J @ slope
+    A = np.eye(task.n) - np.outer(slope, d @ J) / max(float(d @ d), _EXACT**2)
+    if len(near) == 6:
+        bend = np.abs(np.diff(Q[near], 4, axis=0)).max(axis=0) * 3 / 128
+    else:
+        bend = np.abs(np.diff(Q[near], 2, axis=0)).max(axis=0, initial=0.0) / 8
+    return np.asarray(x**powers @ c, float), A, np.asarray(bend, float)
+
+
+def _onto(task: Task, q: Array, target: pin.SE3) -> Array:
+    """Correct a configuration to reach a pose near it, by two Newton steps ``q + J⁺ e``."""
+    for _ in range(2):
+        q = q + np.linalg.pinv(task.jacobian(q), rcond=1e-3) @ task.error(q, target)
+    return q

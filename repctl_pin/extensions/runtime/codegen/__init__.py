@@ -1,0 +1,1 @@
+"""Code generation: repeatable inverses and functions of cells as C, exported or compiled."""

@@ -1,0 +1,250 @@
+"""Export of a repeatable inverse or a cell function as C files for a robot's control loop."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ...._version import __version__
+from ....arguments import Array, file_name, require_type
+from ....errors import InputError
+from ....files import prepare_folder, write_whole
+from ....regions import Region
+from ....regions.region import A_REGION
+from ....strategies.repeatable import Bounded, RepeatableInverse
+from ...cells.cell import Cell
+from ...cells.cell_potentials import CellPotentials
+from ...cells.function import InverseFunction
+from ...cells.sector import Sector
+from .kdl import kdl_header
+from .source import about, region_of, write_source
+from .text import checked_name, filled, pose, row, table, value
+from .vectors import (
+    BAD_NUMBER,
+    OUTSIDE,
+    STATUS,
+    Vector,
+    answers,
+    asked,
+    targets,
+    vectors,
+)
+
+_SIGNED = "written by repctl_pin"
+
+
+def export_c(
+    control: RepeatableInverse | InverseFunction,
+    folder: str | Path,
+    name: str = "arm_control",
+    *,
+    region: Region | None = None,
+) -> list[Path]:
+    """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
+
+    ``name.h`` and ``name.c`` depend on ``<math.h>`` only. They define the functions placement,
+    jacobian, inverse, leaf, velocity, step, torque and inside, with the prefix ``name_``. The
+    functions do not allocate memory, keep no state, and return a status. ``name.hpp`` has these
+    functions with ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program
+    ``check.c`` compares a build with Python's results in ``test_vectors.h``. ``loop.c`` is an
+    example of a control loop at 1 kHz, and ``CMakeLists.txt`` builds all. The output is
+    deterministic.
+
+    ``name_governor_step`` is :class:`Governor` in C, which keeps the limits at run time. Its state
+    is a struct that the caller owns. It is not exported for a task in other joint coordinates.
+
+    Parameters
+    ----------
+    control
+        Inverse such as ``design.inverse``, with potentials that are polynomials, Fourier series, or
+        their sums; or a cell's inverse kinematic function, such as ``found.function``, which is
+        exported as ``name_F``, with its inverse.
+    folder
+        Folder for the files, created if it does not exist.
+    name
+        Prefix of the files and of every name in C.
+    region
+        Region such as ``design.region``, which ``name_inside`` checks and from which the test
+        vectors are sampled; by default the inverse's own Ω. That of a cell's function and of its
+        inverse is their cell; their steps by default stay within the cell and the joint limits.
+
+    Returns
+    -------
+    list of Path
+        Paths of the files written.
+
+    Raises
+    ------
+    InputError
+        If the name is not an identifier; the inverse or the region contains user-defined functions;
+        or the folder cannot be written, contains the export of another inverse, or contains a file
+        of one of these names that repctl_pin did not write or that was edited since.
+
+    Examples
+    --------
+    >>> files = rp.export_c(design.inverse, "c", name="planar")
+    >>> sorted(file.name for file in files)[:4]
+    ['CMakeLists.txt', 'check.c', 'loop.c', 'planar.c']
+    """
+    name, folder = checked_name(name), file_name(folder, "folder")
+    if region is not None:
+        require_type(region, Region, "region", A_REGION)
+    source = write_source(control, name, region, governor=True)
+    if isinstance(control, InverseFunction):
+        inverse = control.inverse
+        declared, functions = (
+            filled("function.hpp", name, {}),
+            _function_vectors(control, name),
+        )
+    else:
+        inverse = control
+        declared = functions = ""
+    kept = region_of(inverse, region)
+    start = _start(inverse, kept)
+    found = [
+        (vector, answers(inverse, kept, vector))
+        for vector in vectors(inverse, kept, start)
+    ]
+    parts = {
+        "about": about(control, kept),
+        "count": len(found),
+        "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
+        "function": declared,
+        "governor": source.governor,
+        "functions": functions,
+        "torque": filled("torque.hpp", name, {}),
+    }
+    texts = {
+        f"{name}.h": source.header,
+        f"{name}.c": source.code,
+        f"{name}.hpp": filled("arm.hpp", name, parts),
+        f"{name}_kdl.hpp": kdl_header(control, name, about(control, kept), start),
+        "test_vectors.h": filled("test_vectors.h", name, parts),
+        "check.c": filled("check.c", name, {}),
+        "loop.c": filled("loop.c", name, {"start": row(start)} | _loop(inverse, kept)),
+        "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
+    }
+    where = prepare_folder(folder)
+    for other in where.glob("*.hpp"):
+        stem = other.stem.removesuffix("_kdl")
+        if name not in (stem, other.stem) and where.joinpath("test_vectors.h").exists():
+            raise InputError(
+                f"{where} already contains the inverse {stem!r}; choose another folder"
+            )
+    signed = {where / file: _signed(file, text) for file, text in texts.items()}
+    for path in signed:
+        _refuse_foreign(path)
+    return [write_whole(path, text) for path, text in signed.items()]
+
+
+def _signed(file: str, text: str) -> str:
+    """Put a comment line before a file's text: origin, version and checksum of the text."""
+    said = f"{_SIGNED} {__version__}; checksum of the lines below: {_checksum(text.encode())}"
+    return f"# {said}\n{text}" if file == "CMakeLists.txt" else f"/* {said} */\n{text}"
+
+
+def _checksum(text: bytes) -> str:
+    return hashlib.sha256(text).hexdigest()[:16]
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Raise InputError for a file that repctl_pin did not write, or that was edited."""
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        first = file.readline(200)
+        ours = _SIGNED.encode() in first and _checksum(file.read()).encode() in first
+    if not ours:
+        raise InputError(
+            f"{path} is not overwritten: it was not written by repctl_pin, or was edited since; "
+            "choose another folder, or move that file"
+        )
+
+
+def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
+    """Choose the configuration (n,) at which the example and the test vectors begin."""
+    if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
+        return InverseFunction(inverse.potentials.chart)(region.placement)
+    return region.center if isinstance(region, Region) else inverse.task.reference
+
+
+def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
+    """Write the closed path of the example ``loop.c``, in the two directions that it moves along.
+
+    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. It lies inside a cell. In a sector
+    the orientation turns with the angle, so there the path is in the plane of radius and height,
+    unless the task is in two coordinates, which leave the orientation free.
+    """
+    axes = [int(axis) for axis in inverse.task.rows if axis < 3]
+    along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
+    if isinstance(region, Sector):
+        outward, around, up = region.directions
+        radius, angle, *height = region.widths
+        along = np.stack([outward, up if height else around])
+        chord = (region.middle[0] - radius) * np.sin(min(angle, np.pi / 2))
+        most = np.array([radius, height[0] if height else chord])
+    elif isinstance(region, Cell):
+        most = region.half_width
+    first, second = np.argsort(-most, kind="stable")[:2]
+    radii = min(0.02, 0.45 * most[first]), min(0.02, 0.9 * most[second])
+    return {"along": table(along[[first, second]]), "radii": row(radii)}
+
+
+def _vector(
+    vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str
+) -> str:
+    """Write a test vector, and Python's results ``said`` for it, as a C initialiser."""
+    task = inverse.task
+    limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
+    gain = -1.0 if vector.gain is None else vector.gain
+    entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
+    for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # flag and value
+        entries += [
+            str(int(part is not None)),
+            row(np.zeros(size) if part is None else part),
+        ]
+    entries.append(
+        f"{{{value(gain)}, {row(limit)}, {value(vector.damping)}, {int(vector.stay_inside)}}}"
+    )
+    gains = ", ".join(map(value, vector.gains[1:5]))
+    entries += [row(vector.joint_speed), row(np.ravel(vector.M)), row(vector.bias)]
+    most = row(vector.gains.observer_limit)
+    entries.append(f"{{{row(vector.gains.stiffness)}, {gains}, {most}}}")
+    observer = np.zeros(task.r) if vector.observer is None else vector.observer
+    entries += [str(int(vector.observer is not None)), row(observer)]
+    entries += [
+        f"{name.upper()}_{STATUS[said[key]]}"
+        for key in ("usable", "inside", "velocity", "step", "torque")
+    ]
+    entries.append(pose(said.get("placement", pin.SE3.Identity())))
+    entries += [
+        row(np.ravel(said.get("J", np.zeros((task.m, task.n))))),
+        row(said.get("c", np.zeros(task.r))),
+    ]
+    entries += [row(said[key]) for key in ("qdot", "q_next", "tau")]
+    entries.append(row(said.get("observer", np.zeros(task.r))))
+    return "    {" + ",\n     ".join(entries) + "}"
+
+
+def _function_vectors(function: InverseFunction, name: str) -> str:
+    """Write the C test vectors of a cell function, with Python's results.
+
+    Their targets are inside and outside the cell.
+    """
+    rows = []
+    for target, leaf in targets(function):
+        status, q = asked(partial(function, target, leaf=leaf), function.task.n)
+        status = (
+            OUTSIDE if status == BAD_NUMBER else status
+        )  # targets are valid placements, so the cell is the only cause
+        rows.append(
+            f"    {{{pose(target)}, {row(leaf)}, {name.upper()}_{STATUS[status]}, {row(q)}}}"
+        )
+    return filled(
+        "function_vectors.h", name, {"count": len(rows), "vectors": ",\n".join(rows)}
+    )

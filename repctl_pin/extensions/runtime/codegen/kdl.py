@@ -1,0 +1,69 @@
+"""C++ header with a repeatable inverse as solvers of Orocos KDL."""
+
+from __future__ import annotations
+
+from ....arguments import Array
+from ....model.task import Task
+from ....strategies.repeatable import RepeatableInverse
+from ...cells.function import InverseFunction
+from .text import filled, row
+
+
+def kdl_header(
+    control: RepeatableInverse | InverseFunction, name: str, about: str, start: Array
+) -> str:
+    """Write the C++ header with a velocity solver and a position solver for Orocos KDL.
+
+    The position solver evaluates F if ``control`` is a cell function; otherwise it iterates.
+
+    Parameters
+    ----------
+    control
+        The inverse or the cell's function.
+    name
+        Prefix of the exported names.
+    about
+        Comment with robot, frame and joints.
+    start : (n,) array
+        Configuration near which the solvers compare the user's KDL chain with the arm.
+    """
+    task = control.task
+    solver = (
+        "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
+    )
+    parts = {
+        "about": about,
+        "names": "{" + ", ".join(map(_quoted, task.joint_names)) + "}",
+        "start": row(start),
+        "rates": _rates(task),
+        "solver": filled(solver, name, {}).rstrip("\n"),
+    }
+    return filled("arm_kdl.hpp", name, parts)
+
+
+def _rates(task: Task) -> str:
+    """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes."""
+    lines = [
+        f"        xdot[{i}] = v_in({row});"
+        for i, row in enumerate(task.rows)
+        if row < 3
+    ]
+    if task.kind == "pose":
+        lines += [f"        xdot[{i}] = v_in({i});" for i in range(3, 6)]
+    if task.kind == "axis":  # ω along the frame's own x and y
+        lines += ["        Pose x{};", "        if (placement(q, x) != Status::ok)"]
+        lines += ["            return error = E_UNDEFINED;"]
+        for k in range(2):
+            total = " + ".join(f"x.R[{3 * i + k}] * v_in({3 + i})" for i in range(3))
+            lines.append(f"        xdot[{3 + k}] = {total};")
+    return "\n".join(lines)
+
+
+def _quoted(text: str) -> str:
+    """Write a C string literal; bytes other than letters, digits and ``_`` as octal escapes."""
+    return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
+
+
+def _escaped(byte: int) -> str:
+    plain = chr(byte).isascii() and (chr(byte).isalnum() or chr(byte) == "_")
+    return chr(byte) if plain else f"\\{byte:03o}"

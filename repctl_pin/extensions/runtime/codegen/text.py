@@ -1,0 +1,115 @@
+"""Formatting of C code: names, numbers, safe comments, and templates."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ....errors import InputError
+from .expressions import number
+
+_PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
+_LONGEST = 80
+
+_VARIANT = re.compile(r"(_r|_t|_np|f?(32|64|128)x?|f|l)$")
+"""Ending of variants of a name of the C library, such as ``sinf`` and ``gamma_r``."""
+
+_FAMILY = re.compile(
+    "(aio|atomic|clock|cnd|fmaximum|fminimum|ifr|inet|inet6|int|m|mq|mtx|posix|pthread|re|sched|sem"
+    "|si|tcp|thrd|timer|tss|uint)_|(pri|scn)[dioux]"
+)
+"""Beginning of names that POSIX and the C library keep for themselves."""
+
+
+def checked_name(name: Any) -> str:
+    """Check the name that becomes the prefix of all names and files of the C code; return it.
+
+    Raises
+    ------
+    InputError
+        If the name is not an identifier, has capitals only, or is reserved: ``taken.txt`` has the
+        keywords of C and C++, the names of C and POSIX headers and what these declare, macros that
+        some compilers predefine, and the names of the other exported files.
+    """
+    plain = isinstance(name, str) and re.fullmatch(
+        r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII
+    )
+    if not plain or len(name) > 40:
+        raise InputError(
+            "the name of the C code must be a letter followed by letters, digits and single _, "
+            f"at most 40 characters, not {name!r:.60}"
+        )
+    if name.isupper():
+        raise InputError(
+            f"{name!r} could be a macro, because it has capitals only; use lower-case letters"
+        )
+    low, taken = name.lower(), template("taken.txt").split()
+    if low in taken or _VARIANT.sub("", low) in taken or _FAMILY.match(low):
+        raise InputError(
+            f"{name!r} is reserved in C, C++, POSIX or the export; choose another name, such as "
+            f"'my_{low[:30].rstrip('_')}'"
+        )
+    return name
+
+
+def comment(text: str) -> str:
+    """Escape a text for a C comment, and cut it to 80 characters.
+
+    The result is ASCII; special characters become escapes such as ``\\u002a``.
+    """
+    short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
+
+
+def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
+    """Format rows of doubles as the rows of a two-dimensional C initialiser."""
+    return ",\n".join(f"{indent}{{{', '.join(map(number, row))}}}" for row in rows)
+
+
+def row(values: Iterable[float]) -> str:
+    """Format doubles as a C initialiser, ``{1.0, HUGE_VAL}``."""
+    return f"{{{', '.join(map(value, values))}}}"
+
+
+def pose(placement: pin.SE3) -> str:
+    """Format a placement as a C initialiser: position, and rotation row by row."""
+    return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
+
+
+def value(x: float) -> str:
+    """Format a double, which may be infinite or nan, as a C expression."""
+    if math.isnan(x):
+        return "(HUGE_VAL - HUGE_VAL)"
+    return number(x) if math.isfinite(x) else "HUGE_VAL" if x > 0 else "-HUGE_VAL"
+
+
+def integer(values: Iterable[int]) -> str:
+    """Format integers as a C initialiser, ``{1, 2}``."""
+    return f"{{{', '.join(str(int(v)) for v in values)}}}"
+
+
+def template(file: str) -> str:
+    """Read a template of C code, in which ``@part`` and ``arm`` stand for parts and the name."""
+    return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
+
+
+def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
+    """Fill a template of C code.
+
+    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name.
+    """
+    text = re.sub(r"\bARM_", f"{name.upper()}_", template(file))
+    text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
+    return re.sub(r"@([a-z]+)", lambda found: str(parts[found[1]]), text)
+
+
+def _escaped(character: str) -> str:
+    """Escape a character by its UTF-16 code units, lone surrogates included."""
+    units = character.encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{unit}" for unit in re.findall("....", units))

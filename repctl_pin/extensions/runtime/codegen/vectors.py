@@ -1,0 +1,224 @@
+"""Test vectors for the C code: valid and invalid inputs, and Python's results."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ....arguments import Array, read_only
+from ....errors import InputError, SingularityError
+from ....model.task import Task
+from ....regions import Region
+from ....strategies.repeatable import Bounded, RepeatableInverse
+from ...cells.function import InverseFunction
+from ..torque_law import Gains, Observer, torque_law
+
+STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
+OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
+EDGE = 1e-9
+"""Tolerance beyond the edge of a region, and beyond joint limits, that counts as inside."""
+
+_DT = 1e-3
+_GAINS = (20.0, None, 500.0, 0.0)
+_COUNT = 48
+"""Number of test vectors."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Vector:
+    """Test vector: a configuration q, and the other inputs of the C functions."""
+
+    q: Array
+    xdot: Array
+    target: pin.SE3
+    dt: float
+    twist: Array | None
+    leaf: Array | None
+    gain: float | None
+    limit: Array | None
+    damping: float
+    stay_inside: bool
+    joint_speed: Array
+    M: Array
+    bias: Array
+    gains: Gains
+    observer: Array | None
+
+
+def vectors(
+    inverse: RepeatableInverse,
+    region: Bounded | None,
+    start: Array,
+) -> list[Vector]:
+    """Sample test vectors at configurations in and near the region, or near the start without one.
+
+    Optional inputs are given in some vectors and None in others, and a few vectors are invalid.
+    """
+    task, rng = inverse.task, np.random.default_rng(0)
+    near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
+    Q = region.random(_COUNT, 0)[:_COUNT] if isinstance(region, Region) else near_start
+    found = []
+    for k, q in enumerate(Q):
+        if k % 6 == 5:  # further outside
+            q = q + rng.normal(size=task.n)
+        near = task.placement(q + 0.01 * rng.normal(size=task.n))
+        away = (
+            pin.SE3(
+                pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)),
+                np.zeros(3),
+            )
+            * near
+        )
+        found.append(
+            Vector(
+                q=q,
+                xdot=rng.normal(size=task.m),
+                target=away,
+                dt=_DT,
+                twist=None if k % 3 == 0 else rng.normal(size=6),
+                leaf=None
+                if k % 4 == 0
+                else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
+                gain=_GAINS[k % len(_GAINS)],
+                limit=None if k % 2 else rng.uniform(0.1, 2.0, task.n),
+                damping=0.0 if k % 5 else 0.2,
+                stay_inside=k % 8 < 3,
+                joint_speed=rng.normal(size=task.n) * (k % 9 > 0),
+                M=_inertia(rng, task.n),
+                bias=rng.normal(size=task.n),
+                gains=_gains(rng, task),
+                observer=None if k % 5 == 0 else 0.1 * rng.normal(size=task.r),
+            )
+        )
+    bad: dict[int, tuple[str, Any]] = {
+        7: ("q", np.nan),
+        13: ("q", np.inf),
+        19: ("xdot", np.nan),
+        25: ("dt", 0.0),
+        31: ("gain", 3000.0),
+        32: ("M", np.diag(-np.ones(task.n))),
+    }
+    if inverse.task.kind in ("pose", "axis"):  # reflected and scaled R
+        bad |= {37: ("target", pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)))}
+        bad |= {
+            43: (
+                "target",
+                pin.SE3(
+                    (1 + 1e-5) * found[43].target.rotation, found[43].target.translation
+                ),
+            )
+        }
+    for k, (what, value) in bad.items():
+        if k < len(found):
+            vector = what in ("q", "xdot")
+            if vector:
+                value = np.append(getattr(found[k], what)[:-1], value)
+            found[k] = replace(found[k], **{what: value})
+    return found
+
+
+def answers(
+    inverse: RepeatableInverse, region: Bounded | None, vector: Vector
+) -> dict[str, Any]:
+    """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
+
+    The output of a velocity, a step or a torque is 0 where its status is not OK.
+    """
+    task, q = inverse.task, vector.q
+    if not np.isfinite(q).all():
+        refused = dict.fromkeys(
+            ("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER
+        )
+        return refused | dict.fromkeys(("qdot", "q_next", "tau"), np.zeros(task.n))
+    said: dict[str, Any] = {
+        "placement": task.placement(q),
+        "J": task.jacobian(q),
+        "c": inverse.leaf(q),
+        "usable": OK,
+    }
+    beyond = region is not None and not region.ratio(q[None])[0] <= 1 + EDGE
+    said["inside"] = OUTSIDE if beyond else OK
+    said["velocity"], said["qdot"] = asked(
+        lambda: inverse.velocity(q, vector.xdot), task.n
+    )
+    said["step"], said["q_next"] = asked(
+        lambda: inverse.step(
+            q,
+            vector.target,
+            vector.dt,
+            vector.twist,
+            leaf=vector.leaf,
+            gain=vector.gain,
+            velocity_limit=vector.limit,
+            damping=vector.damping,
+        ),
+        task.n,
+    )
+    if vector.stay_inside and said["step"] in (OK, SINGULAR) and beyond:
+        said["step"] = OUTSIDE
+    if (
+        vector.stay_inside
+        and said["step"] == OK
+        and task.limit_margin(said["q_next"]).min() < -EDGE
+    ):
+        said["step"] = OUTSIDE
+    said["torque"], said["tau"], said["observer"] = _torque(inverse, vector)
+    return said
+
+
+def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
+    """Evaluate the torque law: its status, τ (n,), and the observer's state (r,) after the call."""
+    task, observer = inverse.task, None
+    if vector.observer is not None:
+        observer = Observer(vector.observer.copy(), vector.dt)
+    leaf = np.zeros(task.r) if vector.leaf is None else vector.leaf
+    law = torque_law(task, inverse.potentials, vector.gains)
+    q, qdot, M, b = vector.q, vector.joint_speed, vector.M, vector.bias
+    status, tau = asked(
+        lambda: law(q, qdot, M, b, vector.target, vector.twist, leaf, observer), task.n
+    )
+    return status, tau, np.zeros(task.r) if observer is None else observer.state
+
+
+def _inertia(rng: np.random.Generator, n: int) -> Array:
+    """Sample a positive definite inertia matrix (n, n)."""
+    A = rng.normal(size=(n, n))
+    return np.eye(n) + A @ A.T / n
+
+
+def _gains(rng: np.random.Generator, task: Task) -> Gains:
+    """Sample random gains of the torque law."""
+    zeta, omega, zeta_h, kappa = rng.uniform(0.5, 20.0, 4).tolist()
+    stiffness, limit = rng.uniform(20.0, 2000.0, task.m), rng.uniform(0.5, 5.0, task.n)
+    return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)
+
+
+def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, Array]]:
+    """Sample targets inside and outside the cell, each with a level c (r,)."""
+    rng = np.random.default_rng(0)
+    U = (
+        rng.uniform(-1.1, 1.1, (count, function.cell.k))
+        * np.where(np.arange(count) % 3, 0.8, 1.0)[:, None]
+    )
+    return [
+        (function.cell.at(u), 0.05 * (k % 2) * rng.normal(size=function.task.r))
+        for k, u in enumerate(U)
+    ]
+
+
+def asked(question: Any, n: int) -> tuple[int, Array]:
+    """Call a function without arguments: the status, and its result (n,).
+
+    If it raises, the status is SINGULAR or BAD_NUMBER, and the result is 0.
+    """
+    try:
+        with np.errstate(all="ignore"):  # inputs may be infinite or nan
+            return OK, question()
+    except SingularityError:
+        return SINGULAR, np.zeros(n)
+    except InputError:
+        return BAD_NUMBER, np.zeros(n)

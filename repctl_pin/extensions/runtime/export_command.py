@@ -1,0 +1,52 @@
+"""``repctl export``: write a saved design as C code for a robot's control loop."""
+
+from __future__ import annotations
+
+import repctl_pin as rp
+
+from ...cli.given import Options
+from ...cli.options import Parser
+from ...cli.terminal import report
+
+HELP = "write a saved design or cell as C for the control loop of a robot"
+EXAMPLE = """examples:
+  repctl export repctl-out/panda/design.json --out panda_c --name panda
+  repctl export control.json --robot my_arm.urdf --out my_arm_c --name my_arm
+
+C99 and C++17 that require only <math.h>; check.c compares a build with the
+results of Python:
+  cmake -S panda_c -B build && cmake --build build && ctest --test-dir build"""
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of this subcommand."""
+    parser.what("a saved design or cell (.json) of repctl design, study or cell")
+    parser.set_defaults(frame=None, task=None)
+    parser.add_argument(
+        "--out",
+        metavar="FOLDER",
+        default="arm_control",
+        help="folder to write (default arm_control)",
+    )
+    parser.add_argument(
+        "--name",
+        default="arm_control",
+        help="prefix of the files and of every name in C (default arm_control)",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print JSON instead of text"
+    )
+
+
+def run(options: Options) -> int:
+    """Write the C code to a folder."""
+    design = options.load_saved()
+    if isinstance(design, rp.CellDesign):
+        files = rp.export_c(design.function, options.out, options.name)
+    else:
+        files = rp.export_c(
+            design.inverse, options.out, options.name, region=design.region
+        )
+    return report(
+        options, lambda: {**design.task.as_dict(), "name": options.name}, files=files
+    )

@@ -1,0 +1,263 @@
+"""Torque control on a leaf: impedance of the end effector, and a null-space spring to the leaf."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from math import inf
+from typing import TypeGuard
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+from scipy.linalg.blas import ddot
+
+from ...arguments import (
+    FLOAT,
+    Array,
+    as_numbers,
+    per_joint,
+    positive,
+    require_type,
+    shown,
+    vector,
+)
+from ...errors import InputError
+from ...model.chain_formulas import Placement, as_placement
+from ...model.task import Task
+from ...strategies.repeatable import RepeatableInverse
+from ...strategies.strategy import described
+from ...threads import PerThread
+from .torque_law import Gains, Observer, torque_law
+
+
+class LeafImpedance:
+    """Impedance control of the end effector, with a null-space spring to the leaf h(q) = c.
+
+    ``τ = Jᵀ F + P V Λ_h (ḧ* − Vᵀ M⁻¹ Jᵀ F) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
+    ``ḧ* = ω² (c − h) − 2 ζ_h ω Vᵀ q̇``, ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``,
+    ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; e is the task error, M the joint-space inertia,
+    and b compensates gravity and the velocity terms. ``J M⁻¹ P = 0``: the second term does not
+    accelerate the end effector (Khatib), and its last part decouples the leaf from the force F.
+    There is no home posture: the null-space spring is relaxed anywhere on the leaf, and only pulls
+    the joints back to the leaf. This controller is not part of the paper.
+
+    It is computed in the form ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``, which also compensates
+    ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D gives the end effector, with its
+    inertia Λ, the same damping ratio in every direction.
+
+    Friction and errors of M and b move the joints off the leaf. An :meth:`observer` estimates this
+    disturbance from ḧ* and ḣ, and cancels it.
+
+    Parameters
+    ----------
+    inverse
+        Repeatable inverse, such as ``design.inverse``, in the robot's own joints.
+    stiffness : (float, float) or (m,) array
+        Stiffness K: N/m for translations and Nm/rad for rotations; or one number per row of J.
+    damping
+        Damping ratio ζ of the end effector; 1 is critical.
+    leaf_frequency
+        Natural frequency ω of the return to the leaf, rad/s. A lower one makes the elbow softer,
+        and the leaf error larger.
+    leaf_damping
+        Damping ratio ζ_h of the return to the leaf; 1 is critical.
+    observer_rate
+        Rate κ at which the observer follows a disturbance of the leaf, 1/s.
+    observer_limit : float or (n,) array
+        Maximum torque of each joint with which the observer opposes a disturbance, Nm or N. A
+        larger disturbance, such as a push, still moves the arm.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used, or a link of the chain has no inertia.
+
+    Examples
+    --------
+    >>> near = rp.Tube([panda.reference], 0.1)
+    >>> J_plus, options = rp.Pseudoinverse(panda), rp.FitOptions(held_out=64)
+    >>> found = rp.nearest_repeatable(J_plus, None, near, degree=1, options=options)
+    >>> spring = rp.LeafImpedance(found.inverse, stiffness=(2000.0, 100.0))  # N/m and Nm/rad
+    >>> q, observer = np.array(panda.reference), spring.observer(dt=0.001)
+    >>> leaf, target = found.inverse.leaf(q), panda.placement(q)
+    >>> spring.torque(q, np.zeros(7), target, leaf=leaf, observer=observer).shape  # Nm
+    (7,)
+    """
+
+    def __init__(
+        self,
+        inverse: RepeatableInverse,
+        *,
+        stiffness: ArrayLike = (1000.0, 50.0),
+        damping: float = 1.0,
+        leaf_frequency: float = 20.0,
+        leaf_damping: float = 1.0,
+        observer_rate: float = 200.0,
+        observer_limit: ArrayLike = 5.0,
+    ) -> None:
+        self.inverse = require_type(
+            inverse,
+            RepeatableInverse,
+            "inverse",
+            "a repeatable inverse, such as design.inverse",
+        )
+        self.task = task = inverse.task
+        if task.coordinates is not None:
+            raise InputError(
+                "torques act on the robot's own joints, but the task is in other coordinates; "
+                "design without in_coordinates()"
+            )
+        self.gains = Gains(
+            _stiffness(stiffness, task.m),
+            positive(damping, "damping", zero=True),
+            positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True),
+            positive(leaf_damping, "leaf_damping", zero=True),
+            positive(observer_rate, "observer_rate", "1/s"),
+            per_joint(observer_limit, task.n, "observer_limit"),
+        )
+        self._law = PerThread(partial(torque_law, task, inverse.potentials, self.gains))
+        self._dynamics = PerThread(partial(_dynamics, task))
+        try:
+            np.linalg.cholesky(task.inertias(task.reference[None])[0])
+        except np.linalg.LinAlgError:
+            raise InputError(
+                f"a link of the chain to {task.frame!r} has no inertia; torques need one per joint"
+            ) from None
+
+    def __repr__(self) -> str:
+        return described(
+            self, self.task, f"leaf frequency {self.gains.leaf_frequency:g} rad/s"
+        )
+
+    def observer(self, dt: float) -> Observer:
+        """Create a disturbance observer for :meth:`torque`; each arm needs its own.
+
+        Call its ``reset()`` after the robot was stopped.
+
+        Parameters
+        ----------
+        dt
+            Time step of the loop, s.
+
+        Raises
+        ------
+        InputError
+            If dt is not above 0, or longer than 1 / observer_rate.
+        """
+        dt, rate = positive(dt, "dt", "s"), self.gains.observer_rate
+        if not rate * dt <= 1.0:
+            raise InputError(
+                f"observer_rate · dt must be at most 1; got {rate:g} · {dt:g}; "
+                "use a lower observer_rate"
+            )
+        return Observer(np.zeros(self.task.r), dt)
+
+    def torque(
+        self,
+        q: ArrayLike,
+        qdot: ArrayLike,
+        target: Placement,
+        twist: ArrayLike | None = None,
+        *,
+        leaf: ArrayLike,
+        observer: Observer | None = None,
+    ) -> Array:
+        """Compute the joint torques τ (n,), Nm or N.
+
+        Parameters
+        ----------
+        q, qdot : (n,) arrays
+            Joint positions and velocities, rad or m, and per second.
+        target : pinocchio.SE3 or (4, 4) array
+            Desired placement of the frame.
+        twist : (6,) array, optional
+            Velocity (v, ω) of the target, base axes, m/s and rad/s; 0 by default.
+        leaf : (r,) array
+            Level c, from ``inverse.leaf(q)`` at the start.
+        observer : Observer, optional
+            Result of :meth:`observer`; the call updates its state, unless it raises. Without it,
+            friction and errors of the model are not compensated.
+
+        Raises
+        ------
+        InputError
+            If a size is wrong, a number not finite, or so large that the torque is not finite.
+        SingularityError
+            If J_V is singular.
+        """
+        n, r = self.task.n, self.task.r
+        if not _native(q, n):
+            q = vector(q, n, "q")
+        if not _native(qdot, n):
+            qdot = vector(qdot, n, "q̇")
+        if not _native(leaf, r):
+            leaf = vector(leaf, r, "leaf", "from inverse.leaf(q)")
+        if twist is not None and not _native(twist, 6):
+            twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+        if observer is not None and not (
+            type(observer) is Observer and len(observer.state) == r
+        ):
+            raise InputError(
+                f"must be what observer(dt) of this control made; got {shown(observer)}",
+                argument="observer",
+            )
+        with np.errstate(over="ignore", invalid="ignore"):
+            M, b = self._dynamics.own(q, qdot)
+            return self._law.own(
+                q, qdot, M, b, as_placement(target), twist, leaf, observer
+            )
+
+
+def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
+    """Test whether values are an array of n finite doubles, which needs no conversion.
+
+    False also for finite numbers whose squares overflow.
+    """
+    return (
+        type(values) is np.ndarray
+        and values.dtype is FLOAT
+        and values.shape == (n,)
+        and ddot(values, values) < inf
+    )
+
+
+def _stiffness(given: ArrayLike, m: int) -> Array:
+    """Convert a stiffness to an array (m,), one number per row of J.
+
+    Two numbers are taken for the translations and the rotations.
+    """
+    values, linear = as_numbers(given), min(3, m)
+    if values is not None and values.shape == (2,) and m != 2:
+        values = np.repeat(values, [linear, m - linear])
+    if (
+        values is None
+        or values.shape != (m,)
+        or not (np.isfinite(values) & (values > 0)).all()
+    ):
+        raise InputError(
+            f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
+        )
+    return values
+
+
+def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
+
+    b contains gravity and velocity terms. Mimic joints count for the joints that drive them.
+    """
+    model, drive = task.bodies_model()
+    data = model.createData()
+
+    def own(q: Array, qdot: Array) -> tuple[Array, Array]:
+        return pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, qdot)
+
+    if drive is None:
+        return own
+    S = drive.S
+
+    def driven(q: Array, qdot: Array) -> tuple[Array, Array]:
+        M, b = own(drive.joints(q), S @ qdot)
+        return S.T @ M @ S, S.T @ b
+
+    return driven

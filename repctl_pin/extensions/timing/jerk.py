@@ -1,0 +1,551 @@
+"""Time-optimal profile with bounded jerk along a joint path, by a sequence of linear programs.
+
+The unknown is ``x(s) = ṡ²``, where s is the length of the joint path q(s), at the *stages*, which
+are grid points of s. Speed and acceleration limits are linear in x and x′, and jerk is
+
+    ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′ x″)``.
+
+``|q⃛| ≤ J`` is ``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``. J/√x is convex, so its tangent at the
+previous solution x̄, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, is a lower bound. With this bound, every
+solution of the linear program respects the limit at the stages. Between two stages x is a parabola.
+Next to rest the joints move with constant jerk, ``x ∝ s^4/3``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...errors import InputError
+from ...motion.limits import JointLimits
+from .profile import STAGES, Segment, fastest, most_used
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+_GROWTH = 1.5
+"""Ratio of the lengths of successive intervals next to rest, where x″ is not bounded."""
+
+_MERGED = 10
+"""Maximum number of stages next to rest that are left out."""
+
+_FINEST = 1e-4
+"""Minimum length of the first interval, as a fraction of the next regular one."""
+
+_MOST_PROGRAMS = 8
+_ENOUGH = 1e-4
+"""Relative saving of time by a linear program below which it is the last."""
+
+_TIGHTENED = 2
+"""Maximum number of times that limits are tightened where they are exceeded between the stages.
+Time is stretched if they are still exceeded."""
+
+_WELL_KEPT = 1.01
+"""Maximum used fraction of a limit between the stages for which the limit is not tightened. Up to
+it, time is stretched instead; for jerk, by a third of the excess."""
+
+_NEARLY_USED = 0.4
+"""A row of the linear program is used from the start if its slack is less than this fraction of its
+bound; other rows are added if they are violated."""
+
+_BESIDE = 10
+"""Number of intervals before and after a violated row whose rows are added with it."""
+
+_ROUNDS = 4
+"""Maximum number of solutions with a subset of the rows, before all rows are used."""
+
+_SLACK = 1e-7
+"""Violation of a row that the solver HiGHS tolerates."""
+
+_BETWEEN = np.linspace(0.0, 1.0, 9)
+"""Points at which limits are checked between two stages, as fractions of the time."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class JerkSegment(Segment):
+    """A smooth part of a joint path, from rest to rest, timed with bounded jerk.
+
+    Attributes
+    ----------
+    x, bend : (K,), (K - 1,) arrays
+        ṡ² at the stages, and x″ between them; x″ of the first and of the last interval is not
+        used.
+    """
+
+    x: Array
+    bend: Array
+
+    def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start.
+
+        After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` is linear in ``u = s − s₀``, hence u(t) is
+        a sum of exponentials.
+        """
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
+        h, tau = np.diff(self.s)[i], t - self.t[i]
+        slope = (
+            (self.x[i + 1] - self.x[i]) - self.bend[i] * h**2 / 2
+        ) / h  # x′ where the interval begins
+        S, C = _exponentials(self.bend[i] / 2 * tau**2)
+        u = np.clip(self.speed[i] * tau * S + slope / 2 * tau**2 * C, 0.0, h)
+        x = self.x[i] + slope * u + self.bend[i] * u**2 / 2
+        rate = np.sqrt(np.maximum(x, 0.0))
+        found = (
+            self.s[i] + u,
+            rate,
+            (slope + self.bend[i] * u) / 2,
+            self.bend[i] * rate / 2,
+        )
+        for k, rest, sign in ((0, 0.0, 1.0), (len(self.s) - 2, self.s[-1], -1.0)):
+            rows, T = i == k, self.t[k + 1] - self.t[k]
+            since = np.clip(
+                (tau if sign > 0 else T - tau)[rows], 0.0, T
+            )  # since rest, or until it
+            jerk = 6 * h[rows] / T**3
+            cubic = (
+                rest + sign * jerk * since**3 / 6,
+                jerk * since**2 / 2,
+                sign * jerk * since,
+                jerk,
+            )
+            for values, new in zip(found, cubic, strict=True):
+                values[rows] = new
+        return found
+
+    def between(self) -> Array:
+        """Times at which limits are checked between the stages, s from the segment's start."""
+        return (
+            self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)
+        ).ravel()
+
+    def used(self, limits: JointLimits) -> Array:
+        """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,)."""
+        _, _, push, jerk = self.derivatives(self.between())
+        share = np.maximum(
+            np.abs(push) / limits.acceleration, np.abs(jerk) / limits.jerk
+        )
+        return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
+
+    def excess(self, limits: JointLimits) -> float:
+        """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
+        return most_used(limits, *self.derivatives(self.between()))
+
+
+def _exponentials(z: Array) -> tuple[Array, Array]:
+    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, analytic in z, whatever its sign."""
+    root = np.sqrt(np.abs(z))
+    small = root < 1e-2
+    safe = np.where(small, 1.0, root)
+    grown = np.minimum(safe, 300.0)  # beyond the interval's end, which is clipped
+    S = np.where(z > 0, np.sinh(grown), np.sin(safe)) / safe
+    C = np.where(z > 0, np.sinh(grown / 2), np.sin(safe / 2)) ** 2 * 2 / safe**2
+    return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(
+        small, 0.5 + z / 24 + z**2 / 720, C
+    )
+
+
+def fastest_with_jerk(
+    Q: Array,
+    limits: JointLimits,
+    stages: float = STAGES,
+    seams: tuple[int, ...] = (),
+    weight: float = 1.0,
+) -> JerkSegment:
+    """Find the time-optimal profile with bounded jerk along a smooth joint path, from rest to rest.
+
+    Parameters
+    ----------
+    Q : (T, n) array
+        Joint path: configurations.
+    limits
+        Limits to keep; they include jerk.
+    stages
+        Minimum number of stages; a few more are added next to rest.
+    seams
+        Indices of two points of Q with equal ṡ and s̈, so that the profile between them can be
+        repeated; or empty.
+    weight
+        Number of times that the profile between the seams is run.
+
+    Raises
+    ------
+    InputError
+        If no speed at all is within the limits.
+    """
+    first = fastest(Q, limits, stages)
+    knots = first.s[np.searchsorted(first.t, first.passed)]
+    path = _Path.of(first.curve, _graded(first.s, first.curve, limits), limits)
+    s = path.s
+    ties = tuple(int(np.searchsorted(s, knots[k])) for k in seams)
+    weights = np.ones(len(s) - 1)
+    if ties:
+        weights[ties[0] : ties[1]] = weight
+    x = np.minimum(np.interp(s, first.s, first.speed**2), path.from_rest(limits))
+    x, slope = x, np.gradient(x, s)
+    tight = np.ones(len(s) - 1)
+    for _ in range(_TIGHTENED + 1):
+        x, slope = _converged(path, limits, x, slope, ties, weights, tight)
+        t = np.concatenate([[0.0], np.cumsum(_times(s, x, slope))])
+        if not np.isfinite(t).all():
+            raise InputError(
+                "no speed along this joint path is within the jerk limits: the path is too rough",
+                remedy="use a smoother path",
+            )
+        bend = np.diff(slope) / np.diff(s)
+        found = JerkSegment(
+            first.curve, s, np.sqrt(x), t, _passed(knots, s, t), x, bend
+        )
+        used = found.used(limits)
+        if used.max() < _WELL_KEPT:
+            break
+        tight *= np.maximum(used, 1.0)
+    return found
+
+
+def _converged(
+    path: _Path,
+    limits: JointLimits,
+    x: Array,
+    slope: Array,
+    ties: tuple[int, ...],
+    weights: Array,
+    tight: Array,
+) -> tuple[Array, Array]:
+    """Solve linear programs in turn until they save no more time: x and x′ (K,) at the stages."""
+    took = np.inf
+    for _ in range(_MOST_PROGRAMS):
+        new, new_slope = _solved(path, limits, x, slope, ties, weights, tight)
+        if np.isfinite(took):
+            shares = np.linspace(0, 1, 21)
+            times = [
+                weights
+                @ _times(path.s, x + a * (new - x), slope + a * (new_slope - slope))
+                for a in shares
+            ]
+            a = shares[int(np.argmin(times))]
+            new, new_slope = x + a * (new - x), slope + a * (new_slope - slope)
+        before, took = took, float(weights @ _times(path.s, new, new_slope))
+        x, slope = (new, new_slope) if not took >= before else (x, slope)
+        if before - took < _ENOUGH * took:
+            break
+    return x, slope
+
+
+def _passed(knots: Array, s: Array, t: Array) -> Array:
+    """Compute the times (T,) at which the points of a path, at s = ``knots`` (T,), are passed.
+
+    The points are stages, or lie in the first or last interval between stages.
+    """
+    passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
+    early, late = knots < s[1], knots > s[-2]
+    passed[early] = t[1] * np.cbrt(knots[early] / s[1])
+    passed[late] = t[-1] - (t[-1] - t[-2]) * np.cbrt(
+        (s[-1] - knots[late]) / (s[-1] - s[-2])
+    )
+    return passed
+
+
+def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
+    """Adapt the stages next to rest; up to the first one the joints move with constant jerk.
+
+    The first stage is half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches
+    the acceleration limit a. If that is more than an interval of the grid, up to ten stages are
+    left out; if it is less, stages are inserted.
+    """
+    assert limits.jerk is not None
+
+    def stages(way: Array, slope: Array) -> Array:
+        used = np.maximum(np.abs(slope), 1e-12)
+        reached = float(
+            np.min(limits.acceleration / used) ** 3
+            / np.min(limits.jerk / used) ** 2
+            / 12
+        )
+        h, most = way[0], way[min(_MERGED, len(way) // 8)]
+        if reached >= h:
+            return way[way >= min(reached, most) * (1 - 1e-9)]
+        begin = max(reached, _FINEST * h)
+        more = begin * _GROWTH ** np.arange(
+            max(1, int(np.log(h / begin) / np.log(_GROWTH)))
+        )
+        return np.concatenate([more[more < h * (1 - 1e-9)], way])
+
+    half = len(grid) // 2
+    first = stages(grid[1:half], curve(0.0, 1))
+    last = grid[-1] - stages((grid[-1] - grid[half:-1])[::-1], curve(grid[-1], 1))[::-1]
+    return np.concatenate([[0.0], first, last, grid[-1:]])
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Path:
+    """A joint path at the stages, with its speed limits; between two stages q‴ is constant.
+
+    Attributes
+    ----------
+    third : (K - 1, n) array
+        q‴ between the stages.
+    most, most_between : (K,), (K - 1,) arrays
+        Largest x within the speed limits, at the stages and halfway between them.
+    points : tuple
+        For the begin, middle and end of the intervals: fraction of the interval, q′ and q″
+        (K - 1, n), and the torque coefficients of :func:`_torques` or None.
+    """
+
+    s: Array
+    third: Array
+    most: Array
+    most_between: Array
+    points: tuple[tuple[float, Array, Array, tuple[Array, Array, Array] | None], ...]
+    curve: Any
+
+    @classmethod
+    def of(cls, curve: Any, s: Array, limits: JointLimits) -> _Path:
+        h = np.diff(s)
+        points = []
+        for share in (0.0, 0.5, 1.0):
+            u = s[:-1] + share * h
+            slope, bend = curve(u, 1), curve(u, 2)
+            points.append((share, slope, bend, _torques(limits, curve(u), slope, bend)))
+        middle = s[:-1] + h / 2
+        most, most_between = (
+            limits.most_rate(curve(u), curve(u, 1)) ** 2 for u in (s, middle)
+        )
+        return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
+
+    def from_rest(self, limits: JointLimits) -> Array:
+        """Evaluate x at the stages for constant jerk J/|q′| from rest at either end: (K,).
+
+        It is ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|; the smaller value of both ends counts.
+        """
+        assert limits.jerk is not None
+        both = []
+        for end, way in ((self.s[0], self.s), (self.s[-1], self.s[-1] - self.s)):
+            j = np.min(limits.jerk / np.maximum(np.abs(self.curve(end, 1)), 1e-12))
+            both.append((4.5 * j) ** (2 / 3) * way ** (4 / 3))
+        return np.minimum(*both)
+
+
+def _torques(
+    limits: JointLimits, Q: Array, slope: Array, bend: Array
+) -> tuple[Array, Array, Array] | None:
+    """Split torques, ``τ = a s̈ + b x + g``: a, b and g (K, n) along a path; None if unlimited."""
+    if limits.torque is None or limits.dynamics is None:
+        return None
+    rnea, still = limits.dynamics, np.zeros(Q.shape[1])
+    g = np.array([rnea(q, still, still) for q in Q])
+    a = np.array([rnea(q, still, v) for q, v in zip(Q, slope, strict=True)]) - g
+    b = np.array([rnea(q, v, w) for q, v, w in zip(Q, slope, bend, strict=True)]) - g
+    return a, b, g
+
+
+def _times(s: Array, x: Array, slope: Array) -> Array:
+    """Compute the time of every interval, (K - 1,), s; exact for a parabola x(s).
+
+    It is ``2h/(v₀+v₁) artanh(y)/y`` with ``y² = x″ h² / 2 (v₀+v₁)²``, where h is the length of the
+    interval and v₀, v₁ are ṡ at its ends.
+    """
+    h, v = np.diff(s), np.sqrt(np.maximum(x, 0.0))
+    mean = v[1:] + v[:-1]
+    z = np.diff(slope) * h / 2 / np.maximum(mean, 1e-300) ** 2
+    z[[0, -1]] = 0.0
+    root = np.sqrt(np.abs(z))
+    safe = np.where(root < 1e-2, 1.0, root)
+    curved = (
+        np.where(z > 0, np.arctanh(np.where(safe < 1, safe, np.nan)), np.arctan(safe))
+        / safe
+    )
+    t = 2 * h / mean * np.where(root < 1e-2, 1 + z / 3 + z**2 / 5, curved)
+    t[[0, -1]] *= 1.5  # constant jerk: t = 3 h / v
+    return t
+
+
+def _solved(
+    path: _Path,
+    limits: JointLimits,
+    near: Array,
+    near_slope: Array,
+    ties: tuple[int, ...],
+    weights: Array,
+    tight: Array,
+) -> tuple[Array, Array]:
+    """Solve one linear program, linearised at x̄ = ``near``, for x and x′ (K,) at the stages.
+
+    Its unknowns are x/x̄ at the inner stages, and x′ in units of the acceleration limits. Limits of
+    acceleration and jerk are divided by ``tight`` (K - 1,).
+    """
+    s, h = path.s, np.diff(path.s)
+    inner = slice(1, -1)
+    m = len(s) - 2
+    x0 = near[inner]
+    unit = 2 * np.min(
+        limits.acceleration / np.maximum(np.abs(path.curve(s[inner], 1)), 1e-9), axis=1
+    )
+    scales = np.concatenate([x0, unit])
+    blocks = list(_rows(path, limits, near, tight))
+    columns = np.concatenate([block[1] for block in blocks])
+    coefficients = np.concatenate([block[0] for block in blocks]) * scales[columns]
+    bounds = np.concatenate([block[2] for block in blocks])
+
+    # x is a parabola between stages, x = c s^4/3 next to rest, and the same at both ends of a
+    # period
+    i = np.arange(m - 1)
+    within = np.stack(
+        [-np.ones(m - 1), np.ones(m - 1), -h[inner] / 2, -h[inner] / 2], axis=1
+    )
+    equal = [
+        within
+        * scales[cols := np.stack([i, i + 1, m + i, m + i + 1], axis=1)]
+        / x0[:-1, None]
+    ]
+    where = [cols]
+    for k, step in ((0, h[0]), (m - 1, -h[-1])):
+        where.append(np.array([[k, m + k, k, k]]))
+        equal.append(np.array([[4 / 3 / step * x0[k], -unit[k], 0.0, 0.0]]) / unit[k])
+    if ties:
+        a, b = (k - 1 for k in ties)
+        where.append(np.array([[a, b, a, a], [m + a, m + b, a, a]]))
+        equal.append(
+            np.array([[1, -x0[b] / x0[a], 0, 0], [1, -unit[b] / unit[a], 0, 0]])
+        )
+    A_eq = _sparse(np.concatenate(equal), np.concatenate(where), 2 * m)
+
+    most = np.minimum(path.most[inner], 3 * x0) / x0
+    for k, (end, step) in enumerate(((0, h[0]), (-1, -h[-1]))):
+        most[end] = min(
+            most[end], _most_beside_rest(path, limits, -k, step) / tight[-k] / x0[end]
+        )
+    limits_of_unknowns = np.array(
+        [*([1e-9, value] for value in most), *([-np.inf, np.inf] for _ in range(m))]
+    )
+    spent = weights * h
+    cost = np.concatenate([-(spent[1:] + spent[:-1]) / np.sqrt(x0), np.zeros(m)])
+    cost /= np.abs(cost).max()
+
+    guess = np.concatenate([np.ones(m), near_slope[inner] / unit])
+    active = np.zeros(len(bounds), bool)
+    for _ in range(_ROUNDS):
+        active |= (coefficients * guess[columns]).sum(
+            axis=1
+        ) > bounds - _NEARLY_USED * np.abs(bounds)
+        guess = _optimum(
+            cost, (coefficients, columns, bounds), active, A_eq, limits_of_unknowns
+        )
+        broken = (coefficients * guess[columns]).sum(axis=1) > bounds + _SLACK
+        if not (broken & ~active).any():
+            break
+        beside = np.flatnonzero(broken)[:, None] + len(limits.acceleration) * np.arange(
+            -_BESIDE, _BESIDE + 1
+        )
+        active[np.clip(beside, 0, len(active) - 1)] = True
+    else:
+        guess = _optimum(
+            cost,
+            (coefficients, columns, bounds),
+            np.ones(len(bounds), bool),
+            A_eq,
+            limits_of_unknowns,
+        )
+    x, slope = np.zeros(m + 2), np.zeros(m + 2)
+    x[inner], slope[inner] = guess[:m] * x0, guess[m:] * unit
+    return x, slope
+
+
+def _optimum(
+    cost: Array,
+    rows: tuple[Array, NDArray[np.intp], Array],
+    active: NDArray[np.bool_],
+    A_eq: csr_array,
+    most: Array,
+) -> Array:
+    """Solve ``min cost·z`` with ``A z ≤ b`` in the active rows, ``A_eq z = 0`` and bounds on z."""
+    from scipy.optimize import linprog  # slow to import
+
+    A = _sparse(rows[0][active], rows[1][active], len(cost))
+    found = linprog(
+        cost, A, rows[2][active], A_eq, np.zeros(A_eq.shape[0]), most, method="highs"
+    )
+    if found.x is None:
+        raise InputError(
+            "no speed along this joint path is within the limits together with those of jerk",
+            remedy="use a smoother path, or higher jerk limits",
+        )
+    return np.asarray(found.x, float)
+
+
+def _rows(
+    path: _Path, limits: JointLimits, near: Array, tight: Array
+) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
+    """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk.
+
+    Each item has the coefficients (R, 4), their columns (R, 4), and b (R,).
+    """
+    assert limits.jerk is not None
+    h, tight = np.diff(path.s)[1:-1, None], tight[1:-1, None]
+    i = np.arange(len(h))
+    m = len(h) + 1
+    ends = np.stack([i, i + 1, m + i, m + i + 1], axis=1)
+    columns = np.repeat(ends, len(limits.acceleration), axis=0)
+
+    def rows(share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
+        """Express weighted x, x′, x″ inside the intervals by x and x′ at their ends: (R, 4)."""
+        k = bend / h - share * (1 - share) / 2 * h * x
+        return np.stack(
+            [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k],
+            axis=-1,
+        ).reshape(-1, 4)
+
+    whole = 1 / path.most_between[1:-1, None]
+    yield rows(0.5, whole, np.zeros_like(whole)), ends, np.ones(len(ends))
+    for share, q1, q2, torque in path.points:
+        q1, q2 = q1[1:-1], q2[1:-1]
+        most = limits.acceleration / tight
+        A = rows(share, q2 / most, q1 / 2 / most)
+        for sign in (1, -1):
+            yield sign * A, columns, np.ones(len(A))
+        if torque is not None and limits.torque is not None:
+            a, b, g = (part[1:-1] / limits.torque for part in torque)
+            A = rows(share, b, a / 2)
+            for sign in (1, -1):
+                yield sign * A, columns, (1 - sign * g).ravel()
+        if share in (0.0, 1.0):
+            x = (near[1:-2] if share == 0 else near[2:-1])[:, None]
+            scale = np.sqrt(x) / limits.jerk * tight
+            A = rows(share, scale * path.third[1:-1], scale * 1.5 * q2, scale * q1 / 2)
+            tangent = rows(share, np.broadcast_to(0.5 / x, q1.shape), np.zeros_like(q1))
+            for sign in (1, -1):
+                yield sign * A + tangent, columns, np.full(len(A), 1.5)
+
+
+def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
+    """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
+
+    ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at
+    the fraction σ of the interval, whose length is h.
+    """
+    assert limits.jerk is not None
+    sigma = np.linspace(0, 1, 4 * _MERGED + 1)
+    q1, q2, q3 = (path.curve(path.s[end] + sigma * step, k) for k in (1, 2, 3))
+    sigma = sigma[:, None]
+    jerk = q3 * sigma**2 + 2 * q2 * sigma / step + 2 / 9 * q1 / step**2
+    push = q2 * sigma ** (4 / 3) + 2 / 3 * q1 * np.cbrt(sigma) / step
+    most = (
+        np.max(np.abs(jerk) / limits.jerk) ** (-2 / 3),
+        1 / np.max(np.abs(push) / limits.acceleration),
+    )
+    return float(min(most))
+
+
+def _sparse(coefficients: Array, columns: NDArray[np.intp], width: int) -> csr_array:
+    """Create a sparse matrix from rows of four coefficients; those in the same column are added."""
+    from scipy.sparse import csr_array
+
+    ends = np.arange(0, coefficients.size + 1, 4)
+    return csr_array(
+        (coefficients.ravel(), columns.ravel(), ends), shape=(len(coefficients), width)
+    )

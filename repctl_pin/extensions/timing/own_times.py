@@ -1,0 +1,195 @@
+"""Timing by a motion's own times, from rest to rest, smoothed just enough for the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ...errors import InputError
+from ...motion.limits import JointLimits
+from .profile import Segment, most_used
+
+_LONGER = 1.5
+"""Ratio of successive smoothing times that are tried."""
+
+_HALVINGS = 6
+"""Number of bisections between the first smoothing time that keeps the limits and the last one that
+was too short."""
+
+_SHORTEST = 1e-3
+"""Shortest smoothing time, s."""
+
+_KEPT = 1 + 1e-9
+"""Factor up to which a limit may be exceeded and count as kept."""
+
+_BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
+"""Points at which limits are checked between two breaks of s(t), as fractions of the time."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class OwnTimes(Segment):
+    """A smooth part of a joint path, from rest to rest, in the motion's own times.
+
+    ``s(t)`` is the motion's own law, at rest before and after, convolved with a triangle of width
+    r. That smooths the beginning, the end and every jump of speed; it never exceeds the largest
+    speed of the law, and changes a law of constant speed only within r/2 of a jump.
+
+    Attributes
+    ----------
+    smooth : PPoly
+        s(t), a piecewise polynomial.
+    """
+
+    smooth: Any
+
+    def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
+        s = np.clip(self.smooth(t), 0.0, self.s[-1])
+        return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
+
+    def excess(self, limits: JointLimits) -> float:
+        """Return 1: time is not stretched, because the smoothing makes the limits hold."""
+        return 1.0
+
+
+def with_own_times(
+    Q: Array,
+    clock: Array,
+    limits: JointLimits,
+    *,
+    added: int,
+    most: float,
+    joints: Sequence[str],
+) -> OwnTimes:
+    """Time a smooth joint path by its own times, smoothed as little as the limits allow.
+
+    Parameters
+    ----------
+    Q : (T, n) array
+        Joint path: configurations.
+    clock : (T,) array
+        Time at which each point is passed, s.
+    limits
+        Limits to keep.
+    added
+        Number of ends, 0 to 2, at which time may be added; without it the path is run a little
+        faster instead.
+    most
+        Longest smoothing time, s.
+    joints
+        Names of the joints, for messages.
+
+    Raises
+    ------
+    InputError
+        If the motion's own times do not keep the limits.
+    """
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    curve = CubicSpline(s, Q, bc_type="not-a-knot")
+    own = clock - clock[0]
+    D = float(own[-1])
+    fastest = curve(s, 1) * np.gradient(s, own)[:, None]
+    r = float((np.abs(fastest[[0, -1]]) / limits.acceleration).max())
+    if limits.jerk is not None:
+        r = max(r, 2 * float(np.sqrt((np.abs(fastest[[0, -1]]) / limits.jerk).max())))
+    most = min(most, D * (0.5 if added < 2 else 1.0))
+    short, r, nearest, why = 0.0, min(max(r, _SHORTEST), most), np.inf, ""
+
+    def tried(r: float) -> OwnTimes | None:
+        nonlocal nearest, why
+        segment = _smoothed(curve, s, own, r, added)
+        t = segment.smooth.x
+        t = (t[:-1, None] + np.diff(t)[:, None] * _BETWEEN).ravel()
+        moved = segment.derivatives(t)
+        used = most_used(limits, *moved)
+        if used > _KEPT and used < nearest:
+            nearest, why = used, _worst(limits, moved, t + float(clock[0]), joints)
+        return segment if used <= _KEPT else None
+
+    found = None
+    while r <= most and (found := tried(r)) is None:
+        short, r = r, r * _LONGER
+    if found is None:
+        raise InputError(
+            f"the times of the path exceed the limits: {why}; "
+            "give the path more time, or omit keep_times="
+        )
+    for _ in range(_HALVINGS if short else 0):
+        between = (short + r) / 2
+        if (shorter := tried(between)) is None:
+            short = between
+        else:
+            r, found = between, shorter
+    return found
+
+
+def _worst(
+    limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]
+) -> str:
+    """Describe the limit that is exceeded most, and when."""
+    found = []
+    for what, values, limit in zip(
+        ("speed", "acceleration", "jerk"),
+        moved[1:],
+        (limits.velocity, limits.acceleration, limits.jerk),
+        strict=True,
+    ):
+        if limit is not None:
+            used = np.abs(values) / limit
+            k, j = divmod(int(np.argmax(used)), used.shape[1])
+            found.append(
+                (
+                    float(used[k, j]),
+                    f"{joints[j]} would need {used[k, j]:.4g} times its {what} at {t[k]:.3g} s",
+                )
+            )
+    if limits.tool is not None:
+        used = limits.tool(moved[0], moved[1])
+        k = int(np.argmax(used))
+        found.append(
+            (
+                float(used[k]),
+                f"the tool would need {used[k]:.4g} times its speed at {t[k]:.3g} s",
+            )
+        )
+    share, words = max(found)
+    return words if share > 1 else "a torque would exceed its limit"
+
+
+def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> OwnTimes:
+    """Convolve the law s(own), at rest before and after, with a triangle of width r.
+
+    ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is
+    linear between the shifted points of the law.
+    """
+    h, D = r / 2, own[-1]
+    T = D + added * h
+    own = own * ((T - r) / D)  # begins at h and ends at T − h
+    breaks = np.unique(np.concatenate([own, own + h, own + r]))
+    breaks = breaks[np.concatenate([[True], np.diff(breaks) > 1e-12 * T])]
+    breaks[[0, -1]] = 0.0, T
+
+    def law(t: Array) -> Array:
+        return np.interp(t - h, own, s)
+
+    push = (law(breaks + h) - 2 * law(breaks) + law(breaks - h)) / h**2
+    dt = np.diff(breaks)
+    jerk = np.diff(push) / dt
+    speed = np.concatenate([[0.0], np.cumsum((push[1:] + push[:-1]) / 2 * dt)])
+    way = np.concatenate(
+        [[0.0], np.cumsum(speed[:-1] * dt + push[:-1] * dt**2 / 2 + jerk * dt**3 / 6)]
+    )
+    from scipy.interpolate import PPoly
+
+    smooth = PPoly(np.stack([jerk / 6, push[:-1] / 2, speed[:-1], way[:-1]]), breaks)
+    t = own + h
+    t[[0, -1]] = 0.0, T
+    rate = np.maximum(smooth(t, 1), 0.0)
+    return OwnTimes(curve, smooth(t), rate, t, t, smooth)

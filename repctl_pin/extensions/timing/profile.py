@@ -1,0 +1,334 @@
+"""Time-optimal profile ṡ(s) of a joint path, from rest to rest, by TOPP-RA."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ...errors import InputError, needed
+from ...motion.limits import JointLimits
+
+_BEND = 0.05
+"""Change of direction of the joint path, rad, above which a point is a corner."""
+
+SHARP = 0.3
+"""Change of direction of the joint path, rad, above which a motion in its own times always stops;
+it passes gentler corners if the limits allow."""
+
+STAGES = 450
+"""Minimum number of stages of a cycle's profile; between them, limits are exceeded by less than
+2 %."""
+
+LEAST_STAGES = 50
+"""Minimum number of stages (grid points of the profile) between two stops."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Segment:
+    """A smooth part of a joint path between two stops, with its time-optimal profile.
+
+    ``s`` is the length of the joint path. The stages are grid points of s; s̈ is constant between
+    two of them.
+
+    Attributes
+    ----------
+    curve
+        q(s), a scipy spline.
+    s, speed, t : (K,) arrays
+        s at the stages, ṡ, and the time from the segment's start, s.
+    passed : (T,) array
+        Times at which the points of the path are passed, s.
+    """
+
+    curve: Any
+    s: Array
+    speed: Array
+    t: Array
+    passed: Array
+
+    def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate s, ṡ, s̈ and s⃛ at times (T,) from the segment's start."""
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
+        push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (
+            2 * (self.s[i + 1] - self.s[i])
+        )
+        tau = t - self.t[i]
+        s = self.s[i] + self.speed[i] * tau + 0.5 * push * tau**2
+        return s, self.speed[i] + push * tau, push, np.zeros(len(t))
+
+    def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
+        s, *rates = self.law(t)
+        v, a, j = (rate[:, None] for rate in rates)
+        q, q1, q2, q3 = _spline(self.curve, s)
+        return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
+
+    def excess(self, limits: JointLimits) -> float:
+        """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
+
+        They are checked at the stages and halfway between them, that of jerk not at all.
+        """
+        u = (self.speed[1:] ** 2 - self.speed[:-1] ** 2) / (2 * np.diff(self.s))
+        factor = 1.0
+        for share in (0.0, 0.5, 1.0):
+            s = self.s[:-1] + share * np.diff(self.s)
+            x = (1 - share) * self.speed[:-1] ** 2 + share * self.speed[
+                1:
+            ] ** 2  # linear in s
+            slope, bend = self.curve(s, 1), self.curve(s, 2)
+            qdot = slope * np.sqrt(x)[:, None]
+            qddot = bend * x[:, None] + slope * u[:, None]
+            factor = max(factor, most_used(limits, self.curve(s), qdot, qddot))
+        return factor
+
+
+def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
+    """Evaluate a cubic spline and its three derivatives at s: (K, n) each."""
+    i = np.clip(np.searchsorted(curve.x, s, side="right") - 1, 0, len(curve.x) - 2)
+    u, (d, c, b, a) = (s - curve.x[i])[:, None], curve.c[:, i]
+    return (
+        a + u * (b + u * (c + u * d)),
+        b + u * (2 * c + 3 * u * d),
+        2 * c + 6 * u * d,
+        6 * d,
+    )
+
+
+def most_used(
+    limits: JointLimits,
+    Q: Array,
+    qdot: Array,
+    qddot: Array,
+    qdddot: Array | None = None,
+) -> float:
+    """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
+
+    The motion is given by (T, n) arrays; without q⃛, the limit of jerk is not checked.
+    """
+    factor = max(1.0, float((np.abs(qdot) / limits.velocity).max()))
+    factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
+    if limits.jerk is not None and qdddot is not None:
+        factor = max(factor, float(np.cbrt((np.abs(qdddot) / limits.jerk).max())))
+    if limits.tool is not None:
+        factor = max(factor, float(limits.tool(Q, qdot).max()))
+    if limits.torque is None or limits.dynamics is None:
+        return factor
+    for q, v, a in zip(Q, qdot, qddot, strict=True):
+        weight = limits.dynamics(q, 0 * v, 0 * v)
+        moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
+        available = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
+        factor = max(
+            factor, float(np.sqrt((np.abs(moving) / np.maximum(available, 1e-9)).max()))
+        )
+    return factor
+
+
+class Profile:
+    """Timing of a few cycles: segments in order, with pauses between them.
+
+    Attributes
+    ----------
+    marks : (cycles + 1,) array
+        Times at which the cycles begin and the last one ends, s; before a pause there, if any.
+    stretch : float
+        Factor by which time must be stretched to keep the limits between the stages, too.
+    converged : bool
+        True if the second cycle begins and ends at equal speed, so that it can be repeated.
+    phase : tuple of (K,) arrays
+        Length of the joint path up to every stage, and its rate ṡ.
+    """
+
+    def __init__(
+        self,
+        runs: list[Segment],
+        stays: list[float],
+        stops: list[int],
+        ends: list[int],
+        limits: JointLimits,
+    ) -> None:
+        self.runs = runs
+        took = np.array([run.t[-1] for run in runs])
+        self.starts = np.cumsum(stays) + np.concatenate([[0.0], np.cumsum(took)[:-1]])
+        marks, speeds = [0.0], [0.0]
+        for k in ends[1:]:
+            j = int(np.searchsorted(stops, k, side="left")) - 1
+            passed = runs[j].passed[[k - stops[j]]]
+            marks.append(float(self.starts[j] + passed[0]))
+            speeds.append(float(runs[j].law(passed)[1][0]))
+        self.marks = np.array(marks)
+        self.stretch = max(run.excess(limits) for run in runs)
+        top = max(float(run.speed.max()) for run in runs)
+        self.converged = len(ends) > 3 and abs(speeds[1] - speeds[2]) < 1e-6 * top
+        lengths = np.cumsum([0.0] + [run.s[-1] for run in runs])
+        self.phase = (
+            np.concatenate([x + run.s for x, run in zip(lengths, runs, strict=False)]),
+            np.concatenate([run.speed for run in runs]),
+        )
+
+    def positions(self, clock: Array) -> Array:
+        """Evaluate the configurations (T, n) at times (T,); at rest outside the profile."""
+        which = np.clip(
+            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
+        )
+        Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
+        for j in np.unique(which):
+            rows, run = which == j, self.runs[j]
+            s, *_ = run.law(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
+            Q[rows] = run.curve(s)
+        return Q
+
+    def derivatives(self, clock: Array) -> Array:
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
+
+        The arm is at rest before the start and after the end.
+        """
+        which = np.clip(
+            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
+        )
+        found = np.zeros((4, len(clock), self.runs[0].curve(0.0).size))
+        for j in np.unique(which):
+            rows, run = which == j, self.runs[j]
+            t = clock[rows] - self.starts[j]
+            found[:, rows] = run.derivatives(np.clip(t, 0.0, run.t[-1]))
+            found[1:, np.flatnonzero(rows)[(t < 0) | (t > run.t[-1])]] = 0.0
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A profile as a function of time, with its second cycle repeated.
+
+    Attributes
+    ----------
+    profile
+        Phase-plane profile of a few cycles.
+    factor
+        Factor by which the profile's time is stretched.
+    lead
+        Time at rest before the profile, s.
+    begin, period : float
+        Time at which the second cycle begins, and its duration, s.
+    more : int
+        Number of additional repetitions of the second cycle.
+    """
+
+    profile: Profile
+    factor: float
+    lead: float
+    begin: float
+    period: float
+    more: int
+
+    def derivatives(self, t: Array) -> Array:
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,) of the samples."""
+        clock = t - self.lead
+        if self.more:
+            again = np.floor((clock - self.begin) / self.period)
+            clock = clock - self.period * np.clip(again, 0, self.more)
+        found = self.profile.derivatives(clock / self.factor)
+        return found / self.factor ** np.arange(4)[:, None, None]
+
+
+def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list[int]:
+    """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
+
+    Cusps are found everywhere, other corners only among the indices ``candidates``.
+    """
+    steps = np.diff(Q, axis=0)
+    sizes = np.linalg.norm(steps, axis=1)
+    cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / np.maximum(
+        sizes[1:] * sizes[:-1], 1e-300
+    )
+    found = set((np.flatnonzero(cosine < 0.5) + 1).tolist())  # cusps
+    marks = sorted({0, len(Q) - 1, *candidates})
+    for before, at, after in zip(marks[:-2], marks[1:-1], marks[2:], strict=True):
+        into, out = (
+            _tangent(Q[max(before, at - 3) : at + 1][::-1]),
+            _tangent(Q[at : min(after, at + 3) + 1]),
+        )
+        if np.arccos(np.clip(-into @ out, -1, 1)) > bend:
+            found.add(at)
+    return sorted(found)
+
+
+def _tangent(points: Array) -> Array:
+    """Compute the unit tangent (n,) of a curve at the first of a few points (k, n)."""
+    x = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    )
+    if x[-1] == 0:
+        return np.zeros(points.shape[1])
+    slope = np.linalg.solve(np.vander(x / x[-1], increasing=True), points)[1]
+    return slope / max(np.linalg.norm(slope), 1e-300)
+
+
+def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
+    """Compute the time-optimal profile of a smooth joint path (T, n), from rest to rest.
+
+    It has at least ``stages`` stages.
+
+    Raises
+    ------
+    InputError
+        If no speed is within the limits: the path is too rough, or a joint's torque limit does not
+        hold the arm.
+    """
+    needed("toppra", by="a motion from rest to rest")
+    import toppra
+    from toppra.algorithm import TOPPRA
+    from toppra.constraint import (
+        JointAccelerationConstraint,
+        JointTorqueConstraint,
+        JointVelocityConstraint,
+        JointVelocityConstraintVarying,
+    )
+
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
+    finer = int(np.ceil(max(stages, LEAST_STAGES) / (len(s) - 1)))
+    grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
+    velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
+    if limits.tool is not None:
+        velocity = JointVelocityConstraintVarying(
+            lambda s: _speeds_at(limits, curve, s)
+        )
+    constraints = [velocity, JointAccelerationConstraint(limits.acceleration)]
+    if limits.torque is not None:
+        torque = np.stack([-limits.torque, limits.torque], axis=1)
+        constraints.append(
+            JointTorqueConstraint(limits.dynamics, torque, np.zeros(len(torque)))
+        )
+        constraints[-1].set_discretization_type(1)
+    solver = TOPPRA(
+        constraints,
+        curve,
+        grid,
+        solver_wrapper="seidel",
+        parametrizer="ParametrizeConstAccel",
+    )
+    _, speed, _ = solver.compute_parameterization(0.0, 0.0)
+    if speed is None or not np.isfinite(speed).all() or not (speed[1:-1] > 0).all():
+        torque_bound = limits.torque is not None
+        why = (
+            "the torque limits do not hold the arm somewhere"
+            if torque_bound
+            else "the path is too rough"
+        )
+        raise InputError(f"no speed along this joint path is within the limits: {why}")
+    t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
+    return Segment(curve.cspl, grid, speed, t, t[::finer])
+
+
+def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:
+    """Compute the joint speed bounds (n, 2) at s that keep the tool's speed limit, too."""
+    slope = curve(np.array([s]), 1)
+    rate = limits.most_rate(curve(np.array([s])), slope)
+    speeds = np.minimum(
+        np.minimum(limits.velocity, 1e6), np.abs(slope[0]) * rate + 1e-12
+    )
+    return np.stack([-speeds, speeds], axis=1)

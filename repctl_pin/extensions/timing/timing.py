@@ -1,0 +1,390 @@
+"""Time-optimal timing of a motion, and of the approach to it: rest to rest, within the limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...arguments import MOST_STEPS, Array, flag, positive, require_choice, require_type
+from ...errors import InputError
+from ...model.bodies import bodies_of
+from ...motion.limits import JointLimits, Limits, joint_limits
+from ...motion.motion import CLOSED, Motion
+from ...motion.timed_motion import TimedMotion
+from .jerk import fastest_with_jerk
+from .own_times import with_own_times
+from .profile import SHARP, STAGES, Profile, Segment, Trajectory, corners_of, fastest
+
+_MOMENT = 1e-3
+"""Half-width, s, of the central differences that give q̇ and q̈; the exact accelerations jump."""
+
+_MOST_SAMPLES = MOST_STEPS // 5
+"""Maximum number of samples of a timed motion; each takes the memory of several steps."""
+
+
+def timed(
+    motion: Motion,
+    limits: Limits,
+    *,
+    keep_times: bool = False,
+    rate: float = 1000.0,
+) -> TimedMotion:
+    """Time a motion's joint path from rest to rest, as quickly as the limits allow.
+
+    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if asked, ``|q⃛| ≤ jerk`` and
+    ``|τ(q, q̇, q̈)| ≤ τ_max``: by TOPP-RA, with jerk by a sequence of linear programs. The first
+    cycle speeds up, the last slows down, and the cycles between them are identical, if the motion
+    closes. The arm stops at sharp corners; round them with ``blend=``.
+
+    Parameters
+    ----------
+    motion
+        Result of :func:`follow`; its times are ignored, except for pauses and with ``keep_times``.
+    limits
+        Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
+    keep_times
+        Keep the motion's own times, such as those of a CSV file, and only add ramps at the ends, as
+        short as the limits allow. At a sharp corner the arm has to stand still, but passes it at
+        its own time.
+    rate
+        Samples per second, Hz. A steady cycle takes a whole number of samples.
+
+    Returns
+    -------
+    TimedMotion
+
+    Raises
+    ------
+    InputError
+        If the limits do not fit the robot, no speed keeps them all, or the motion's own times do
+        not.
+
+    Examples
+    --------
+    >>> timed = rp.timed(motion, rp.Limits(acceleration=5.0))  # rad/s²
+    >>> bool(np.abs(timed.qddot).max() < 5.01)
+    True
+    """
+    require_type(motion, Motion, "motion", "a motion, such as rp.follow makes")
+    kept = joint_limits(motion.task, limits)
+    rate, keep_times = (
+        positive(rate, "rate", "samples per second"),
+        flag(keep_times, "keep_times"),
+    )
+    Q, steps = motion.joints(motion.q), motion.steps
+    once = Q[: steps + 1]
+    if (kept.jerk is not None or keep_times) and np.linalg.norm(
+        once[-1] - once[0]
+    ) < CLOSED:
+        once = once + np.linspace(0.0, 1.0, steps + 1)[:, None] * (
+            once[0] - once[-1]
+        )  # jerk feels 1e-9 rad
+
+    def repeated(cycles: int) -> Array:
+        return np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
+
+    cycles = motion.cycles
+    if np.abs(Q - repeated(cycles)).max() < CLOSED:
+        cycles = min(cycles, 3)
+        Q = repeated(cycles)
+    if keep_times:
+        profile, stops = _profile(Q, motion, cycles, kept, keep_times=True)
+        timed = _sampled(
+            profile,
+            motion.task.robot_joints,
+            motion.cycles - cycles,
+            rate,
+            kept,
+            stops,
+        )
+        return replace(timed, motion=motion)
+    profile, stops = _profile(Q, motion, cycles, kept)
+    if (
+        motion.cycles > cycles and not profile.converged
+    ):  # speeding up takes longer than a cycle
+        cycles = motion.cycles
+        Q = repeated(cycles)
+        profile, stops = _profile(Q, motion, cycles, kept)
+    if kept.jerk is not None:
+        steady = motion.cycles - 2 if cycles == 3 and profile.converged else 0
+        profile, stops = _profile(Q, motion, cycles, kept, steady=steady)
+    timed = _sampled(
+        profile, motion.task.robot_joints, motion.cycles - cycles, rate, kept, stops
+    )
+    return replace(timed, motion=motion)
+
+
+def _profile(
+    Q: Array,
+    motion: Motion,
+    cycles: int,
+    limits: JointLimits,
+    *,
+    steady: int = -1,
+    keep_times: bool = False,
+) -> tuple[Profile, int]:
+    """Time a joint path segment by segment, between corners and pauses.
+
+    Jerk is not limited if ``steady`` is negative. If it is positive, the path has three cycles: the
+    second begins and ends at equal ṡ and s̈, and its time counts ``steady`` times. Returns the
+    profile and the number of stops within a cycle.
+    """
+    steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
+    moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
+    if not moving.any():
+        raise InputError("the joints do not move; there is nothing to time")
+    kept = np.concatenate([[True], moving])  # points that are not those before them
+    place = np.cumsum(kept) - 1  # of every point among the kept
+    stays = np.zeros(int(place[-1]) + 1)
+    np.add.at(stays, place[1:][~moving], np.tile(np.diff(t), cycles)[~moving])
+    breaks = np.rint(
+        np.interp(motion.path.breaks, t / t[-1], np.arange(steps + 1))
+    ).astype(int)
+    marks = [
+        int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)
+    ]
+    corners, stays_at = corners_of(Q[kept], marks), np.flatnonzero(stays).tolist()
+    last = int(place[-1])
+    ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
+    if keep_times:
+        clock = np.append(
+            (t[:-1] + t[-1] * np.arange(cycles)[:, None]).ravel(), cycles * t[-1]
+        )[kept]
+        sharp = sorted({0, last, *corners_of(Q[kept], marks, SHARP), *stays_at})
+        runs, stops = _in_own_times(
+            Q[kept], clock, stays, sharp, corners, limits, motion
+        )
+    else:
+        stops = sorted({0, last, *corners, *stays_at})
+        way = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(Q[kept], axis=0), axis=1))]
+        )
+        density = STAGES * cycles / way[-1]
+        seams = (ends[1], ends[2]) if steady > 0 and len(stops) == 2 else ()
+        known: dict[bytes, Segment] = {}  # cycles have the same parts
+        runs = []
+        for a, b in pairwise(stops):
+            part, stages = Q[kept][a : b + 1], density * (way[b] - way[a])
+            if steady < 0:
+                runs.append(fastest(part, limits, stages))
+                continue
+            key = part.tobytes()
+            if key not in known:
+                known[key] = fastest_with_jerk(part, limits, stages, seams, steady)
+            runs.append(known[key])
+    count = sum(0 < k < ends[1] for k in stops)
+    return Profile(
+        runs, [float(stays[k]) for k in stops[:-1]], stops, ends, limits
+    ), count
+
+
+def _in_own_times(
+    Q: Array,
+    clock: Array,
+    stays: Array,
+    stops: list[int],
+    corners: list[int],
+    limits: JointLimits,
+    motion: Motion,
+) -> tuple[list[Segment], list[int]]:
+    """Time a joint path in its own times, from stop to stop.
+
+    Where the limits require it, the arm stops at gentler corners, too. Returns the segments and the
+    indices of all stops.
+    """
+    period, joints = (
+        float(motion.t[motion.steps] - motion.t[0]),
+        motion.task.robot_joints,
+    )
+
+    def segment(a: int, b: int) -> Segment:
+        own = clock[a : b + 1].copy()
+        own[0] += stays[a]
+        added = int(a == 0) + int(b == len(Q) - 1)
+        return with_own_times(
+            Q[a : b + 1], own, limits, added=added, most=2 * period, joints=joints
+        )
+
+    runs: list[Segment] = []
+    found = [0]
+    for a, b in pairwise(stops):
+        gentle = [k for k in corners if a < k < b]
+        try:
+            runs.append(segment(a, b))
+            found.append(b)
+        except InputError:
+            if not gentle:
+                raise
+            runs += [segment(*ends) for ends in pairwise([a, *gentle, b])]
+            found += [*gentle, b]
+    return runs, found
+
+
+def _sampled(
+    profile: Profile,
+    joints: tuple[str, ...],
+    more: int,
+    rate: float,
+    limits: JointLimits,
+    stops: int,
+) -> TimedMotion:
+    """Sample a profile at even time steps, with its second cycle repeated ``more`` times."""
+    dt = 1.0 / rate
+    marks, factor = profile.marks * profile.stretch, profile.stretch
+    period = 0
+    if len(marks) > 3:  # a steady cycle takes a whole number of samples
+        steady = float(marks[2] - marks[1])
+        if not steady / dt < _MOST_SAMPLES:
+            raise InputError(
+                f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; "
+                "lower the rate"
+            )
+        period = int(np.ceil(steady / dt - 1e-6))
+        factor *= period * dt / steady
+        marks = profile.marks * factor
+    moment = min(dt, _MOMENT)
+    lead = int(np.ceil(2 * moment / dt - 1e-9))
+    if not marks[-1] / dt + (more * period) + 2 * lead < _MOST_SAMPLES:
+        raise InputError(
+            f"{marks[-1]:.3g} s at {rate:g} samples per second exceed {_MOST_SAMPLES:,} samples; "
+            "lower the rate"
+        )
+    samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
+    clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
+    back, before, q, after, beyond = (
+        profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2)
+    )
+    qdot, qddot = (
+        (after - before) / (2 * moment),
+        (beyond - 2 * q + back) / (4 * moment**2),
+    )
+    begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
+    steady_rows = np.tile(np.arange(begin, begin + period), more)
+    rows = np.concatenate(
+        [np.arange(begin + period), steady_rows, np.arange(begin + period, len(clock))]
+    )
+    starts = marks
+    if more:
+        turns = marks[1] + period * dt * np.arange(more + 2)
+        starts = np.concatenate([marks[:1], turns, marks[3:] + more * period * dt])
+    length, speed = profile.phase
+    return TimedMotion(
+        joints=joints,
+        t=np.linspace(0.0, (len(rows) - 1) * dt, len(rows)),
+        q=q[rows],
+        qdot=qdot[rows],
+        qddot=qddot[rows],
+        starts=starts + lead * dt,
+        length=length,
+        speed=speed / factor,
+        velocity=limits.velocity,
+        acceleration=limits.acceleration,
+        stops=stops,
+        jerk=limits.jerk,
+        trajectory=Trajectory(
+            profile, factor, lead * dt, float(marks[1]), period * dt, more
+        ),
+    )
+
+
+_LOOKED_AT = 101
+"""Number of points of an approach at which collisions are checked."""
+
+
+def approach(
+    q_now: ArrayLike,
+    motion: Motion,
+    limits: Limits,
+    *,
+    to: Literal["start", "nearest"] = "start",
+    rate: float = 1000.0,
+    bodies: bool = True,
+) -> TimedMotion:
+    """Time a straight joint-space path, from rest to rest, from where the arm is to a motion.
+
+    ``q(s) = q_now + s (q_goal − q_now)``, as quickly as the limits allow. Both end
+    configurations are within the joint limits, so the straight path between them is, too.
+
+    Parameters
+    ----------
+    q_now : (n,) array
+        Current configuration, rad (m for prismatic joints).
+    motion
+        Motion to approach.
+    limits
+        As :func:`timed` takes them.
+    to
+        The goal: ``start``, the motion's first configuration, or ``nearest``, the one of its first
+        cycle that is nearest to q_now; from there :class:`Run` goes on.
+    rate
+        Samples per second, Hz.
+    bodies
+        Check for collisions of the robot with itself or its surroundings on the way.
+
+    Returns
+    -------
+    TimedMotion
+        Motion of one cycle, in one direction.
+
+    Raises
+    ------
+    InputError
+        If q_now or the goal is outside the joint limits, the arm is at the goal already or would
+        collide, or the limits do not fit the robot.
+
+    Examples
+    --------
+    >>> way = rp.approach(q0 + 0.2, motion, rp.Limits(acceleration=5.0))
+    >>> np.allclose(way.q[-1], motion.q[0])
+    True
+    """
+    task = require_type(
+        motion, Motion, "motion", "a motion, such as rp.follow makes"
+    ).task
+    bodies = flag(bodies, "bodies")
+    kept = joint_limits(task, limits)
+    now, goal = task.check(q_now, "q_now"), motion.q[0]
+    if require_choice(to, ("start", "nearest"), "goal") == "nearest":
+        goal = motion.q[
+            np.argmin(
+                np.linalg.norm(
+                    motion.joints(motion.q[: motion.steps + 1] - now), axis=1
+                )
+            )
+        ]
+    ends = [
+        now,
+        task.check(
+            goal, f"the motion's {'start' if to == 'start' else 'nearest point'}"
+        ),
+    ]
+    begin, end = motion.joints(np.array(ends))
+    if np.linalg.norm(end - begin) < 1e-9:
+        where = (
+            "at the start of the motion" if to == "start" else "on the motion's path"
+        )
+        raise InputError(f"the arm is {where} already; there is nothing to approach")
+    share = np.linspace(0, 1, _LOOKED_AT)[:, None]
+    if bodies:
+        straight = ends[0] + share * (ends[1] - ends[0])
+        known = bodies_of(task)
+        distances = known.distances(straight)
+        if distances[at := int(np.argmin(distances))] < 0:
+            one, other = known.nearest(straight[at]).links
+            raise InputError(
+                f"{one!r} and {other!r} collide at {100 * share[at, 0]:.0f} % of the straight "
+                "joint-space path: go through an intermediate configuration, or pass "
+                "bodies=False if this contact is not real"
+            )
+    line = begin + share * (end - begin)
+    rate = positive(rate, "rate", "samples per second")
+    segment = (
+        fastest(line, kept) if kept.jerk is None else fastest_with_jerk(line, kept)
+    )
+    ends_of_line = [0, len(line) - 1]
+    profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
+    return _sampled(profile, task.robot_joints, 0, rate, kept, 0)

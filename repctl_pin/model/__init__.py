@@ -1,0 +1,1 @@
+"""Robot models: a URDF checked and read, its kinematics by Pinocchio, tasks and bodies."""

@@ -1,0 +1,73 @@
+"""Links of the arm that a task moves, and the other end effectors that move with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from .end_effectors import arm_ends, is_sensor, task_links
+from .model import frame_id, path_between
+from .task import Task
+
+
+def arm_links(task: Task) -> frozenset[str]:
+    """Collect the links of the arm: those on the way from the base to the frame, and beyond it.
+
+    The links of other branches, such as those of a second arm on the same waist, are not among
+    them.
+    """
+    robot, model, frame = task.robot, task.robot.model, _joint(task, task.frame)
+    up, down = path_between(model, robot.base_id, frame_id(model, task.frame))
+    on_the_way = {*up, *down, *(int(model.parents[j]) for j in up[-1:])}
+    joints = {
+        j
+        for j in range(model.njoints)
+        if j in on_the_way or frame in model.supports[j].tolist()
+    }
+    return frozenset(
+        link for link in robot.description.links if _joint(task, link) in joints
+    )
+
+
+def other_ends(task: Task) -> tuple[str, ...]:
+    """List the end effectors of other branches that the task's joints move: one link per end.
+
+    Sensors do not count.
+    """
+    model, own = task.robot.model, arm_links(task)
+    driven = set((np.flatnonzero(_driven(task)) + 1).tolist())
+    ends = [task_links(body)[0] for body in arm_ends(task.robot.description)]
+    return tuple(
+        end
+        for end in ends
+        if end not in own
+        and not is_sensor(end)
+        and driven & set(model.supports[_joint(task, end)].tolist())
+    )
+
+
+def _driven(task: Task) -> Array:
+    """Mark the joints of the robot's model (N,) that the task's joints drive."""
+    columns = [task.robot.joint_names.index(name) for name in task.robot_joints]
+    return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
+
+
+def _joint(task: Task, link: str) -> int:
+    """Return the joint of the robot's model that moves a link."""
+    model = task.robot.model
+    return int(model.frames[frame_id(model, link)].parentJoint)
+
+
+def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
+    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes."""
+    robot, model = task.robot, task.robot.model
+    data, ids = model.createData(), [frame_id(model, link) for link in links]
+    out = np.empty((len(Q), len(links), 3))
+    for q, row in zip(robot.coupling.joints(task.to_robot(Q)), out, strict=True):
+        pin.framesForwardKinematics(model, data, q)
+        base = data.oMf[robot.base_id]
+        row[:] = [base.actInv(data.oMf[i]).translation for i in ids]
+    return out

@@ -1,0 +1,236 @@
+"""Minimum distances between a robot's collision bodies, and to its surroundings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from threading import Lock
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import Array, as_configurations, require_type, vector
+from .collision_model import Pair, collision_model
+from .model import link_frames
+from .task import Task
+from .validate import MAX_SHAPES
+
+_NAMED = 3
+"""Maximum number of link pairs that a note names."""
+
+_MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
+_MADE_LOCK = Lock()
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The closest pair of bodies and its distance.
+
+    Attributes
+    ----------
+    distance : float
+        Body distance, m: below 0 in a collision, 0 if only the convex hulls of the two bodies
+        overlap, inf if the task has no pair to measure.
+    links : (str, str)
+        The links of the two bodies.
+    """
+
+    distance: float
+    links: Pair
+
+
+class Bodies:
+    """Collision bodies of a robot and its surroundings, and their pairs that a task moves.
+
+    A mesh of the robot is replaced by its convex hull, so distances are never overestimated; where
+    hulls overlap but the bodies do not collide, the distance is 0. A body inside a mesh collides
+    with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is used as it is, so
+    that an arm can move inside a room; a closed mesh is solid on the inner side of its faces.
+
+    Three kinds of pairs of the robot's own bodies are checked for collisions only, without a
+    distance: pairs that the SRDF disables, pairs with a single joint between them, and pairs whose
+    hulls overlap at every sampled configuration. Links that a joint connects are not checked. Also
+    not checked are pairs of the first two kinds that collide at the reference pose or at a quarter
+    of the sampled configurations, and any pair that collides at all of them.
+
+    Bodies of the same files and joints share their geometry. Several threads can use one object.
+
+    Parameters
+    ----------
+    task
+        The task whose joints move; the other joints stay at the reference pose.
+
+    Attributes
+    ----------
+    pairs : tuple of (str, str)
+        Links between which distances are measured.
+    only_contact : tuple of (str, str)
+        Links that are checked for collisions only.
+    adjacent : tuple of (str, str)
+        Pairs not checked because a joint of the URDF connects the two links, or because a single
+        movable joint lies between them and they overlap at the reference pose or at a quarter of
+        the sampled configurations.
+    disabled : tuple of (str, str)
+        Pairs not checked because the SRDF disables them and they overlap at the reference pose or
+        at a quarter of the sampled configurations.
+    touching : tuple of (str, str)
+        Pairs not checked because they overlap at every sampled configuration.
+    missing : tuple of str
+        Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
+        and shapes without a size. Those links have no body.
+    unchecked : tuple of str
+        Links of the robot that are drawn, or have an unusable shape, but have no body, so that
+        their collisions are not detected; one link for each set of links that no joint moves
+        against each other. All such sets count if the URDF has no collision geometry.
+    standing : frozenset of str
+        Links of the surroundings, called ``surroundings/name`` if the robot has a link of the same
+        name.
+
+    Raises
+    ------
+    InputError
+        If the argument is not a task, a shape of the surroundings is unusable, or there are too
+        many pairs.
+
+    Examples
+    --------
+    >>> bodies = rp.Bodies(panda)
+    >>> len(bodies.pairs) > 10
+    True
+    >>> bodies.nearest(panda.reference).distance > 0.05  # m
+    True
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.task = require_type(
+            task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
+        )
+        _, self._drive = task.bodies_model()
+        model = self._model = collision_model(task)
+        self.pairs, self.only_contact = model.measured, model.only_contact
+        self.adjacent, self.disabled, self.touching = (
+            model.adjacent,
+            model.disabled,
+            model.touching,
+        )
+        self.standing = model.standing
+        self.missing = tuple(model.unusable)
+        self.unchecked = _without_shape(task, set(model.links))
+
+    def __reduce__(self) -> tuple[type[Bodies], tuple[Task]]:
+        """Pickle the task only; the bodies are created again."""
+        return type(self), (self.task,)
+
+    def __repr__(self) -> str:
+        checked = f"{len(self.pairs)} pairs measured, {len(self.only_contact)} for collisions only"
+        not_checked = ", ".join(
+            (
+                f"{len(self.adjacent)} adjacent",
+                f"{len(self.disabled)} disabled by the SRDF",
+                f"{len(self.touching)} overlapping",
+            )
+        )
+        return (
+            f"<Bodies of {self.task.robot.name}: {checked}; not checked: {not_checked}>"
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the user on missing bodies and on pairs that are not checked."""
+        notes = []
+        if unusable := self._model.unusable:
+            link, why = next(iter(unusable.values()))
+            more = (
+                f" (and {len(unusable) - 1} more like it)" if len(unusable) > 1 else ""
+            )
+            notes.append(f"collisions of {link} are not detected: {why}{more}")
+        elif not self.task.robot.description.collisions:
+            notes.append(
+                "the URDF has no collision geometry, so collisions of the robot are not detected"
+            )
+        around = self.task.robot.surroundings
+        if around is not None and len(around.collisions) > MAX_SHAPES:
+            count = len(around.collisions)
+            notes.append(
+                f"the surroundings have {count} shapes: "
+                f"all are measured, the first {MAX_SHAPES} are drawn"
+            )
+        overlap = [pair for pair in self.touching if self.standing & {*pair}]
+        if overlap:
+            notes.append(
+                f"{_listed(overlap)} overlap at every sampled configuration; they are not checked"
+            )
+        inside = [pair for pair in self.touching if not self.standing & {*pair}]
+        if inside:
+            notes.append(
+                f"{_listed(inside)} overlap at every sampled configuration; they are not checked"
+            )
+        if self.disabled:
+            pairs = (
+                "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"
+            )
+            notes.append(
+                f"{pairs} of links overlap and are not checked: the SRDF disables them"
+            )
+        return notes
+
+    def nearest(self, q: ArrayLike) -> Nearest:
+        """Find the closest pair of bodies at q (n,)."""
+        distances, which = self._all(vector(q, self.task.n, "q")[None])
+        links = ("", "") if which[0] < 0 else self._model.names(int(which[0]))
+        return Nearest(float(distances[0]), links)
+
+    def distances(self, Q: ArrayLike) -> Array:
+        """Compute the minimum body distance at every row of Q (K, n): (K,), m.
+
+        A negative distance is a collision.
+        """
+        return self._all(Q)[0]
+
+    def hull_distances(self, Q: ArrayLike) -> Array:
+        """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.
+
+        Below 0 it is the penetration depth of the hulls, whether or not the bodies collide; its
+        gradient shows which motion separates them."""
+        return self._all(Q, hulls=True)[0]
+
+    def _all(
+        self, Q: ArrayLike, *, hulls: bool = False
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
+
+        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
+        """
+        Q = as_configurations(Q, self.task.n, repr(self.task))
+        return self._model.least(
+            Q if self._drive is None else self._drive.joints(Q), hulls=hulls
+        )
+
+
+def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
+    """List the links that should have a body and have none, see :attr:`Bodies.unchecked`."""
+    description, frames = task.robot.description, link_frames(task.robot.model)
+    joint = {link: frames[link].parentJoint for link in description.links}
+    found = {joint[link] for link in with_body if link in joint}
+    meant = [solid.link for solid in (*description.collisions, *description.shapes)]
+    first: dict[int, str] = {}
+    for link in meant if description.collisions else description.links:
+        if joint[link] not in found:
+            first.setdefault(joint[link], link)
+    return tuple(first.values())
+
+
+def _listed(pairs: list[Pair]) -> str:
+    """Format pairs of links as text for a note: the first three, and the number of the others."""
+    few = ", ".join(" and ".join(pair) for pair in pairs[:_NAMED])
+    return (
+        few if len(pairs) <= _NAMED else f"{few} and {len(pairs) - _NAMED} more pairs"
+    )
+
+
+def bodies_of(task: Task) -> Bodies:
+    """Return the cached :class:`Bodies` of a task; the first call creates them."""
+    with _MADE_LOCK:
+        if task not in _MADE:
+            _MADE[task] = Bodies(task)
+        return _MADE[task]

@@ -1,0 +1,351 @@
+"""Collision geometry for coal: primitives, and meshes with their convex hulls."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..arguments import Array, read_only
+from ..errors import InputError, needed
+from .mesh_interior import MeshInterior, MeshParts, mesh_parts
+from .model import link_frames
+from .shapes import Solid, find_mesh
+from .validate import Description
+
+_LARGEST_FILE = 100_000_000
+"""Maximum size of a mesh file, bytes."""
+
+_LARGEST = 1e5
+"""Maximum size of a body, m; for larger ones rounding errors exceed the distances."""
+
+_THIN = 1e-4
+"""Half the thickness given to a flat body, m; flat is closer than this (rms) to a plane."""
+
+_CONVEX = 1e-6
+"""Relative tolerance in area and volume within which a mesh counts as convex."""
+
+
+class UnusableShape(InputError):
+    """Raised for an unusable collision shape; the message gives the cause and the remedy."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class BodyShape:
+    """Collision body: a convex shape, or a mesh and its convex hull.
+
+    Attributes
+    ----------
+    hull
+        Convex shape, or convex hull of the mesh.
+    points, faces
+        Vertices (V, 3), m, and triangles (F, 3) of a mesh that is not convex; else None.
+    standing
+        True for a body of the surroundings; a mesh with gaps, such as a room without a ceiling,
+        then has no interior.
+    """
+
+    hull: coal.CollisionGeometry
+    points: Array | None = None
+    faces: NDArray[np.intp] | None = None
+    standing: bool = False
+
+    @cached_property
+    def exact(self) -> coal.CollisionGeometry:
+        """The exact geometry: the mesh itself if it is not convex."""
+        if self.points is None or self.faces is None:
+            return self.hull
+        mesh, triangles = coal.BVHModelOBBRSS(), coal.StdVec_Triangle()
+        triangles.extend([coal.Triangle(*face) for face in self.faces.tolist()])
+        mesh.beginModel(len(self.faces), len(self.points))
+        mesh.addSubModel(_cloud(self.points), triangles)
+        mesh.endModel()
+        mesh.computeLocalAABB()
+        return mesh
+
+    @property
+    def convex(self) -> bool:
+        """True if the body is convex."""
+        return self.points is None
+
+    @property
+    def measured(self) -> coal.CollisionGeometry:
+        """The geometry for distances: exact in the surroundings, else the convex hull."""
+        return self.exact if self.standing else self.hull
+
+    @cached_property
+    def witnesses(self) -> Array:
+        """One point (K, 3) of every connected part, m.
+
+        Where surfaces do not intersect, a part is inside another body if its point is.
+        """
+        if self._parts is None:
+            return np.asarray(self.hull.aabb_center, float)[None]
+        return self._parts.witnesses
+
+    @cached_property
+    def interior(self) -> MeshInterior | None:
+        """Interior of a mesh, for containment tests.
+
+        None for a convex body, which coal treats as solid, and for a mesh of the surroundings
+        without closed parts.
+        """
+        if self._parts is None or (self.standing and not self._parts.closed.any()):
+            return None
+        return MeshInterior(self._parts, gaps=not self.standing)
+
+    @cached_property
+    def _parts(self) -> MeshParts | None:
+        return (
+            None
+            if self.points is None or self.faces is None
+            else mesh_parts(self.points, self.faces)
+        )
+
+
+def body_shape(
+    solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
+) -> BodyShape:
+    """Create the collision body of a shape of the URDF; ``standing`` marks the surroundings.
+
+    Raises
+    ------
+    UnusableShape
+        If the mesh is missing, or a shape has no size or is too large.
+    """
+    if solid.kind != "mesh":
+        return _primitive(solid)
+    path = find_mesh(solid.filename, urdf, package_dirs)
+    if path is None:
+        raise UnusableShape(
+            f"mesh {solid.filename!r} is missing; "
+            "give the folder of its package by package_dirs, or replace the mesh by a box"
+        )
+    collada = ["collada"] if path.suffix.lower() == ".dae" else []
+    needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
+    try:
+        return _from_mesh(path, tuple(solid.scale), path.stat().st_mtime_ns, standing)
+    except UnusableShape as error:
+        raise UnusableShape(f"mesh {solid.filename!r} {error}") from error
+
+
+def _primitive(solid: Solid) -> BodyShape:
+    """Create the body of a box, sphere, cylinder or capsule.
+
+    One edge of a box and the length of a cylinder or capsule can be 0.
+    """
+    size, allowed = (
+        solid.size,
+        {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0),
+    )
+    empty = size.count(0.0) > allowed or (
+        solid.kind in ("cylinder", "capsule") and size[0] == 0
+    )
+    if empty:
+        raise UnusableShape(
+            f"the {solid.kind} {solid.name!r} has size 0; set its size, or delete it"
+        )
+    if max(size) > _LARGEST:
+        raise UnusableShape(
+            f"the {solid.kind} {solid.name!r} is {_too_large(max(size))}; correct its size"
+        )
+    kinds = {
+        "box": coal.Box,
+        "sphere": coal.Sphere,
+        "cylinder": coal.Cylinder,
+        "capsule": coal.Capsule,
+    }
+    hull = kinds[solid.kind](*size)
+    hull.computeLocalAABB()
+    return BodyShape(hull)
+
+
+def _too_large(size: float) -> str:
+    return f"{size:.3g} m large, but the maximum is {_LARGEST:g} m"
+
+
+def collide(
+    one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s
+) -> bool:
+    """Test whether two bodies intersect, or one contains a part of the other.
+
+    ``one`` is placed at ``here``, ``other`` at ``there``.
+    """
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    if coal.collide(one.exact, here, other.exact, there, request, result):
+        return True
+    return contains(one, here, other, there) or contains(other, there, one, here)
+
+
+def contains(
+    outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
+) -> bool:
+    """Test whether a mesh contains a part of another body; their surfaces must not intersect.
+
+    ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior.
+    """
+    if outer.interior is None:
+        return False
+    points = inner.witnesses @ there.getRotation().T + there.getTranslation()
+    return outer.interior.contains(
+        (points - here.getTranslation()) @ here.getRotation()
+    )
+
+
+def transform(place: pin.SE3) -> coal.Transform3s:
+    """Convert a placement to coal's Transform3s."""
+    return coal.Transform3s(place.rotation, place.translation)
+
+
+def origin(solid: Solid) -> pin.SE3:
+    """Compute the placement of a shape relative to its link."""
+    return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
+
+
+def fixed_placements(description: Description) -> dict[str, pin.SE3]:
+    """Compute the placements of all links relative to the root, by link name.
+
+    All joints of the description are fixed.
+    """
+    return {
+        name: frame.placement
+        for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()
+    }
+
+
+@lru_cache(maxsize=256)
+def _from_mesh(
+    path: Path, scale: tuple[float, ...], changed: int, standing: bool
+) -> BodyShape:
+    """Create the body of a mesh file, with its convex hull; cached for all robots.
+
+    ``changed`` is the modification time of the file, so that a changed file is read again.
+    """
+    vertices, faces = _read_mesh(path, scale)
+    size = float(np.ptp(vertices, axis=0).max())
+    if not size <= _LARGEST:
+        raise UnusableShape(
+            f"is {_too_large(size)}; correct its scale, {scale[0]:g} {scale[1]:g} {scale[2]:g}"
+        )
+    if size == 0:
+        raise UnusableShape("has size 0; correct the file, or its scale")
+    if np.prod(scale) < 0:
+        faces = faces[:, ::-1]  # mirrored: restore outward normals
+    if not standing and _volume(vertices, faces) < 0:
+        faces = faces[:, ::-1]  # a link of a robot is solid: outward normals
+    wrapped = _convex_hull(vertices)
+    hull, coarse = _hull(wrapped.vertices)
+    hull.computeLocalAABB()
+    if not coarse and _is_convex(vertices, faces, wrapped):
+        return BodyShape(hull, standing=standing)
+    return BodyShape(hull, vertices, faces, standing)
+
+
+def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.intp]]:
+    """Read the vertices (V, 3), m, and the triangles (F, 3) of a mesh file, scaled."""
+    import trimesh
+
+    size = path.stat().st_size
+    if size > _LARGEST_FILE:
+        raise UnusableShape(
+            f"is a file of {size / 1e6:.0f} MB, but the maximum is {_LARGEST_FILE / 1e6:.0f} MB; "
+            "simplify the mesh"
+        )
+    try:
+        mesh = trimesh.load(path, force="mesh", process=False)
+        vertices, faces = (
+            np.asarray(mesh.vertices, float) * scale,
+            np.asarray(mesh.faces, np.intp),
+        )
+    except Exception as error:  # trimesh's readers raise errors of many kinds
+        raise UnusableShape(
+            "cannot be read; export it again, as STL for example"
+        ) from error
+    if faces.ndim != 2 or not len(faces):
+        raise UnusableShape(
+            "contains no readable triangles; export it again, as STL for example"
+        )
+    used = np.unique(faces)
+    if (
+        used[0] < 0
+        or used[-1] >= len(vertices)
+        or not np.isfinite(vertices[used]).all()
+    ):
+        raise UnusableShape(
+            "cannot be read: a vertex is missing or not finite; export it again"
+        )
+    if len(used) < len(vertices):
+        vertices, faces = vertices[used], np.searchsorted(used, faces)
+    return vertices, faces
+
+
+def _convex_hull(vertices: Array) -> Any:
+    """Compute the convex hull of vertices (V, 3), which are thickened if they are flat."""
+    import trimesh
+
+    try:
+        return trimesh.convex.convex_hull(_thickened(vertices))
+    except Exception as error:  # Qhull's
+        raise UnusableShape(
+            "has no convex hull; export it again, as STL for example"
+        ) from error
+
+
+def _volume(points: Array, faces: NDArray[np.intp]) -> float:
+    """Compute the volume of a closed mesh, m³; negative if its normals point inwards."""
+    a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
+    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
+
+
+def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
+    """Test whether a mesh is the surface of its convex hull, with outward normals."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    same = abs(area - hull.area) <= _CONVEX * hull.area
+    return bool(
+        same and abs(_volume(points, faces) - hull.volume) <= _CONVEX * hull.volume
+    )
+
+
+def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
+    """Create coal's convex shape from the vertices (V, 3) of a convex hull.
+
+    coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to a
+    grid, coarser until it succeeds; the last resort is the bounding box. The second result is True
+    if the vertices were rounded or replaced.
+    """
+    size = float(np.ptp(points, axis=0).max())
+    for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
+        corners = points
+        if grid:
+            # outwards by the maximum inward shift of the rounding
+            out = points - points.mean(axis=0)
+            out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-300)
+            corners = np.unique(np.round((points + grid * out) / grid), axis=0) * grid
+        with suppress(RuntimeError):
+            return coal.ConvexBase.convexHull(_cloud(corners), True, "Qt"), bool(grid)
+    low, high = points.min(axis=0), points.max(axis=0)
+    box = np.array([[(low, high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
+    return coal.ConvexBase.convexHull(_cloud(box), True, "Qt"), True
+
+
+def _thickened(points: Array) -> Array:
+    """Thicken flat vertices (V, 3) to 0.2 mm, because coal crashes on a hull without volume."""
+    spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
+    for axis in axes[spread < np.sqrt(len(points)) * _THIN]:
+        points = np.concatenate([points + _THIN * axis, points - _THIN * axis])
+    return points
+
+
+def _cloud(points: Array) -> coal.StdVec_Vec3s:
+    cloud = coal.StdVec_Vec3s()
+    cloud.extend(list(points))
+    return cloud

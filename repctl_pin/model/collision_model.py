@@ -1,0 +1,505 @@
+"""Collision model: the bodies of a chain, the pairs that can collide, and their distances."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
+from threading import Lock, RLock
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..arguments import Array
+from ..errors import InputError
+from .body_bounds import BodyBounds
+from .body_shapes import (
+    BodyShape,
+    UnusableShape,
+    body_shape,
+    collide,
+    contains,
+    fixed_placements,
+    origin,
+    transform,
+)
+from .catalogue import disabled_pairs
+from .collision_free_pairs import CollisionFreePairs
+from .model import link_frames
+from .shapes import find_mesh
+from .task import Task
+from .validate import Description
+
+Pair = tuple[str, str]
+Mask = NDArray[np.bool_]
+
+_SAMPLES = 100
+"""Number of random configurations at which pairs are tested for collisions."""
+
+_FREE = np.pi
+"""Maximum distance of the random configurations from the reference pose, rad or m per joint."""
+
+_FUSED = 0.25
+"""Share of sampled configurations in collision from which neighbouring bodies are not checked."""
+
+_TOUCHING = 1e-12
+"""Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
+
+_BLOCK = 64
+"""Number of configurations per batch of bounds; the batch fits in the processor's cache."""
+
+_MOST_BOUNDS = 1_000_000
+"""Maximum number of bounds per batch, for robots with very many pairs."""
+
+_MOST_PAIRS = 1_000_000
+"""Maximum number of pairs of bodies."""
+
+_KEPT = 8
+"""Maximum number of cached collision models."""
+
+_MODELS: OrderedDict[Hashable, CollisionModel] = OrderedDict()
+_MODELS_LOCK = RLock()
+
+
+class CollisionModel:
+    """Bodies of a robot and its surroundings, and the pairs whose relative position a task changes.
+
+    Tasks with the same joints share one model, and several threads can use it.
+
+    Parameters
+    ----------
+    task
+        A task whose joints move; the other joints stay at the reference pose.
+
+    Attributes
+    ----------
+    links : list of str
+        Link of every body.
+    standing : frozenset of str
+        Links of the surroundings.
+    unusable : dict of (str, str)
+        For each unusable mesh or shape of the robot, by name: its link, and the cause.
+    pairs : (P, 2) array
+        Indices of the two bodies of each checked pair, measured or for collisions only; pairs of
+        the robot's own bodies first.
+    measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
+        Pairs of links, as in :class:`Bodies`, which calls the first one ``pairs``.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._model, _ = task.bodies_model()
+        self._data = self._model.createData()
+        self._lock = Lock()
+        self.links: list[str] = []
+        self._bodies: list[BodyShape] = []
+        self._joint: list[int] = []
+        self._place: list[pin.SE3] = []
+        self.unusable = self._add_robot(task)
+        self._own = len(self.links)
+        self._add_surroundings(task)
+        self.standing = frozenset(self.links[self._own :])
+        self._shapes = pin.GeometryModel()
+        for k in range(self._own):
+            body = pin.GeometryObject(
+                f"{k}", self._joint[k], self._place[k], self._bodies[k].hull
+            )
+            self._shapes.addGeometryObject(body)
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._transforms: dict[int, coal.Transform3s] = {}
+        self._standing_transforms = [
+            transform(place) for place in self._place[self._own :]
+        ]
+        self._choose_pairs(task)
+
+    def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
+        """Compute the minimum body distance and the index of its pair at every row of Q (K, N).
+
+        Returns distances (K,), m, and indices (K,) into ``pairs``; inf and −1 without a measured
+        pair.
+
+        Parameters
+        ----------
+        Q
+            Configurations of the model's N joints.
+        hulls
+            Return the signed distance of convex hulls, minus their penetration depth where they
+            overlap. Otherwise it is 0 where hulls overlap but the bodies do not collide.
+        """
+        found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
+        measure = self._of_hulls if hulls else self._exact
+        if not len(self.pairs):
+            return found, which
+        for k, (q, bounds) in enumerate(self._with_bounds(Q)):
+            with self._lock:
+                found[k], last = self._least(q, bounds, last, measure)
+            which[k] = last if found[k] < np.inf else -1
+        return found, which
+
+    def names(self, pair: int) -> Pair:
+        """Return the names of the two links of a pair, given by its index."""
+        a, b = self.pairs[pair].tolist()
+        return self.links[a], self.links[b]
+
+    def named(self, which: Mask) -> tuple[Pair, ...]:
+        """Return the names of the links of the pairs in a mask (P,), without duplicates."""
+        return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
+
+    # ---- distances -----------------------------------------------------------------------------
+
+    def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield every row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
+
+        The bound of a collision-only pair is infinite where it shows that the pair does not
+        collide.
+        """
+        size = min(
+            _BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size))
+        )
+        for start in range(0, len(Q), size):
+            block = Q[start : start + size]
+            bounds = self._bounds(block)
+            if self._some_only_contact:
+                bounds[self._only_contact & (bounds >= 0)] = np.inf
+            yield from zip(block, bounds, strict=True)
+
+    def _least(
+        self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
+    ) -> tuple[float, int]:
+        """Compute the minimum distance at q (N,) and the index of its pair.
+
+        ``measure`` returns the distance of a pair by its index. The pair ``guess`` is measured
+        first, then the others in order of their lower bounds, until no bound is below the minimum
+        found.
+        """
+        self._move(q)
+        best, at = measure(guess), guess
+        near = np.flatnonzero(bounds < best)
+        for k in near[np.argsort(bounds[near])].tolist():
+            if bounds[k] >= best:
+                break
+            distance = measure(k)
+            if distance < best:
+                best, at = distance, k
+        return best, at
+
+    def _move(self, q: Array) -> None:
+        """Update the placements of the robot's bodies to the model's configuration q (N,)."""
+        pin.updateGeometryPlacements(
+            self._model, self._data, self._shapes, self._placed, q
+        )
+        self._transforms.clear()
+
+    def _exact(self, k: int) -> float:
+        """Compute the distance of pair k at the current placements, m; below 0 in a collision.
+
+        It is 0 if only hulls overlap, and infinite for a collision-only pair without a collision.
+        """
+        distance = self._apart(k)
+        if distance <= 0:
+            distance = min(distance, -_TOUCHING) if self._collide(k) else 0.0
+        return np.inf if distance >= 0 and self._only_contact[k] else distance
+
+    def _of_hulls(self, k: int) -> float:
+        """Compute the signed distance of the hulls of pair k, m; a collision-only pair is exact."""
+        return self._exact(k) if self._only_contact[k] else self._apart(k)
+
+    def _apart(self, k: int) -> float:
+        """Compute the signed distance of pair k at the current placements, m.
+
+        The robot's bodies are represented by their hulls, the surroundings by their exact shapes.
+        """
+        if k < self._own_pairs:
+            return float(
+                pin.computeDistance(self._shapes, self._placed, k).min_distance
+            )
+        a, b = self._both[k]
+        here, there, other = self._transform(a), self._transform(b), self._bodies[b]
+        self._result.clear()
+        hull = self._bodies[a].hull
+        distance = float(
+            coal.distance(
+                hull, here, other.measured, there, self._request, self._result
+            )
+        )
+        return (
+            -distance
+            if distance > 0 and contains(other, there, self._bodies[a], here)
+            else distance
+        )
+
+    def _collide(self, k: int) -> bool:
+        """Test whether the two bodies of pair k, whose hulls overlap, collide."""
+        a, b = self._both[k]
+        one, other = self._bodies[a], self._bodies[b]
+        if one.convex and other.convex:
+            return True
+        return collide(one, self._transform(a), other, self._transform(b))
+
+    def _full_distance(self, k: int, q: Array) -> float:
+        """Bound the distance of pair k from below at q (N,), m; 0 in a collision.
+
+        It is the distance of the hulls or, where they overlap, that of the exact shapes.
+        """
+        self._move(q)
+        distance = self._apart(k)
+        if distance > 0 or self._collide(k):
+            return max(distance, 0.0)
+        (a, b), result = self._both[k], coal.DistanceResult()
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        return float(
+            coal.distance(
+                one,
+                self._transform(a),
+                other,
+                self._transform(b),
+                self._request,
+                result,
+            )
+        )
+
+    def _transform(self, k: int) -> coal.Transform3s:
+        """Return the current placement of body k as coal's Transform3s."""
+        if k >= self._own:
+            return self._standing_transforms[k - self._own]
+        if k not in self._transforms:
+            self._transforms[k] = transform(self._placed.oMg[k])
+        return self._transforms[k]
+
+    # ---- bodies --------------------------------------------------------------------------------
+
+    def _add_robot(self, task: Task) -> dict[str, Pair]:
+        """Add the robot's bodies; return its unusable shapes: link and cause, by name."""
+        description, links, unusable = (
+            task.robot.description,
+            link_frames(self._model),
+            {},
+        )
+        for solid in description.collisions:
+            link = links[solid.link]
+            try:
+                body = body_shape(solid, description.path, task.robot.package_dirs)
+            except UnusableShape as error:
+                unusable[solid.filename or solid.name] = solid.link, str(error)
+                continue
+            self._add(
+                body, link.parentJoint, link.placement * origin(solid), solid.link
+            )
+        return unusable
+
+    def _add_surroundings(self, task: Task) -> None:
+        """Add the bodies of the surroundings, placed relative to the robot's root."""
+        around, own = task.robot.surroundings, set(task.robot.description.links)
+        if around is None:
+            return
+        places = fixed_placements(around)
+        for solid in around.collisions:
+            name = f"surroundings/{solid.link}" if solid.link in own else solid.link
+            try:
+                body = body_shape(
+                    solid, around.path, task.robot.package_dirs, standing=True
+                )
+            except UnusableShape as error:
+                raise InputError(
+                    f"{around.path}: link {solid.link!r}: {error}"
+                ) from error
+            self._add(body, 0, places[solid.link] * origin(solid), name)
+
+    def _add(self, body: BodyShape, joint: int, place: pin.SE3, link: str) -> None:
+        self.links.append(link)
+        self._bodies.append(body)
+        self._joint.append(joint)
+        self._place.append(place)
+
+    # ---- pairs ---------------------------------------------------------------------------------
+
+    def _choose_pairs(self, task: Task) -> None:
+        """Choose the pairs to check, and list the names of all pairs by how they are treated."""
+        self._measure(self._moving_pairs(task.robot.description.path))
+        joined = {
+            frozenset((joint.parent, joint.child))
+            for joint in task.robot.description.joints
+        }
+        neighbours = self._are_in(joined)
+        self.adjacent = self.named(neighbours)
+        self._measure(self.pairs[~neighbours])
+
+        entry = task.robot.entry
+        ruled_out = self._are_in(
+            disabled_pairs(entry.srdf)
+            if entry is not None and entry.srdf is not None
+            else set()
+        )
+        near = ruled_out | self._one_joint_between()
+        at_reference, share, hulls_always = self._sampled_collisions(task, near)
+        fused, always = near & (at_reference | (share >= _FUSED)), share == 1
+        self.disabled = self.named(ruled_out & fused)
+        self.adjacent += self.named(near & ~ruled_out & fused)
+        self.touching = self.named(always & ~near)
+        own = self.pairs[:, 1] < self._own
+        only_contact, left_out = near | (hulls_always & own), fused | always
+        self.measured = self.named(~only_contact & ~left_out)
+        self.only_contact = self.named(only_contact & ~left_out)
+        kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
+        self._measure(self.pairs[kept], only_contact[kept])
+
+    def _never_colliding(self, task: Task, asked: Mask) -> Mask:
+        """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
+        never = np.zeros(len(self.pairs), bool)
+        pairs = CollisionFreePairs(
+            self._model, task.robot.joints, self._shapes, self._full_distance
+        )
+        for k in np.flatnonzero(asked).tolist():
+            never[k] = pairs.proved(k)
+        return never
+
+    def _moving_pairs(self, path: object) -> NDArray[np.intp]:
+        """Return the pairs (P, 2) of bodies with a moving joint between them.
+
+        Pairs of the robot's own bodies come first.
+        """
+        joint, own = np.array(self._joint, np.intp), self._own
+        moving = np.flatnonzero(joint[:own])
+        counts = np.bincount(joint[:own]) if own else np.zeros(1, int)
+        count = (own**2 - (counts**2).sum()) // 2 + len(moving) * (len(joint) - own)
+        if count > _MOST_PAIRS:
+            raise InputError(
+                f"{path}: {count} pairs of collision shapes, but the maximum is {_MOST_PAIRS}; "
+                "merge the shapes of each link into one mesh"
+            )
+        a, b = np.triu_indices(own, 1)
+        differ = joint[a] != joint[b]
+        inner = np.stack([a[differ], b[differ]], axis=1)
+        outer = np.stack(
+            np.meshgrid(moving, np.arange(own, len(joint)), indexing="ij"), axis=-1
+        ).reshape(-1, 2)
+        return np.concatenate([inner, outer]).astype(np.intp)
+
+    def _are_in(self, links: set[frozenset[str]]) -> Mask:
+        """Mark the pairs of the robot's own bodies (P,) that belong to the given pairs of links."""
+        found = np.zeros(len(self.pairs), bool)
+        if links:
+            found[: self._own_pairs] = [
+                frozenset(self.names(k)) in links for k in range(self._own_pairs)
+            ]
+        return found
+
+    def _one_joint_between(self) -> Mask:
+        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them."""
+        parent = np.array([int(joint) for joint in self._model.parents])
+        a, b = np.array(self._joint, np.intp)[self.pairs].T
+        return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
+
+    def _measure(
+        self, pairs: NDArray[np.intp], only_contact: Mask | None = None
+    ) -> None:
+        """Set the pairs (P, 2) to check, and prepare their lower bounds.
+
+        ``only_contact`` (P,) marks those that are checked for collisions only; None for none.
+        """
+        self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
+        self._only_contact = (
+            np.zeros(len(pairs), bool) if only_contact is None else only_contact
+        )
+        self._some_only_contact = bool(self._only_contact.any())
+        self._own_pairs = int((pairs[:, 1] < self._own).sum())
+        self._shapes.removeAllCollisionPairs()
+        for a, b in self._both[: self._own_pairs]:
+            self._shapes.addCollisionPair(pin.CollisionPair(a, b))
+        self._placed = pin.GeometryData(self._shapes)
+        measured = [body.measured for body in self._bodies]
+        self._bounds = BodyBounds(
+            self._model, self._joint, self._place, measured, pairs
+        )
+
+    def _sampled_collisions(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
+        """Test the pairs for collisions at the reference pose and at random configurations.
+
+        Parameters
+        ----------
+        task
+            Task whose reference pose is the first configuration.
+        near
+            Mask (P,) of the pairs that are tested at every configuration; other pairs are tested
+            until their hulls are apart at one of them.
+
+        Returns
+        -------
+        Collisions at the reference pose, share of configurations with a collision, and whether the
+        hulls overlap at all configurations: (P,) each."""
+        Q = _sample_configurations(task)
+        count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
+        overlaps = ~at_reference
+        for i, (q, bounds) in enumerate(
+            self._with_bounds(Q) if len(self.pairs) else ()
+        ):
+            self._move(q)
+            overlap = (bounds < 0) & (near | overlaps)
+            for k in np.flatnonzero(overlap).tolist():
+                overlap[k] = self._apart(k) <= 0
+                count[k] += overlap[k] and self._collide(k)
+            overlaps &= overlap
+            if i == 0:
+                at_reference = count > 0
+        return at_reference, count / len(Q), overlaps
+
+
+def _sample_configurations(task: Task) -> Array:
+    """Sample configurations (K, N) of the bodies' model: the reference pose, then random ones.
+
+    The random ones are within the joint limits.
+    """
+    lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
+    q0 = task.joints(task.reference)
+    low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
+    Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
+    Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
+    _, drive = task.bodies_model()
+    return Q if drive is None else drive.joints(Q)
+
+
+def collision_model(task: Task) -> CollisionModel:
+    """Return the collision model of a task, cached by robot, files and joints."""
+    key = _key(task)
+    with _MODELS_LOCK:
+        if key not in _MODELS:
+            _MODELS[key] = CollisionModel(task)
+            while len(_MODELS) > _KEPT:
+                _MODELS.popitem(last=False)
+        _MODELS.move_to_end(key)
+        return _MODELS[key]
+
+
+def _key(task: Task) -> Hashable:
+    """Return the cache key of a task's collision model.
+
+    It contains the descriptions, the files with their times and sizes, and the fixed joints.
+    """
+    robot = task.robot
+    around, entry = robot.surroundings, robot.entry
+    files = _mesh_files(robot.description, robot.package_dirs)
+    files += [] if around is None else _mesh_files(around, robot.package_dirs)
+    files += [] if entry is None else [entry.srdf]
+    stamps = tuple(
+        (path, path.stat().st_mtime_ns, path.stat().st_size) if path else None
+        for path in files
+    )
+    model, _ = task.bodies_model()
+    still = (
+        robot.locked,
+        robot.reference.tobytes(),
+        tuple(model.names),
+        task.robot_joints,
+    )
+    return robot.description, around, robot.package_dirs, stamps, still
+
+
+def _mesh_files(
+    description: Description, package_dirs: tuple[str, ...]
+) -> list[Path | None]:
+    """Find the collision mesh files of a description; None for each that is missing."""
+    names = dict.fromkeys(
+        solid.filename for solid in description.collisions if solid.filename
+    )
+    return [find_mesh(name, description.path, package_dirs) for name in names]

@@ -1,0 +1,141 @@
+"""Helpers for Pinocchio models: frames by name, locked joints, chains between links, Jacobians."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..errors import unknown
+from .validate import Joint
+
+SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+_TEMPORARY = "\N{NULL} link"
+
+
+def frame_id(model: pin.Model, name: str) -> int:
+    """Return the id of a frame by name; a link takes precedence over a joint of the same name.
+
+    Raises InputError for an unknown name. Pinocchio's own lookup then returns an id that crashes
+    later, and it raises on a name that a joint and a link share.
+    """
+    ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
+    ids |= {
+        f.name: i for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY
+    }
+    if name not in ids:
+        raise unknown("frame", name, link_frames(model))
+    return ids[name]
+
+
+def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
+    """Return the frames of all links, by link name."""
+    return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
+
+
+def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
+    """Build the reduced model with joints, given by ids, locked at a configuration q of the model.
+
+    Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
+    joint, so such links are renamed temporarily."""
+    joints = {f.name for f in model.frames if f.type != pin.FrameType.BODY}
+    links = [
+        f for f in model.frames if f.type == pin.FrameType.BODY and f.name in joints
+    ]
+    for link in links:
+        link.name += _TEMPORARY
+    try:
+        reduced = pin.buildReducedModel(model, list(ids), np.array(q))
+    finally:
+        for link in links:
+            link.name = link.name.removesuffix(_TEMPORARY)
+    for frame in reduced.frames:
+        frame.name = frame.name.removesuffix(_TEMPORARY)
+    return reduced
+
+
+def frame_jacobian(
+    model: pin.Model, data: pin.Data, frame: int
+) -> Callable[[Array], Array]:
+    """Create the function q → Jacobian of a frame (6, nv), world axes."""
+    evaluate = pin.computeFrameJacobian
+
+    def jacobian(q: Array) -> Array:
+        return evaluate(model, data, q, frame, SHARED)
+
+    def single(q: Array) -> Array:  # Pinocchio returns (6,)
+        return jacobian(q).reshape(6, 1)
+
+    return jacobian if model.nv != 1 else single
+
+
+def path_between(
+    model: pin.Model, base: int, frame: int
+) -> tuple[list[int], list[int]]:
+    """List the ids of the joints on the path from one frame to another, in two lists.
+
+    The first list leads from the frame ``base`` up to the common ancestor, the second one from
+    there down to the frame ``frame``.
+    """
+    up, down = (
+        [int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0]
+        for f in (base, frame)
+    )
+    shared = set(up) & set(down)
+    return [j for j in reversed(up) if j not in shared], [
+        j for j in down if j not in shared
+    ]
+
+
+def chain_between(
+    model: pin.Model, base: int, frame: int, joints: Mapping[str, Joint]
+) -> tuple[pin.Model, int]:
+    """Build the serial chain from one frame of a tree to another, with the first one fixed.
+
+    A joint traversed from child to parent moves in reverse: ``(P E(q))⁻¹ = E(−q) P⁻¹``, with P its
+    placement and E(q) its motion. Every joint keeps its name and the sign of its q.
+
+    Parameters
+    ----------
+    model
+        Model in which only the joints on the path change the relative placement of the frames.
+    base, frame
+        Ids of the frames.
+    joints
+        Joints of the model, by name.
+
+    Returns
+    -------
+    A model without masses, and the id of the frame in it.
+    """
+    up, down = path_between(model, base, frame)
+    chain, at, here = pin.Model(), 0, model.frames[base].placement.inverse()
+    chain.name = model.name
+    for j in up:
+        at = _append(chain, at, here, joints[model.names[j]], -1.0)
+        here = model.jointPlacements[j].inverse()
+    for j in down:
+        at = _append(
+            chain, at, here * model.jointPlacements[j], joints[model.names[j]], 1.0
+        )
+        here = pin.SE3.Identity()
+    end = model.frames[frame]
+    return chain, chain.addFrame(
+        pin.Frame(end.name, at, 0, here * end.placement, pin.FrameType.BODY)
+    )
+
+
+def _append(
+    chain: pin.Model, parent: int, placement: pin.SE3, joint: Joint, sign: float
+) -> int:
+    kind = (
+        pin.JointModelPrismaticUnaligned
+        if joint.kind == "prismatic"
+        else pin.JointModelRevoluteUnaligned
+    )
+    return int(
+        chain.addJoint(parent, kind(sign * np.array(joint.axis)), placement, joint.name)
+    )

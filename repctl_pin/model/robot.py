@@ -1,0 +1,422 @@
+"""Robot from a URDF: joints, limits, frames and a reference pose."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
+from ..errors import InputError, UrdfError, unknown
+from .catalogue import (
+    READY,
+    Entry,
+    default_package_dirs,
+    find,
+    reference_posture,
+    urdf_folder,
+)
+from .coupling import couple, limits, pose
+from .end_effectors import arm_ends, is_sensor, task_links
+from .mechanism import Mechanism
+from .model import frame_id, link_frames, lock_joints, path_between
+from .shapes import find_mesh
+from .task import KINDS, Kind, Task
+from .validate import Description, check_surroundings, read_urdf
+from .xml import short
+
+
+class Robot(Mechanism):
+    """Robot described by a URDF, with one coordinate per movable joint.
+
+    Continuous joints are revolute joints without limits; planar and floating joints become three
+    and six joints with one coordinate each. A mimic joint moves with its leader, within the limits
+    of both.
+
+    Create one with :meth:`Robot.load`.
+
+    In addition to the attributes of :class:`Mechanism`:
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Names of all links; any of them can be the frame of a task.
+    default_frame : str
+        Default frame of a task: the catalogue's, else the end of the longest arm, before the
+        fingers of a gripper. ``repctl inspect`` shows it.
+    end_frames : tuple of str
+        Frames at the ends of arms, the default first.
+    warnings : tuple of str
+        Notes on the file: missing meshes, ignored limits of mimic joints, and values of the
+        reference pose that were moved within the limits.
+
+    Examples
+    --------
+    >>> robot = rp.Robot.load("panda")  # or a path: rp.Robot.load("my_arm.urdf")
+    >>> robot.name, robot.default_frame
+    ('panda', 'panda_hand_tcp')
+    >>> robot.task("panda_hand_tcp", "position").r
+    4
+    """
+
+    def __init__(
+        self,
+        description: Description,
+        *,
+        entry: Entry | None = None,
+        package_dirs: Sequence[str] = (),
+        lock: Sequence[str] = (),
+        base: str | None = None,
+        surroundings: Description | None = None,
+    ) -> None:
+        self.description = description
+        self.surroundings = surroundings
+        self.name = description.name if entry is None else entry.name
+        self.entry = entry
+        self.package_dirs = tuple(str(p) for p in package_dirs)
+        self.base = base
+        self.joints = {
+            joint.name: joint for joint in description.joints if joint.kind != "fixed"
+        }
+        held = set(lock)
+        for joint_name in held:
+            if joint_name not in self.joints:
+                raise unknown("joint", joint_name, self.joints)
+        still = {
+            j.name
+            for j in self.joints.values()
+            if j.name in held or j.mimic in held or j.multiplier == 0
+        }
+        try:
+            model = pin.buildModelFromXML(description.xml)
+        except (ValueError, RuntimeError, MemoryError) as error:
+            raise UrdfError(
+                f"{description.path}: Pinocchio cannot build a model of it ({error})"
+            ) from error
+        model.name = self.name
+
+        notes: list[str] = []
+        names = tuple(model.names)[1:]
+        free = [name for name in names if self.joints[name].mimic is None]
+        moving = [joint for joint in self.joints.values() if joint.name not in still]
+        bounds = [
+            limits(self.joints[j], [f for f in moving if f.mimic == j], notes)
+            for j in free
+        ]
+        lower, upper, velocity = np.array(bounds).reshape(-1, 3).T
+        turns = np.array([self.joints[name].kind != "prismatic" for name in free], bool)
+        poses = {
+            name: pose(
+                free, lower, upper, turns, values, notes if name == "reference" else []
+            )
+            for name, values in _named_poses(entry).items()
+        }
+        whole = couple(names, free, self.joints)
+        for name, q in poses.items():
+            model.referenceConfigurations[name] = whole.joints(q)
+        model = lock_joints(
+            model,
+            [model.getJointId(j) for j in still],
+            whole.joints(poses["reference"]),
+        )
+
+        self.model = model
+        self.locked = tuple(name for name in self.joints if name in still)
+        self.joint_names = tuple(name for name in free if name not in still)
+        self.coupling = couple(tuple(model.names)[1:], self.joint_names, self.joints)
+        mine = [free.index(name) for name in self.joint_names]
+        self.lower, self.upper, self.velocity_limit = (
+            _frozen(lower[mine]),
+            _frozen(upper[mine]),
+            _frozen(velocity[mine]),
+        )
+        self.revolute = turns[mine]
+        self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
+        self.reference = self.poses["reference"]
+        self.frames = tuple(link_frames(model))
+        self.warnings = (*notes, *self._missing_meshes())
+        if base is not None:
+            self._frame_id(base)  # raises if there is no such link
+
+    @classmethod
+    def load(
+        cls,
+        name_or_path: str | Path,
+        *,
+        package_dirs: Sequence[str | Path] = (),
+        lock: Sequence[str] = (),
+        base: str | None = None,
+        surroundings: str | Path | None = None,
+    ) -> Robot:
+        """Load a robot from the catalogue, or from a URDF file.
+
+        Parameters
+        ----------
+        name_or_path
+            A catalogue name (``repctl robots`` lists them) or a path to a ``.urdf``.
+        package_dirs
+            Folders in which ``package://`` names, and ``$(find …)`` in xacro, are looked up, before
+            the parent folders of the file.
+        lock
+            Joints to hold at the reference pose.
+        base
+            Link in whose frame x is expressed, treated as fixed: a link of the chain to the frame,
+            or one on another branch, such as the other end effector. The task's joints are those
+            between the two links.
+        surroundings
+            URDF of the surroundings, with fixed joints only and its root at the robot's root;
+            :class:`Bodies` measures the distances to it.
+
+        Raises
+        ------
+        InputError
+            If there is no such robot, joint, link or folder.
+        UrdfError
+            If the file is not a valid URDF.
+        """
+        text = str(file_name(name_or_path, "robot"))
+        one = isinstance(package_dirs, (str, Path))
+        given = (
+            [package_dirs]
+            if one
+            else list_of(package_dirs, "package_dirs", "a list of folders")
+        )
+        own = [
+            os.path.expanduser(str(file_name(folder, "each of package_dirs")))
+            for folder in given
+        ]
+        lock = list_of_names(lock, "lock", "a list of joint names")
+        if base is not None:
+            require_type(base, str, "base", "a link name")
+        for folder in own:
+            if not os.path.isdir(
+                folder
+            ):  # unlike Path.is_dir, also for names that are too long
+                raise InputError(
+                    f": there is no folder {folder!r}",
+                    argument="package_dirs",
+                    remedy="correct its path",
+                )
+        is_file = any(mark in text for mark in "./\\") or os.path.isfile(
+            text
+        )  # no catalogue name contains these
+        entry = None if is_file else find(text)
+        path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
+        folders = [
+            *own,
+            *(default_package_dirs(path) if entry is None else entry.package_dirs),
+        ]
+        around = None
+        if surroundings is not None:
+            beside = Path(
+                os.path.expanduser(str(file_name(surroundings, "surroundings")))
+            )
+            near = default_package_dirs(beside)
+            around = check_surroundings(read_urdf(beside, [*own, *near]))
+            folders += near
+        description = read_urdf(path, folders)
+        return cls(
+            description,
+            entry=entry,
+            package_dirs=folders,
+            lock=lock,
+            base=base,
+            surroundings=around,
+        )
+
+    def task(
+        self,
+        frame: str | None = None,
+        kind: Kind = "pose",
+        *,
+        joints: Sequence[str] | None = None,
+    ) -> Task:
+        """Create the task of controlling a frame, with the joints that move it.
+
+        Parameters
+        ----------
+        frame
+            Name of a link; by default :attr:`default_frame`, the end of the arm.
+        kind
+            ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5),
+            ``position`` (3), ``xy``, ``xz``, ``yz`` (2).
+        joints
+            Subset of the joints of the chain; the others are locked at the reference pose.
+
+        Raises
+        ------
+        InputError
+            If there is no such frame, kind or joint, or no joint moves the frame.
+        """
+        frame = self.default_frame if frame is None else frame
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise InputError(
+                f"no task kind {shown(kind)}; choose from {', '.join(KINDS)}"
+            )
+        chain = self.chain(frame)
+        if joints is not None:
+            joints = list_of_names(joints, "joints", "a list of joint names")
+            for joint in joints:
+                if joint not in self.joint_names:
+                    raise unknown("joint", joint, self.joint_names)
+                if joint not in chain:
+                    raise InputError(
+                        f"joint {joint!r} does not move {frame!r}; these do: {', '.join(chain)}"
+                    )
+            chain = tuple(j for j in chain if j in set(joints))
+        if not chain:
+            raise InputError(
+                f"no movable joint moves {frame!r}; choose a frame further along an arm"
+            )
+        return Task(self, frame, kind, chain)
+
+    def chain(self, frame: str) -> tuple[str, ...]:
+        """List the names of the movable joints between ``base`` and a frame, from the base outward.
+
+        A joint that others mimic is listed at the first joint that it drives.
+        """
+        up, down = path_between(self.model, self.base_id, self._frame_id(frame))
+        return tuple(
+            dict.fromkeys(
+                self.joint_names[self.coupling.leader(j - 1)] for j in (*up, *down)
+            )
+        )
+
+    def reference_positions(self) -> dict[str, Array]:
+        """Compute the origins (3,) of all links at the reference pose, m, in the base frame.
+
+        Returns a dictionary by link name.
+        """
+        data = self.model.createData()
+        pin.framesForwardKinematics(
+            self.model, data, self.coupling.joints(self.reference)
+        )
+        base = data.oMf[self.base_id]
+        ids = {name: frame_id(self.model, name) for name in self.frames}
+        return {name: base.actInv(data.oMf[i]).translation for name, i in ids.items()}
+
+    def _missing_meshes(self) -> list[str]:
+        """Return a list with a warning about missing meshes, or an empty list.
+
+        Only drawings and distances need meshes, not the kinematics.
+        """
+        names = self.description.meshes
+        missing = [
+            name
+            for name in names
+            if find_mesh(name, self.description.path, self.package_dirs) is None
+        ]
+        if not missing:
+            return []
+        which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
+        return [
+            f"{len(missing)} of {len(names)} meshes are missing ({which}); "
+            "those links are drawn as tubes; give the folders of their packages by package_dirs"
+        ]
+
+    def _frame_id(self, frame: str) -> int:
+        require_type(frame, str, "frame", "a link name")
+        try:
+            return frame_id(self.model, frame)
+        except InputError:
+            likely = [
+                link for links in self._ends() for link in links if not is_sensor(link)
+            ]
+            raise unknown("frame", frame, self.frames, likely=likely) from None
+
+    def _ends(self) -> list[list[str]]:
+        """List candidate frames at the ends of arms, legs and heads: one list of links per end.
+
+        The end of the longest chain is first; in each list, the best end effector is first.
+        """
+        return [
+            task_links(body)
+            for body in sorted(
+                arm_ends(self.description), key=lambda body: -body.before
+            )
+        ]
+
+    def _beyond_base(self, frame: str) -> bool:
+        """Test whether the path from the base to a frame only leads away from the root.
+
+        Only such frames are offered as task frames.
+        """
+        return not path_between(self.model, self.base_id, self._frame_id(frame))[0]
+
+    @property
+    def default_frame(self) -> str:
+        """Default frame of a task: the catalogue's, else the best at the end of the longest arm.
+
+        An arm ends before its fingers, see :func:`repctl_pin.model.end_effectors.arm_ends`. Among
+        the rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,
+        ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out."""
+        return self.offered_frames[0]
+
+    @property
+    def offered_frames(self) -> tuple[str, ...]:
+        """Frames to offer for a task: the catalogue's, else the end of the longest arm."""
+        known = tuple(
+            frame
+            for frame in (self.entry.frames if self.entry else ())
+            if self._beyond_base(frame)
+        )
+        ends = [links[0] for links in self._ends() if self._beyond_base(links[0])]
+        return known or (
+            max(
+                ends,
+                key=lambda frame: len(self.chain(frame)),
+                default=self.base or self.frames[0],
+            ),
+        )
+
+    @property
+    def end_frames(self) -> tuple[str, ...]:
+        """Candidate task frames, the default first.
+
+        They are all links at the ends of the longest arms, and one link at each other end. Sensors
+        are omitted, and links that fewer than two joints move.
+        """
+        frames = list(self.offered_frames)
+        most = len(self.chain(frames[0]))
+        for links in self._ends():
+            if self._beyond_base(links[0]) and len(self.chain(links[0])) >= 2:
+                meant = [link for link in links if not is_sensor(link)] or links
+                frames += meant if len(self.chain(links[0])) >= most else meant[:1]
+        return tuple(dict.fromkeys(frames))
+
+    @property
+    def movable_frames(self) -> tuple[str, ...]:
+        """All frames that a joint moves; those of :attr:`end_frames` first."""
+        moved = (
+            frame
+            for frame in self.frames
+            if self._beyond_base(frame) and self.chain(frame)
+        )
+        return tuple(dict.fromkeys([*self.end_frames, *moved]))
+
+    def __repr__(self) -> str:
+        return f"<Robot {self.name}: {len(self.joint_names)} joints, {len(self.frames)} links>"
+
+
+def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
+    """Read the named poses of a catalogue robot: joint values by pose name and joint name.
+
+    Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
+    """
+    poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
+    if entry is not None and entry.srdf is not None:
+        poses["reference"] = reference_posture(entry.srdf, entry.posture)
+    if entry is not None and entry.ready is not None:
+        poses["ready"] = reference_posture(urdf_folder() / READY, entry.ready)
+    return poses
+
+
+def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array

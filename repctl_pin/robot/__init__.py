@@ -1,1 +1,0 @@
-"""Robots, tasks and collision bodies from a URDF, with kinematics by Pinocchio."""

@@ -1,0 +1,246 @@
+"""Design of a repeatable inverse for a problem: in its region, or around its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from ..arguments import Array, percentage
+from ..design import Design, SingularRegionError, nearest_repeatable
+from ..errors import SingularityError
+from ..fit_options import FitOptions
+from ..model.task import Task
+from ..motion import Motion, follow
+from ..paths import TaskPath
+from ..paths.task_path import Cycle
+from ..regions import Region, Tube
+from ..strategies import Inverse
+from ..strategies.names import LABELS
+from .choose_start import plain_cycle, violations
+from .period import PERIOD, choose_period
+from .problem import Problem, tube_around
+
+Make = Callable[[Region], Design]
+Say = Callable[[str], None]
+
+MOST_STARTS = 5
+"""Maximum number of starts for which a design is made."""
+
+HIGH_SPEED = 0.05
+"""Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
+
+NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
+
+
+def design_for(
+    problem: Problem,
+    desired: Inverse,
+    make: Make,
+    *,
+    width: float | None = None,
+    seed: int = 0,
+    say: Say = lambda text: None,
+) -> tuple[Problem, Design]:
+    """Design a repeatable inverse in the given region, or around the motion from the best start.
+
+    A start is good enough if the repeatable motion keeps the joint limits, no bodies collide, and
+    its extra joint speed is small. Default starts are tried until one is good enough. If none is,
+    the start with the fewest kinds of violation is used, and among equals that with the lowest
+    extra joint speed; a default start with violations adds a note to the problem.
+
+    Parameters
+    ----------
+    problem
+        The problem; another default start may be chosen.
+    desired
+        Desired inverse G_d.
+    make
+        Function that makes a design for a region.
+    width
+        Radius of the tube around the motion; by default 0.1 rad or 0.05 m.
+    seed
+        Random seed of the nodes.
+    say
+        Function that is called with the name of each step when it begins.
+
+    Returns
+    -------
+    problem : Problem
+        The problem that was solved, with its start.
+    design : Design
+
+    Raises
+    ------
+    SingularityError
+        If the design fails for every start; the message is that of the first start.
+    """
+    if problem.path is None or "region" in problem.given:
+        return problem, _in_region(problem, make)
+    failure: SingularityError | None = None
+    best: tuple[tuple[int, float], Problem, Design] | None = None
+    for tried in islice(problem.alternatives(), MOST_STARTS):
+        if tried._violates and best is not None:
+            break
+        try:
+            design = _around_motion(tried, desired, make, width, seed, say)
+            merit = _merit(tried, design)
+        except SingularityError as error:
+            failure = failure or error
+            continue
+        if best is None or merit < best[0]:
+            best = merit, tried, design
+        if "start" in tried.given or tried._violates or merit == (0, 0.0):
+            break
+    if best is not None:
+        (violated, _), chosen, design = best
+        if violated and "start" not in chosen.given:
+            chosen = chosen._with(moved=(*chosen.moved, NO_BETTER))
+        return chosen, design
+    assert failure is not None
+    if isinstance(failure, SingularRegionError):
+        other = f"none of {MOST_STARTS} starts does better; give one"
+        if "start" in problem.given:
+            other = "choose another start"
+        failure.remedy = f"{other}, or a smaller path"
+    raise failure
+
+
+def timed_cycle(
+    design: Design, problem: Problem, *, period: float | None = None
+) -> tuple[Cycle, list[str]]:
+    """Choose the period of a design's cycle, so that the joints keep their speed limits.
+
+    Returns the cycle, and notes on the period. A given period, s, is not changed.
+    """
+    path = problem.cycle
+    time = period or path.period or PERIOD
+    notes: list[str] = []
+    if period is None:
+        motion = _own_cycle(design, path, problem.start, steps=200, period=time)
+        time, notes = choose_period(time, {LABELS["repeatable"]: motion})
+    return Cycle(problem.start, path, time), notes
+
+
+def shrunk_note(design: Design) -> tuple[str, ...]:
+    """Write a note on how far Ω was shrunk, in a tuple; an empty tuple if it was not."""
+    share = f"Ω was shrunk to {percentage(design.shrunk)} of its half-width"
+    return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
+
+
+def half_width_within(region: Region) -> str:
+    """Format the smallest half-width of a region's bounds, rounded down to two digits.
+
+    An error message on a singular Ω suggests it: a cube of this half-width lies within the bounds.
+    """
+    width = float(region.bounds.half_width.min())
+    digit = 10.0 ** (np.floor(np.log10(width)) - 1)
+    return f"{np.floor(width / digit) * digit:.2g}"
+
+
+def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | None:
+    """Create the error of a design that cannot follow the cycle it was made for.
+
+    Returns None if J⁺ cannot follow it either.
+    """
+    if plain_cycle(task, path, q0) is None:
+        return None
+    return SingularityError(
+        "the design fails on its own cycle, which J⁺ can follow",
+        remedy="choose another start, a smaller path or another degree",
+    )
+
+
+def _in_region(problem: Problem, make: Make) -> Design:
+    """Design in the region of a problem.
+
+    If Ω is singular, the remedy of the error suggests a smaller region that is not, or another
+    start.
+    """
+    region = problem.region
+    try:
+        return make(region)
+    except SingularRegionError as error:
+        if error.free is None:
+            error.remedy = "choose another start"
+        elif isinstance(problem._asked, float):
+            error.remedy = f"pass region={half_width_within(error.free)}"
+        else:
+            error.remedy = "pass that region"
+        raise
+
+
+def _merit(problem: Problem, design: Design) -> tuple[int, float]:
+    """Sort key of designs, the best smallest: violation kinds and extra joint speed in cycle 1.
+
+    Extra speed up to HIGH_SPEED counts as 0.
+    """
+    path, q0 = problem.cycle, problem.start
+    motion = _own_cycle(design, path, q0, steps=96)
+    plain = plain_cycle(design.task, path, q0)
+    extra = 0.0 if plain is None else motion.first_rms_speed / plain.first_rms_speed - 1
+    return violations(motion), extra if extra > HIGH_SPEED else 0.0
+
+
+def _around_motion(
+    problem: Problem,
+    desired: Inverse,
+    make: Make,
+    width: float | None,
+    seed: int,
+    say: Say,
+) -> Design:
+    """Design in a tube around the motion, at first that of a design of degree 1.
+
+    If the motion of the new design leaves the tube, the design is repeated in a tube around that
+    motion, at most twice.
+    """
+    path, q0 = problem.cycle, problem.start
+    say("finding where the motion will be")
+    tube = _tube_of_linear(desired, path, q0, width, seed)
+    say("designing")
+    design = make(tube)
+    for _ in range(2):
+        motion = _own_cycle(design, path, q0)
+        if design.shrunk < 1 or not (design.region.ratio(motion.q) > 1).any():
+            break
+        say("designing again, around the motion that resulted")
+        design = make(tube_around(motion, width))
+    return design
+
+
+def _tube_of_linear(
+    desired: Inverse, path: TaskPath, q0: Array, width: float | None, seed: int
+) -> Tube:
+    """Create the tube around the motion of a design of degree 1, which does not drift as G_d does.
+
+    If that design cannot follow the path, the tube is around the motion of G_d.
+
+    Raises
+    ------
+    SingularityError
+        If the desired inverse cannot follow the path once.
+    """
+    tube = tube_around(follow(desired, path, q0, cycles=1), width)
+    few = FitOptions(samples=4096, held_out=1024, seed=seed)
+    linear = nearest_repeatable(desired, None, tube, degree=1, shrink=True, options=few)
+    try:
+        return tube_around(follow(linear.inverse, path, q0, cycles=1), width)
+    except SingularityError:
+        return tube
+
+
+def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
+    """Follow the cycle that a design was made for.
+
+    Raises
+    ------
+    SingularityError
+        If the design cannot follow it; the message says so if J⁺ can (see :func:`own_failure`).
+    """
+    try:
+        return follow(design.inverse, path, q0, cycles=1, **options)
+    except SingularityError as error:
+        raise own_failure(design.task, path, q0) or error from error

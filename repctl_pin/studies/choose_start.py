@@ -1,0 +1,195 @@
+"""Search for a start from which a closed path can be followed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array
+from ..errors import InputError, RepctlError, SingularityError, unknown
+from ..model.bodies import bodies_of
+from ..model.task import Task
+from ..motion import Motion, check_reach, follow, reach_start
+from ..motion.fitting_circle import dexterity_at, fitting_circle
+from ..motion.joint_motion import violations_of
+from ..paths import ClosedPath, TaskPath, closed_path
+from ..strategies import Pseudoinverse
+from . import start_candidates
+
+PathOf = Callable[[Task, Array], ClosedPath]
+
+GIVEN = "as given"
+
+SAME = 1e-6
+"""Task error, m and rad, up to which two placements count as equal."""
+
+_SINGULAR = 1e-3
+_FAR = 1.0  # rad
+_LOOKS = 12
+"""Number of points per cycle at which collisions are checked when a start is chosen."""
+
+
+class PathStart(NamedTuple):
+    """Start configuration, and the path that begins there.
+
+    Attributes
+    ----------
+    q0 : (n,) array
+        Start configuration, rad or m.
+    name : str
+        Description: ``as given``, ``the reference pose``.
+    path : TaskPath or None
+        The closed path, which begins at q0.
+    moved : bool
+        True if q0 was moved to the first point of the path.
+    violates : bool
+        True if J⁺ violates a limit, or bodies collide, in the first cycle from q0.
+    """
+
+    q0: Array
+    name: str
+    path: TaskPath | None = None
+    moved: bool = False
+    violates: bool = False
+
+
+def starts(
+    task: Task, start: ArrayLike | str | None, draw: PathOf | None
+) -> Iterator[PathStart]:
+    """Generate the usable starts, the best first.
+
+    Parameters
+    ----------
+    task
+        Task to carry out.
+    start : (n,) array or str, optional
+        The only start to try, or a named pose of the robot; by default the default starts.
+    draw
+        Function (task, q0) → path; None for no path.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If no start is usable; the message is the reason for the first start.
+    """
+    if start is not None:
+        q0, name = _named(task, start)
+        if draw is None:
+            yield PathStart(q0, name)
+        else:
+            yield from _reachable(task, [(q0, name)], draw, "choose another start")
+        return
+    offers = start_candidates.default_starts(task)
+    if draw is None:
+        yield from _with_a_circle(task, offers)
+    else:
+        remedy = "no default start is regular; give one"
+        yield from _best_first(task, _reachable(task, offers, draw, remedy))
+
+
+def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
+    """Follow one cycle of a path with J⁺ from q0; None if J⁺ fails."""
+    try:
+        return follow(Pseudoinverse(task), path, q0, cycles=1, steps=96)
+    except SingularityError:
+        return None
+
+
+def violations(motion: Motion) -> int:
+    """Count the kinds of violation of a motion; collisions are checked at 12 points per cycle."""
+    return len(violations_of(motion, motion.thinned(_LOOKS)))
+
+
+def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
+    """Return the given start, checked, or the robot's pose of that name; with a description."""
+    if not isinstance(start, str):
+        return task.check(start, "start"), GIVEN
+    poses = task.robot.poses
+    if start not in poses:
+        raise unknown("pose", start, poses)
+    name = start_candidates.POSES.get(start, f"the pose {start!r}")
+    return task.from_robot(poses[start]), name
+
+
+def _with_a_circle(
+    task: Task, offers: Iterable[tuple[Array, str]]
+) -> Iterator[PathStart]:
+    """Generate the starts: those at which a circle fits and no bodies collide, then the others."""
+    others: list[PathStart] = []
+    for q0, name in offers:
+        try:
+            fitting_circle(task, q0)
+            clear = bodies_of(task).distances(q0[None]).min() >= 0
+        except InputError:
+            clear = False
+        if clear:
+            yield PathStart(q0, name)
+        else:
+            others.append(PathStart(q0, name))
+    yield from others
+
+
+def _reachable(
+    task: Task, offers: Iterable[tuple[Array, str]], draw: PathOf, remedy: str
+) -> Iterator[PathStart]:
+    """Generate the starts that are regular and from which the whole path can be reached.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If there is no such start; the message is the reason for the first start.
+    """
+    failure: RepctlError | None = None
+    found = elsewhere = False
+    for q0, name in offers:
+        if elsewhere and name in start_candidates.SEARCHED:
+            break  # the path lies where its author put it, whatever the start
+        try:
+            _check_regular(task, q0, remedy)
+            path = closed_path(draw(task, q0))
+            gap = task.error(q0, path.placement(0.0))
+            elsewhere = float(np.linalg.norm(gap)) > SAME
+            begin = reach_start(task, q0, path)
+            check_reach(task, begin, path)
+        except RepctlError as error:
+            failure = failure or error
+            continue
+        found = True
+        yield PathStart(begin, name, path, moved=not np.array_equal(begin, q0))
+    if not found:
+        assert failure is not None  # there is always a start to try
+        raise failure
+
+
+def _check_regular(task: Task, q0: Array, remedy: str) -> None:
+    """Raise SingularityError if J is nearly singular at a start."""
+    if dexterity_at(task, q0) < _SINGULAR:
+        raise SingularityError(
+            f"the start is at a singularity of {task.frame!r}, {task.kind}",
+            remedy=remedy,
+            at=q0,
+        )
+
+
+def _best_first(task: Task, found: Iterable[PathStart]) -> Iterator[PathStart]:
+    """Sort starts by the first cycle of J⁺ from there.
+
+    First come those without violations, then those with violations, then those from which J⁺ drifts
+    far or fails.
+    """
+    violating: list[PathStart] = []
+    wild: list[PathStart] = []
+    for start in found:
+        assert start.path is not None
+        motion = plain_cycle(task, start.path, start.q0)
+        if motion is None or motion.drift[0] > _FAR:
+            wild.append(start)
+        elif violations(motion):
+            violating.append(start._replace(violates=True))
+        else:
+            yield start
+    yield from violating
+    yield from wild

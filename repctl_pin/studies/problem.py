@@ -1,0 +1,286 @@
+"""A problem: task, start, closed path and region Ω, checked and complete."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import (
+    Array,
+    freeze,
+    function,
+    positive,
+    read_only,
+    require_choice,
+    require_type,
+    row,
+)
+from ..errors import InputError
+from ..model.robot import Robot
+from ..model.task import Task
+from ..motion import Motion, follow
+from ..motion.spec import parse_path
+from ..paths import ClosedPath, TaskPath, closed_path
+from ..paths.shapes import PLANES
+from ..regions import Box, Region, Tube
+from ..strategies import Pseudoinverse
+from .choose_start import GIVEN, PathOf, PathStart, starts
+from .task_choice import choose_task
+
+RegionOf = Callable[[Task, Array], Region]
+
+SAVED = "saved in the design"
+
+_A_PATH = "a closed path, such as rp.circle(task, q0), or a function (task, q0) → path"
+_A_REGION = "a half-width, rad, or a region of joint space, such as rp.Box(q0, 0.3)"
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+@read_only
+class Problem:
+    """Task, start, closed path and region Ω: where a study, a design and a motion begin.
+
+    Given parts are checked. Missing parts are chosen: the end of the arm, the first redundant kind
+    of task, a start from which J⁺ can follow the path, and a circle as the path.
+
+    Parameters
+    ----------
+    robot : str, Robot or Task
+        Catalogue name, path to a URDF, or a loaded robot; or a task, which has a frame and a kind.
+    frame, kind : str, optional
+        Frame to move and kind of task; by default the end of the arm, and the first of pose,
+        position, xy, xz, yz that is redundant.
+    start : (n,) array or str, optional
+        Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
+        default the first of the reference pose, the ready pose, mid-range and dexterous poses
+        around it from which the path can be followed.
+    path : optional
+        Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
+        ``(task, q0) → path``; by default a circle that fits. False for a problem without a path.
+    plane : str, optional
+        Plane of the circle, or of a path given by name: ``xy``, ``yz`` or ``xz``.
+    region : float, Region or function, optional
+        Region Ω: half-width of a box around the start, rad (and m), a region, or a function
+        ``(task, q0) → region``; by default a tube around the motion.
+
+    Attributes
+    ----------
+    task : Task
+        Redundant task of the robot at the frame.
+    start : (n,) array
+        Start configuration q0, rad (m for prismatic joints), where the path begins.
+    start_is : str
+        Description of the start: ``as given``, ``the reference pose``.
+    path : TaskPath or None
+        Closed path; None for a problem without a path.
+    period : float or None
+        Period saved with a design, s; None for the path's own.
+    given : frozenset of str
+        Names of the parts that were given.
+    moved : tuple of str
+        Notes on differences from the given parts, such as a start that was moved.
+    warnings : tuple of str
+        Warnings of the loaded robot.
+
+    Raises
+    ------
+    InputError
+        If a given part cannot be used, or the path cannot be followed from the start.
+    SingularityError
+        If the start is singular.
+
+    Examples
+    --------
+    >>> problem = rp.Problem("ppr", region=0.2)
+    >>> problem.task.kind, problem.start_is
+    ('xy', 'the reference pose')
+    >>> plain = rp.Pseudoinverse(problem.task)
+    >>> motion = rp.follow(plain, problem.path, problem.start, steps=50)
+    >>> bool(motion.drift[-1] > 1e-3)  # rad or m
+    True
+    """
+
+    task: Task
+    start: Array
+    start_is: str
+    path: TaskPath | None
+    period: float | None
+    given: frozenset[str]
+    moved: tuple[str, ...]
+    warnings: tuple[str, ...]
+    _asked: float | Region | RegionOf | None  # the region as it was given
+    _draw: PathOf | None
+    _violates: bool
+
+    def __init__(
+        self,
+        robot: str | Robot | Task,
+        *,
+        frame: str | None = None,
+        kind: str | None = None,
+        start: ArrayLike | str | None = None,
+        path: str | ClosedPath | PathOf | Literal[False] | None = None,
+        plane: str | None = None,
+        region: float | Region | RegionOf | None = None,
+    ) -> None:
+        draw = _checked_path(path, plane)
+        asked = _checked_region(region)
+        loaded = robot if isinstance(robot, (Robot, Task)) else Robot.load(robot)
+        task = _task_of(loaded, frame, kind)
+        parts = {"kind": kind, "start": start, "path": path, "region": region}
+        given = frozenset(name for name, value in parts.items() if value is not None)
+        warnings: tuple[str, ...] = () if isinstance(loaded, Task) else loaded.warnings
+        freeze(self, task=task, given=given, period=None, warnings=warnings)
+        freeze(self, _draw=draw, _asked=asked)
+        self._begin(next(starts(task, start, draw)))
+        if asked is not None:
+            _check_size(self.region, task)
+
+    @cached_property
+    def region(self) -> Region:
+        """Region Ω: the one given, or a tube around one cycle of J⁺, computed when first used.
+
+        For a problem made from the design of a cell's function, it is the cell.
+        """
+        asked = self._asked
+        if isinstance(asked, float):
+            return Box(self.start, asked)
+        if callable(asked):
+            made = asked(self.task, self.start)
+            return require_type(
+                made, Region, "the result of region", "a region of joint space"
+            )
+        if asked is not None:
+            return asked
+        return tube_around(
+            follow(Pseudoinverse(self.task), self.cycle, self.start, cycles=1)
+        )
+
+    @property
+    def cycle(self) -> TaskPath:
+        """Closed path, never None: an error if the problem has no path.
+
+        Raises
+        ------
+        InputError
+            If the problem has no path.
+        """
+        if self.path is None:
+            raise InputError(
+                "this problem has no path", remedy="make it without path=False"
+            )
+        return self.path
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on a start that was chosen, and on differences from what was given."""
+        if self.start_is == GIVEN:
+            return list(self.moved)
+        if self.start_is == SAVED:
+            return ["start configuration taken from the design", *self.moved]
+        return [f"the start is {self.start_is}", *self.moved]
+
+    def alternatives(self) -> Iterator[Problem]:
+        """Generate this problem, then copies with the other default starts, the best first."""
+        yield self
+        if "start" in self.given:
+            return
+        for start in islice(starts(self.task, None, self._draw), 1, None):
+            other = self._with(start=start.q0)
+            other._begin(start)
+            yield other
+
+    def __repr__(self) -> str:
+        task = self.task
+        path = "no path" if self.path is None else self.path.name
+        begin = row(self.start) if self.start_is == GIVEN else self.start_is
+        region = "" if self._asked is None else f", Ω {self.region}"
+        return (
+            f"<Problem of {task.robot.name} {task.frame}, {task.kind}: "
+            f"{path} from {begin}{region}>"
+        )
+
+    def _begin(self, start: PathStart) -> None:
+        """Set the start, the path from there, and the note on a moved start."""
+        moved = (
+            ("the start was moved to the first point of the path",)
+            if start.moved
+            else ()
+        )
+        freeze(self, start=start.q0, start_is=start.name, path=start.path, moved=moved)
+        freeze(self, _violates=start.violates)
+
+    def _with(self, **changes: Any) -> Problem:
+        """Copy the problem with some attributes changed; another start has a region of its own."""
+        other = copy.copy(self)
+        if "start" in changes:
+            vars(other).pop("region", None)
+        freeze(other, **changes)
+        return other
+
+
+def tube_around(motion: Motion, width: float | None = None) -> Tube:
+    """Create the tube around a motion's first cycle; default radius 0.1 rad or 0.05 m per joint."""
+    radius = np.where(motion.task.revolute, 0.1, 0.05) if width is None else width
+    return Tube(motion.cycle(0), radius)
+
+
+def _task_of(robot: Robot | Task, frame: str | None, kind: str | None) -> Task:
+    """Choose the task of a robot; a given task has its own frame and kind, and is returned."""
+    if isinstance(robot, Robot):
+        return choose_task(robot, frame, kind)
+    for name, value in (("frame", frame), ("kind", kind)):
+        if value is not None:
+            raise InputError(
+                ": a task has its own", argument=name, remedy=f"omit {name}="
+            )
+    return robot
+
+
+def _checked_path(path: Any, plane: str | None) -> PathOf | None:
+    """Create the function (task, q0) → path from the argument ``path``; None for no path."""
+    if plane is not None:
+        require_choice(plane, PLANES, "plane")
+        if not (path is None or isinstance(path, str)):
+            raise InputError(
+                ": only the default circle and a path given by name take a plane",
+                argument="plane",
+                remedy="omit plane=",
+            )
+    if path is False:
+        return None
+    if path is None or isinstance(path, str):
+        return parse_path(path, plane)
+    if isinstance(path, ClosedPath):
+        given = closed_path(path)
+        return lambda task, q0: given
+    return function(path, "path", _A_PATH, 2)
+
+
+def _checked_region(region: Any) -> float | Region | RegionOf | None:
+    """Check the argument ``region``: a half-width, a region, a function that makes one, or None."""
+    if region is None or isinstance(region, Region):
+        return region
+    if callable(region):
+        return function(region, "region", "a function (task, q0) → region", 2)
+    if isinstance(region, (int, float)):
+        return positive(region, "region", "rad")
+    return require_type(region, Region, "region", _A_REGION)
+
+
+def _check_size(region: Region, task: Task) -> None:
+    """Raise InputError for a region with another number of joints than the task's."""
+    n = len(region.center)
+    if n != task.n:
+        raise InputError(
+            f"has {n} joints, but {task.frame!r} is moved by {task.n}",
+            argument="region",
+            remedy="make it around a configuration of this task",
+        )

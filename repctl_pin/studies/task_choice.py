@@ -1,0 +1,118 @@
+"""Choice of the task: the first kind that is redundant at a frame."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from ..arguments import Array
+from ..errors import InputError
+from ..model.length import arm_length
+from ..model.random_configurations import random_configurations
+from ..model.robot import Robot
+from ..model.task import KINDS, Kind, Task
+from ..redundancy.inverses import inverse_condition_number
+
+PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
+"""Kinds tried in this order if none is given (``axis`` on request only)."""
+
+_SAMPLES = 32
+"""Number of configurations at which the rank of J is evaluated."""
+
+_RANK = 1e-4
+
+
+def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
+    """Create the task of a given kind, or of the first preferred kind with r ≥ 1, at a frame.
+
+    Raises
+    ------
+    InputError
+        If r = 0, or J never reaches full rank; the message names the redundant kinds.
+    """
+    frame = robot.default_frame if frame is None else frame
+    if kind is not None:
+        return _redundant(robot, robot.task(frame, cast(Kind, kind)))
+    kinds = redundant_kinds(robot, frame)
+    for preferred in PREFERRED_KINDS:
+        if kinds.get(preferred, 0) >= 1:
+            return robot.task(frame, preferred)
+    count, other = len(robot.chain(frame)), _redundant_frame(robot)
+    joints = f"{count} joint{'s' * (count != 1)}"
+    none = f"{robot.name} {frame!r} is moved by {joints}: no kind of task is redundant there"
+    if other is None:
+        raise InputError(f"{none}, nor at another frame")
+    one = f"{none}, but one is at {other!r}, for example"
+    raise InputError(one, remedy="choose another frame")
+
+
+def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
+    """Find the task kinds in which J reaches full row rank at a frame, each with its r."""
+    kinds: dict[str, int] = {}
+    for kind, rows in KINDS.items():
+        if len(robot.chain(frame)) < len(rows):
+            continue
+        task = robot.task(frame, kind)
+        if _reaches_full_rank(task):
+            kinds[kind] = task.r
+    return kinds
+
+
+def kind_note(task: Task) -> list[str]:
+    """Write a note on why the task is not of kind pose, the first choice; empty if it is."""
+    first = PREFERRED_KINDS[0]
+    if task.kind == first:
+        return []
+    using = f"using task {task.kind}, because {task.n} joints"
+    if task.n <= len(KINDS[first]):
+        return [f"{using} are not redundant for a {first} task"]
+    return [f"{using} never move {task.frame} in all coordinates of a {first} task"]
+
+
+def inner_limits(task: Task) -> tuple[Array, Array]:
+    """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each.
+
+    A missing limit is replaced by one at least 3 rad or m from 0 and from the reference pose.
+    """
+    low = np.where(
+        np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0)
+    )
+    high = np.where(
+        np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0)
+    )
+    return low + 0.1 * (high - low), high - 0.1 * (high - low)
+
+
+def _redundant(robot: Robot, task: Task) -> Task:
+    """Return a task after a check that it is redundant, and that J reaches full row rank."""
+    if task.r >= 1 and _reaches_full_rank(task):
+        return task
+    others = redundant_kinds(robot, task.frame)
+    names = ", ".join(f"{kind} (r = {r})" for kind, r in others.items() if r >= 1)
+    remedy = (
+        f"redundant here: {names}" if names else "no kind of task is redundant here"
+    )
+    sizes = f"n = {task.n} joints move it and the task has m = {task.m} coordinates"
+    why = f"{sizes}, so r = {task.r}"
+    if task.r >= 1:
+        why = f"its joints can never move it in all {task.m} coordinates of the task"
+    raise InputError(f"{robot.name} {task.frame!r}, {task.kind}: {why}", remedy=remedy)
+
+
+def _redundant_frame(robot: Robot) -> str | None:
+    """Find the redundant frame with the most joints; None if no kind of task is redundant."""
+    chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
+    for chain in sorted(chains, key=len, reverse=True):
+        kinds = redundant_kinds(robot, chains[chain])
+        if max(kinds.values(), default=0) > 0:
+            return chains[chain]
+    return None
+
+
+def _reaches_full_rank(task: Task) -> bool:
+    """Test whether J has full row rank at one of 32 random configurations within the limits."""
+    J = task.jacobians(random_configurations(task, _SAMPLES, np.random.default_rng(0)))
+    if task.m > 2:
+        J[:, :3] /= max(arm_length(task, task.reference), 1e-9)
+    return bool((inverse_condition_number(J) > _RANK).any()) and task.r >= 0

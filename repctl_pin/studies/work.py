@@ -1,0 +1,85 @@
+"""Choice of the degree of a design, by its estimated computation time."""
+
+from __future__ import annotations
+
+import math
+
+from ..errors import InputError
+from ..model.task import Task
+from ..potentials import Polynomial
+
+LONG = 60.0
+"""Estimated processor time of a design, s, above which a lower degree is chosen, or a note made."""
+
+_TOO_LONG = 600.0
+"""Estimated processor time, s, above which a study is refused unless its degree was given."""
+
+_RATE = 3000.0
+"""Speed of a design: entries of the Gauss–Newton matrix summed over 16,384 nodes, per second."""
+
+
+def design_seconds(task: Task, degree: int) -> float:
+    """Estimate the processor time, s, of a design with polynomials, within a factor of 3."""
+    N = math.comb(task.n + degree, degree) - 1
+    nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
+    return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
+
+
+def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
+    """Choose the degree of a design: the given one, or 2, or 1 if degree 2 would take long.
+
+    Returns the degree, and notes on the time it takes.
+
+    Raises
+    ------
+    InputError
+        If the degree makes too many potentials, or takes very long and was not given.
+    """
+    if degree is not None:
+        check_degree(task, degree)
+        seconds = design_seconds(task, degree)
+        if seconds <= LONG:
+            return degree, []
+        time = (
+            f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}"
+        )
+        return degree, [f"{time}; a lower degree takes less"]
+    seconds = design_seconds(task, 2)
+    if seconds <= LONG:
+        check_degree(task, 2)
+        return 2, []
+    least = design_seconds(task, 1)
+    if least > _TOO_LONG:
+        raise InputError(
+            f": a study of {task.n} joints takes {_about(least)} even at degree 1",
+            argument="degree",
+            remedy="choose a frame that fewer joints move, lock joints, or pass degree=1",
+        )
+    times = (
+        f"{_about(least)}; degree 2 would take {_about(seconds)} for {task.n} joints"
+    )
+    return 1, [f"degree 1 is used, which takes {times} and is used on request"]
+
+
+def check_degree(task: Task, degree: int) -> None:
+    """Check that a degree does not make too many potentials of all joints.
+
+    Raises
+    ------
+    InputError
+        If it makes too many; the remedy is a lower degree.
+    """
+    try:
+        Polynomial(task.reference, degree)
+    except InputError as error:
+        error.remedy = "lower the degree"  # a design takes all joints as variables
+        raise
+
+
+def _about(seconds: float) -> str:
+    """Write an estimated time in seconds, minutes or hours, such as ``about 5 min``."""
+    if seconds < 100:
+        return f"about {max(seconds, 1):.0f} s"
+    if seconds < 6000:
+        return f"about {seconds / 60:.0f} min"
+    return f"about {seconds / 3600:.0f} h"

@@ -1,1 +1,0 @@
-"""Catalogue of known robots, and reading and validation of URDF files."""
