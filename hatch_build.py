@@ -104,7 +104,9 @@ class CustomBuildHook(BuildHookInterface):
             return
         self.folder = tempfile.TemporaryDirectory()
         editable = version == "editable"
-        library = native.LIBRARY if editable else Path(self.folder.name) / "library.so"
+        library = (
+            native.LIBRARY if editable else Path(self.folder.name) / "librepctl.so.1"
+        )
         try:
             native.build(library)
         except native.NoCompilerError as error:
@@ -113,7 +115,9 @@ class CustomBuildHook(BuildHookInterface):
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform_tag()}"
         if not editable:
-            build_data["force_include"][str(library)] = "repctl_pin/native/library.so"
+            build_data["force_include"][str(library)] = (
+                "repctl_pin/native/librepctl.so.1"
+            )
 
 
 def platform_tag() -> str:

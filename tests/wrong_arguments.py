@@ -370,6 +370,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Governor, "start"): {"q": q0},
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
+        (rp.Design, "spectral_cost"): {},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},

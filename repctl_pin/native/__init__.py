@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_LIBRARY = Path(__file__).with_name("library.so")
+_LIBRARY = Path(__file__).with_name("librepctl.so.1")
 
 _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
 

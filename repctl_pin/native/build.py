@@ -20,7 +20,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-LIBRARY = FOLDER / "library.so"
+LIBRARY = FOLDER / "librepctl.so.1"
+"""The library; Python would take a file that ends with ``.so`` for a module."""
 
 _FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 """Without fused multiply-add, every compiler and processor computes the same numbers."""
@@ -123,10 +124,10 @@ def build(library: Path = LIBRARY) -> None:
                 lines.append([*command, *flags, "-c", str(source), "-o", objects[-1]])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, lines, [folder] * len(lines)))
-        link = [*command, *_FLAGS, "-shared", *objects, "-o", "library.so", "-lm"]
+        link = [*command, *_FLAGS, "-shared", *objects, "-o", "librepctl.so.1", "-lm"]
         _run(link, folder)
         draft = library.with_name(f"{library.name}.{os.getpid()}")
-        shutil.copyfile(Path(folder) / "library.so", draft)
+        shutil.copyfile(Path(folder) / "librepctl.so.1", draft)
         draft.replace(library)  # a running process keeps the old file
 
 

@@ -203,7 +203,7 @@ def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
     small = ["--cycles", "1", "--steps", "60", "--degree", "1"]
     done = repctl("study", "mine.urdf", *small, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "meshes are missing" in done.stdout
+    assert "meshes missing: --package-dir DIR" in done.stdout
     assert (tmp_path / "repctl-out" / "mine" / "animation.html").is_file()
 
 

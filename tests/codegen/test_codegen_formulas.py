@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from cell_functions import CELLS, function_of
 
-from repctl_pin.extensions.runtime.codegen.cell_function import elimination_order
-from repctl_pin.extensions.runtime.codegen.expressions import Graph, assignments, number
+from repctl_pin.extensions.runtime.codegen import cell_function, expressions
 
 
 def test_expressions_simplify_and_write_what_they_mean() -> None:
-    graph = Graph()
+    graph = expressions.Graph()
     x, y, one, zero = (
         graph.input("x"),
         graph.input("y"),
@@ -31,7 +30,7 @@ def test_expressions_simplify_and_write_what_they_mean() -> None:
     assert x * y is y * x and graph.function("cos", zero).value == 1.0
     three = graph.number(-3.0)
     sine = graph.function("sin", x)
-    text = assignments(
+    text = expressions.assignments(
         {"a": -(x * three) - (y - x) * y, "b": sine * (x + three) - sine}
     )
     given: dict[str, Any] = {"x": 0.7, "y": -1.3, "sin": np.sin}
@@ -39,7 +38,10 @@ def test_expressions_simplify_and_write_what_they_mean() -> None:
     assert given["a"] == pytest.approx(2.1 + 2.0 * -1.3) and given[
         "b"
     ] == pytest.approx(np.sin(0.7) * -3.3)
-    assert number(-0.0) == "0.0" and float(number(0.1 + 0.2)) == 0.1 + 0.2
+    assert (
+        expressions.number(-0.0) == "0.0"
+        and float(expressions.number(0.1 + 0.2)) == 0.1 + 0.2
+    )
 
 
 @pytest.mark.parametrize("name", CELLS)
@@ -48,7 +50,7 @@ def test_the_order_of_elimination_needs_no_exchanges(name: str) -> None:
     chart = function_of(name).chart
     q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
     A = np.concatenate([chart.cell.task.jacobian(q), V.T])
-    rows, columns = elimination_order(chart)
+    rows, columns = cell_function.elimination_order(chart)
     assert sorted(rows) == sorted(columns) == list(range(len(A)))
     A = A[np.ix_(rows, columns)]
     for k in range(len(A)):

@@ -591,7 +591,7 @@ def test_what_a_design_says_of_itself() -> None:
         design.requested_sigma_min,
     ) == (0.05, 0.0, 0.0)
     assert said["extra joint speed"].startswith(
-        f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g}, "
+        f"{100 * j.extra_speed:.3g} % ± {100 * j.extra_speed_error:.1g} on average, "
     )
     assert (
         said["coverage"] == "100 %" and f"{j.limit_margin:.3g}" in said["limit margin"]
@@ -604,7 +604,7 @@ def test_what_a_design_says_of_itself() -> None:
     assert small.figures()["posture"] == "0.0123, 0, 1.235, -2, 30, 0, -0.04"
     errors = replace(j, extra_speed_error=0.00945, body_distance=0.1235)
     said = replace(design, evaluation=errors).figures()
-    assert " % ± 0.9, " in said["extra joint speed"]
+    assert " % ± 0.9 on average, " in said["extra joint speed"]
     assert said["body distance"].startswith(
         "12.3 cm, " + " and ".join(j.nearest_bodies)
     )

@@ -12,13 +12,7 @@ from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.extensions.runtime.course import FreeCourse
-from repctl_pin.extensions.runtime.frame_motion import (
-    brake,
-    change_of_acceleration,
-    landing,
-)
-from repctl_pin.extensions.runtime.governor_law import longest_landing
+from repctl_pin.extensions.runtime import course, frame_motion, governor_law
 
 DT = 0.001
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -225,15 +219,16 @@ def test_at_low_jerk_it_arrives_and_does_not_turn_back(jerk: float) -> None:
 def test_a_landing_is_as_long_as_it_can_be_without_turning_back() -> None:
     """The quintic to rest over the distance 1: its last derivative that is not 0 changes sign."""
     for speed, rate in ((1.0, -0.4), (1.0, 0.0), (0.3, 2.0), (0.0, 1.0)):
-        T = longest_landing(speed, rate)
+        T = governor_law.longest_landing(speed, rate)
         for share, turns_back in ((0.99, False), (1.01, True)):
             one = np.eye(6)[0]
-            course = FreeCourse(planar().task, pin.SE3.Identity())
-            motion = landing(course, speed * one, rate * one, one, share * T)
+            free = course.FreeCourse(planar().task, pin.SE3.Identity())
+            motion = frame_motion.landing(free, speed * one, rate * one, one, share * T)
             t = np.linspace(0.0, share * T, 4001)
             way = np.array([motion.placement(s).translation[0] for s in t])
             assert (way.max() > 1 + 1e-12) == turns_back
-    assert longest_landing(1.0, -1.0) == longest_landing(0.0, 0.0) == np.inf
+    assert governor_law.longest_landing(1.0, -1.0) == np.inf
+    assert governor_law.longest_landing(0.0, 0.0) == np.inf
 
 
 def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
@@ -245,13 +240,13 @@ def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
 def test_the_rates_of_frame_motions_are_derivatives() -> None:
     """ω and ω̇ by finite differences of the placement; the ends of each kind of motion."""
     rng = np.random.default_rng(0)
-    start = FreeCourse(planar().task, pin.SE3.Random())
+    start = course.FreeCourse(planar().task, pin.SE3.Random())
     twist, rate, later, way = rng.normal(size=(4, 6))
     step = 1e-4
     motions = [
-        change_of_acceleration(start, twist, rate, later, 0.8),
-        brake(start, twist, rate, 1.1),
-        landing(start, twist, rate, 1.5 * way, 0.9),
+        frame_motion.change_of_acceleration(start, twist, rate, later, 0.8),
+        frame_motion.brake(start, twist, rate, 1.1),
+        frame_motion.landing(start, twist, rate, 1.5 * way, 0.9),
     ]
     for motion in motions:
         for t in (0.01, 0.3, 0.79):

@@ -11,8 +11,7 @@ import pinocchio as pin
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.extensions.runtime.leaf_direction import leaf_direction
-from repctl_pin.extensions.runtime.target_joints import TargetJoints
+from repctl_pin.extensions.runtime import leaf_direction, target_joints
 
 Q0 = np.array([0.3, 0.8, 0.8])
 
@@ -83,7 +82,7 @@ def test_they_are_found_from_the_start_alone() -> None:
 
     def found(target: tuple[float, float], upper: float) -> np.ndarray | None:
         limits = SimpleNamespace(lower=np.full(3, -9.0), upper=np.full(3, upper))
-        joints = TargetJoints(inverse(), limits)
+        joints = target_joints.TargetJoints(inverse(), limits)
         joints.start(Q0, inverse().leaf(Q0))
         for _ in range(100):
             joints.look_for(moved(*target))
@@ -110,13 +109,15 @@ def test_the_direction_is_along_the_leaf_and_around_a_singularity() -> None:
     q, goal = Q0, line(*GOAL)[-1]
     assert regular(q) > 0.1
     np.testing.assert_allclose(
-        leaf_direction(control, q, goal), tangent(q, goal - q), atol=1e-12
+        leaf_direction.leaf_direction(control, q, goal),
+        tangent(q, goal - q),
+        atol=1e-12,
     )
     far = np.array([5.0, 5.0])
     while regular(q) > 0.025:  # towards the edge of the reach
         q = q + 0.002 * control(q) @ (far / np.linalg.norm(far))
     beyond = q + 0.3 * control(q) @ far
-    d = leaf_direction(control, q, beyond)
+    d = leaf_direction.leaf_direction(control, q, beyond)
     np.testing.assert_allclose(tangent(q, d), d, rtol=0, atol=1e-9 * np.linalg.norm(d))
     e = 1e-5 * d / np.linalg.norm(d)
     assert regular(q + e) > regular(q) > regular(q + 1e-5 * tangent(q, beyond - q))

@@ -50,7 +50,7 @@ def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_s
     None
 ):
     """Issue 38, item 2."""
-    library = NATIVE / "library.so"
+    library = NATIVE / "librepctl.so.1"
     assert library.exists(), f"the native library is not built; run `{BUILD}`"
     newest = max(NATIVE.glob("*.[ch]"), key=lambda file: file.stat().st_mtime)
     assert library.stat().st_mtime >= newest.stat().st_mtime, (
@@ -65,7 +65,7 @@ def test_without_the_library_numpy_proves_the_same_and_one_warning_says_why(
     shutil.copytree(
         ROOT / "repctl_pin",
         tmp_path / "repctl_pin",
-        ignore=shutil.ignore_patterns("*.so"),
+        ignore=shutil.ignore_patterns("*.so.1"),
     )
     (tmp_path / "repctl_pin" / "model" / "files").symlink_to(ROOT / "urdf")
     without, with_library = proved(tmp_path), proved(ROOT, "-W", "error::UserWarning")
@@ -81,10 +81,10 @@ def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
     shutil.copytree(
         ROOT / "repctl_pin",
         tmp_path / "repctl_pin",
-        ignore=shutil.ignore_patterns("*.so"),
+        ignore=shutil.ignore_patterns("*.so.1"),
     )
     (tmp_path / "repctl_pin" / "model" / "files").symlink_to(ROOT / "urdf")
-    (tmp_path / "repctl_pin" / "native" / "library.so").write_bytes(b"\x7fELF")
+    (tmp_path / "repctl_pin" / "native" / "librepctl.so.1").write_bytes(b"\x7fELF")
     said = proved(tmp_path)
     assert said.returncode == 0 and said.stderr.count("it does not load (") == 1
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import Array
+from ...arguments import Array, read_only
 from ...model.chain_formulas import axis_turn
 from ...model.task import Task
 
@@ -160,7 +160,8 @@ class PoseBox(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+@read_only
 class BoxCourse:
     """Course in a cell: ``y = y₀ + φ`` are the cell's coordinates, followed by zeros; ``ξ = ẏ``.
 

@@ -30,8 +30,8 @@ _TITLES = {
     "posture": "+ posture",
     "repeatable": "repeatable",
 }
-_FIRST = ("collisions of ", "the URDF has no collision geometry")
-"""Beginnings of the notes on bodies that are not checked, which come first."""
+_FIRST = "report.html is ", "collisions of ", "the URDF has no collision geometry"
+"""Beginnings of the notes on an old report and on bodies that are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
