@@ -4,10 +4,12 @@ do."""
 from __future__ import annotations
 
 import importlib
+import itertools
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
@@ -83,3 +85,40 @@ def test_a_program_that_stops_is_said_to_have_stopped(
 
     Q, said = cycles.joints_of(step, scenes[0], 1)
     assert len(Q) == 1 and said == "cycle 1: RuntimeError: out of reach"
+
+
+def test_paths_of_torm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Issue 37, item 24: closed, with the lengths of CppFlow's files, inside the limits."""
+    torm, robots = module("torm", monkeypatch), module("robots", monkeypatch)
+    task = robots.chain_task("fetch", *torm.fetch_joints(), tmp_path)
+    assert task.placement(np.zeros(7)).translation == pytest.approx(
+        [1.1281, 0, 0.78601]
+    )
+    expected = {"circle": (1.57, 0), "square": (1.52, 0), "rotation": (0, 2 * np.pi)}
+    for scene, (length, turn) in zip(
+        torm.scenes_of(task, 1000), expected.values(), strict=True
+    ):
+        assert scene.dt == 0.02
+        assert np.abs(task.error(scene.q0, scene.targets[-1])).max() < 1e-9
+        assert task.limit_margin(scene.q0).min() > 0
+        poses = [scene.targets[-1], *scene.targets]
+        moves = [pin.log6(a.actInv(b)) for a, b in itertools.pairwise(poses)]
+        sums = [
+            sum(np.linalg.norm(part) for part in parts)
+            for parts in zip(*((m.linear, m.angular) for m in moves), strict=True)
+        ]
+        assert sums == pytest.approx([length, turn], abs=5e-3)
+    assert scene.targets[124].rotation == pytest.approx(
+        pin.exp3(np.array([0, np.pi / 4, 0])), abs=1e-9
+    )
+
+
+def test_other_tables_leave_the_six_arms_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Issue 37, item 24: five more arms and the paths of TORM do not enter the medians."""
+    pages = module("pages", monkeypatch)
+    rows, _ = pages.read()
+    six = [row for row in rows if row.arm in pages.ARMS]
+    ours, alone = pages.tables(rows), pages.tables(six)
+    names = ("short", "on", "off", "lag", "arms", "times")
+    assert len(six) < len(rows)
+    assert all(ours[name] == alone[name] for name in names)

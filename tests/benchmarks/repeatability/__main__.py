@@ -1,8 +1,8 @@
 """The repeatability benchmark: which control loops come back to their joints, and at what price.
 
 Every program follows the same closed paths on the same arms, from the same joints, and undoes the
-whole task error in each step. One command, one process, about ten minutes; it writes the tables of
-docs/benchmark.md and docs/which.md, the figure, and every number as docs/benchmark.csv:
+whole task error in each step. One command, one process, about twenty minutes; it writes the tables
+of docs/benchmark.md and docs/which.md, the figure, and every number as docs/benchmark.csv:
 
     pip install -e '.[bench]'
     python tests/benchmarks/repeatability
@@ -27,8 +27,9 @@ import numpy as np
 import ours
 import pages
 import peers
+import torm
 from cycles import Row, joints_of, measure, microseconds
-from robots import ARMS, task_of
+from robots import ARMS, MORE, chain_task, task_of
 from scenes import PERIOD, Scene, scenes_of
 
 import repctl_pin as rp
@@ -48,6 +49,8 @@ def programs(folder: Path, inverse: rp.RepeatableInverse) -> dict[str, Make]:
         "pink + posture": partial(peers.pink_loop, posture_cost=1e-3),
         "mink": partial(peers.mink_loop, folder=folder),
         "mink + posture": partial(peers.mink_loop, folder=folder, posture_cost=1e-2),
+        "roboplan": partial(peers.roboplan_loop, folder=folder),
+        "roboplan + posture": partial(peers.roboplan_loop, folder=folder, posture=True),
         "ssik Tracker": peers.ssik_loop,
         "repctl_pin, Python": partial(ours.repeatable, inverse=inverse),
         "repctl_pin, compiled": partial(ours.repeatable, inverse=fast),
@@ -56,9 +59,25 @@ def programs(folder: Path, inverse: rp.RepeatableInverse) -> dict[str, Make]:
 
 def rows_of(arm: str, folder: Path, cycles: int, steps: int) -> Iterator[Row]:
     """Go round with everything on one arm."""
+    if arm == "fetch":
+        task = chain_task(arm, *torm.fetch_joints(), folder)
+        for scene in torm.scenes_of(task, int(steps * torm.PERIOD / PERIOD)):
+            yield from _rows([scene], folder, min(cycles, 10))
+        return
     task = task_of(arm, folder)
     scenes = scenes_of(arm, task, steps)
-    design = ours.design_for(scenes)
+    if arm in MORE:
+        yield from _rows(scenes[:1], folder, min(cycles, 10))
+    else:
+        servo = scenes_of(arm, task, int(1000 * PERIOD))[0]
+        yield from _rows(scenes, folder, cycles, servo)
+
+
+def _rows(
+    scenes: list[Scene], folder: Path, cycles: int, servo: Scene | None = None
+) -> Iterator[Row]:
+    """Make one design for some scenes, and go round each of them; and once where a servo lags."""
+    arm, design = scenes[0].arm, ours.design_for(scenes)
     print(
         f"{arm}: {design.relative_distance:.1%} from J⁺, leaf margin {design.leaf_margin:.2f}",
         flush=True,
@@ -71,17 +90,11 @@ def rows_of(arm: str, folder: Path, cycles: int, steps: int) -> Iterator[Row]:
     times = microseconds(quick, scenes[0])
     times["repctl_pin, C"] = generated_c.run(program, scenes[0], 20)[1]
     for scene in scenes:
-        yield from _all(
-            scene,
-            makers,
-            program,
-            cycles if scene.path == "circle" else min(cycles, 10),
-            times,
-        )
-    times.pop("ssik Tracker", None)  # it goes by joints of its own: no servo enters
-    yield from _all(
-        scenes_of(arm, task, int(1000 * PERIOD))[0], makers, program, 1, times, lag=1.0
-    )
+        most = cycles if scene.path == "circle" else min(cycles, 10)
+        yield from _all(scene, makers, program, most, times)
+    if servo is not None:
+        times.pop("ssik Tracker", None)  # it goes by joints of its own: no servo enters
+        yield from _all(servo, makers, program, 1, times, lag=1.0)
 
 
 def _loops(makers: dict[str, Make], scene: Scene) -> dict[str, ours.Step]:
@@ -127,7 +140,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
+    arms = [*ARMS, *MORE, "fetch"]
+    parser.add_argument("--arms", nargs="+", choices=arms, default=arms)
     parser.add_argument("--cycles", type=int, default=100)
     parser.add_argument(
         "--steps", type=int, default=250, help="a cycle of 5 s (default 250)"

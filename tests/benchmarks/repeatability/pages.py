@@ -15,6 +15,7 @@ import numpy as np
 from cycles import Row
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from robots import ARMS, MORE
 
 BLUE, GREEN, VERMILLION = "#0072B2", "#009E73", "#D55E00"
 """Okabe and Ito's colours, as in the figures of a study."""
@@ -24,7 +25,17 @@ DARKER = {GREEN: "#008762", VERMILLION: "#C35600"}
 
 ROOT = Path(__file__).parents[3]
 CSV = ROOT / "docs" / "benchmark.csv"
-PACKAGES = ("repctl-pin", "pin", "pin-pink", "mink", "mujoco", "ssik", "daqp", "numpy")
+PACKAGES = (
+    "repctl-pin",
+    "pin",
+    "pin-pink",
+    "mink",
+    "mujoco",
+    "roboplan",
+    "ssik",
+    "daqp",
+    "numpy",
+)
 PAGES = (ROOT / "docs" / "benchmark.md", ROOT / "docs" / "which.md")
 COLUMNS = (
     "program",
@@ -108,18 +119,22 @@ def filled(text: str, rows: Sequence[Row], said: str) -> str:
 
 def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
     """Make every table, by its name, as lines of Markdown."""
-    plain = [row for row in rows if row.lag_ms == 0]
+    six = [row for row in rows if row.arm in ARMS]
+    plain = [row for row in six if row.lag_ms == 0]
+    circle = [row for row in plain if row.start == "on" and row.path == "circle"]
+    more = [row for row in rows if row.arm in MORE]
+    torm = [row for row in rows if row.arm == "fetch"]
     found = {
         "short": _short_table(plain),
         "on": _summary(row for row in plain if row.start == "on"),
         "off": _summary(row for row in plain if row.start == "off"),
-        "lag": _summary(row for row in rows if row.lag_ms > 0),
-        "arms": _by_arm(
-            [row for row in plain if row.start == "on" and row.path == "circle"]
-        ),
-        "times": _times(
-            [row for row in plain if row.start == "on" and row.path == "circle"]
-        ),
+        "lag": _summary(row for row in six if row.lag_ms > 0),
+        "arms": _drifts(circle, "arm"),
+        "times": _times(circle),
+        "more": _drifts(more, "arm"),
+        "more summary": _summary(more),
+        "torm": _drifts(torm, "path"),
+        "torm summary": _summary(torm),
         "failures": [
             f"- {row.arm}, {row.path}, {row.start}, {row.program}: {row.failure}"
             for row in rows
@@ -134,7 +149,7 @@ def _summary(rows: Iterable[Row]) -> list[str]:
     """One line per program: the median over arms and paths, and below it the worst."""
     lines = []
     for name, of in _grouped(rows, "program").items():
-        broken = sum(row.limit_margin < -1e-9 for row in of)
+        broken = sum(row.limit_margin < -1e-5 for row in of)
         stopped = sum(bool(row.failure) for row in of)
         cells = [
             _middle([getattr(row, key) for row in of])
@@ -190,16 +205,17 @@ def _short_table(rows: Sequence[Row]) -> list[str]:
     return _markdown((*header, "off the posture: largest step", "time of pinv"), lines)
 
 
-def _by_arm(rows: Sequence[Row]) -> list[str]:
-    """Drift after ten cycles: programs down, arms across."""
-    arms = list(_grouped(rows, "arm"))
+def _drifts(rows: Sequence[Row], key: str) -> list[str]:
+    """Drift after ten cycles: programs down, arms or paths across."""
+    across = list(_grouped(rows, key))
     lines = []
     for name, of in _grouped(rows, "program").items():
         drift = {
-            row.arm: (row.failure and "stopped") or _number(row.drift_10) for row in of
+            getattr(row, key): (row.failure and "stopped") or _number(row.drift_10)
+            for row in of
         }
-        lines.append([_bold(name), *(drift.get(arm, "–") for arm in arms)])
-    return _markdown(("program", *arms), lines)
+        lines.append([_bold(name), *(drift.get(one, "–") for one in across)])
+    return _markdown(("program", *across), lines)
 
 
 def _times(rows: Sequence[Row]) -> list[str]:
@@ -217,7 +233,7 @@ def figure(rows: Sequence[Row], path: Path) -> None:
 
     A small dot is one arm and path, a large one the median; hollow if started away from the
     posture."""
-    rows = [row for row in rows if row.lag_ms == 0]
+    rows = [row for row in rows if row.arm in ARMS and row.lag_ms == 0]
     programs = _grouped(rows, "program")
     panels = (
         ("drift after 10 cycles, rad", lambda row: max(row.drift_10, 1e-15), "log"),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 from ours import Step
-from robots import chain_urdf, ssik_arm
+from robots import OF_SSIK, chain_urdf, ssik_arm
 from scenes import Scene
 
 
@@ -67,19 +67,48 @@ def mink_loop(scene: Scene, folder: Path, posture_cost: float = 0.0) -> Step:
     return step
 
 
-_OF_SSIK = {
-    "panda": "franka_panda",
-    "xarm7": "xarm7",
-    "gen3": "gen3",
-    "iiwa14": "iiwa14",
-}
+def roboplan_loop(scene: Scene, folder: Path, posture: bool = False) -> Step:
+    """roboplan: a FrameTask (costs 1 and 1), limits of joints and speeds, and a regularisation
+    that determines the null space; its examples add a ConfigurationTask of weights 0.05 and
+    priority 2."""
+    from roboplan import optimal_ik
+    from roboplan.core import CartesianConfiguration, loadUrdfSceneDescription
+    from roboplan.core import Scene as Robot
+
+    task, path = scene.task, chain_urdf(scene.task, folder)
+    robot = Robot(scene.arm, loadUrdfSceneDescription(path))
+    oink = optimal_ik.Oink(robot)
+    zero = pin.neutral(pin.buildModelFromUrdf(str(path)))
+    here = CartesianConfiguration(
+        "base", "tool", np.asfortranarray(task.placement(scene.q0).homogeneous)
+    )
+    frame = optimal_ik.FrameTask(oink, robot, here)
+    tasks: list[optimal_ik.Task] = [frame]
+    if posture:
+        options = optimal_ik.ConfigurationTaskOptions(priority=2)
+        weights = np.full(task.n, 0.05)
+        wanted = robot.integrate(zero, scene.posture)
+        tasks.append(optimal_ik.ConfigurationTask(oink, wanted, weights, options))
+    limits = [
+        optimal_ik.PositionLimit(oink),
+        optimal_ik.VelocityLimit(oink, scene.dt, task.velocity_limit),
+    ]
+    delta = np.zeros(task.n)
+
+    def step(q: np.ndarray, target: pin.SE3) -> np.ndarray:
+        frame.setTargetFrameTransform(np.asfortranarray(target.homogeneous))
+        there = robot.integrate(zero, q)  # a continuous joint is (cos, sin) in roboplan
+        oink.solveIk(there, tasks, limits, [], delta, 1e-6)
+        return q + delta
+
+    return step
 
 
 def ssik_loop(scene: Scene) -> Step:
     """ssik's Tracker on the arm as it ships it; a fixed tool is taken off the target."""
-    if scene.arm not in _OF_SSIK:
+    if scene.arm not in OF_SSIK:
         raise AbsentError("ssik ships no such arm")
-    arm = ssik_arm(_OF_SSIK[scene.arm])
+    arm = ssik_arm(scene.arm)
     tools = []
     for q in (scene.q0, scene.q0 + 0.1):
         tools.append(np.linalg.solve(arm.fk(q), scene.task.placement(q).homogeneous))

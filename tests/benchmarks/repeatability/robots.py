@@ -20,10 +20,31 @@ ARMS = {
 }
 """Arm: the frame that moves; None where the kinematics are those that ssik ships."""
 
+MORE = ("rizon4", "kr810", "openarm", "rm75", "yumi")
+"""Arms of a table of their own; their kinematics, too, are those that ssik ships."""
+
+OF_SSIK = {
+    "panda": "franka_panda",
+    "xarm7": "xarm7",
+    "gen3": "gen3",
+    "iiwa14": "iiwa14",
+    "rizon4": "rizon4",
+    "kr810": "kassow_kr810",
+    "openarm": "openarm_right",
+    "rm75": "rm75",
+    "yumi": "yumi_right",
+}
+"""Arm: its name in ssik."""
+
 STARTS = {
     "gen3": (0.0, 0.5, np.pi, -1.9, 0.0, 0.9, np.pi / 2),
     "iiwa14": (0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0),
     "tiago": (0.16, 0.64, -1.0, -1.15, 0.04, -0.09, -0.98, 0.6),
+    "rizon4": (0.5, -0.9, -0.4, 1.2, 1.6, 0.9, 0.5),
+    "kr810": (-1.3, 1.4, 1.3, 1.3, -1.3, -1.7, 0.0),
+    "openarm": (-0.5, 0.8, -0.6, 1.8, 0.0, 0.2, 0.1),
+    "rm75": (0.0, 0.3, 0.0, 1.5, 0.0, 0.9, 0.0),
+    "yumi": (-0.5, -0.9, -1.7, 0.2, -0.2, 0.7, -1.9),
 }
 """Where to begin where the reference pose will not do: from here J⁺ goes round every path inside
 the limits once."""
@@ -34,11 +55,18 @@ Joint = tuple[str, pin.SE3, np.ndarray, bool, float, float, float]
 
 def task_of(arm: str, folder: Path) -> rp.Task:
     """Load the pose task of an arm."""
-    frame = ARMS[arm]
+    frame = ARMS.get(arm)
     if frame is not None:
         return rp.Robot.load(arm).task(frame, "pose")
-    path = folder / f"{arm}_from_ssik.urdf"
-    path.write_text(_urdf(*_ssik_joints(arm)), encoding="utf-8")
+    return chain_task(arm, *_ssik_joints(arm), folder)
+
+
+def chain_task(
+    name: str, joints: Iterable[Joint], tool: pin.SE3, folder: Path
+) -> rp.Task:
+    """Load the pose task of a chain of joints."""
+    path = folder / f"{name}_arm.urdf"
+    path.write_text(_urdf(joints, tool), encoding="utf-8")
     return rp.Robot.load(path).task("tool", "pose")
 
 
@@ -72,7 +100,7 @@ def ssik_arm(arm: str):
     """Ask ssik for one of the arms that it ships."""
     import ssik
 
-    return ssik.Manipulator.from_prebuilt(arm)
+    return ssik.Manipulator.from_prebuilt(OF_SSIK[arm])
 
 
 def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:

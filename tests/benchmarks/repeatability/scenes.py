@@ -29,11 +29,12 @@ class Scene:
     targets: list[pin.SE3]
     q0: np.ndarray
     posture: np.ndarray
+    period: float = PERIOD
 
     @property
     def dt(self) -> float:
         """Time of a step, s."""
-        return PERIOD / len(self.targets)
+        return self.period / len(self.targets)
 
 
 def scenes_of(arm: str, task: rp.Task, steps: int) -> list[Scene]:
