@@ -219,3 +219,28 @@ def test_a_hundred_thousand_poses_in_one_call(poses: rp.InverseFunction) -> None
     X = targets(poses, 100_000)
     Q = jax.jit(jax.vmap(inverse_function(poses)))(X)
     assert np.abs(Q[::1000] - poses.batch([pin.SE3(x) for x in X[::1000]])).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_far_leaves_of_a_sector_are_refused_where_python_refuses() -> None:
+    """Issue 20, item 10: JAX asked for a shorter last Newton step, and refused more."""
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    middle = task.placement(task.reference)
+    sector = rp.Sector(task, middle, radius=0.05, height=0.05, angle="all")
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task),
+        sector,
+        degree=2,
+        options=rp.FitOptions(samples=128, held_out=64),
+        incomplete="keep",
+    )
+    F, rng = found.function, np.random.default_rng(5)
+    U = rng.uniform(-1, 1, (1500, F.cell.k))
+    X, C = (
+        np.array([F.cell.at(u).homogeneous for u in U]),
+        rng.uniform(-6, 6, (1500, 1)),
+    )
+    wanted = F.batch(X, leaf=C, missing="nan")
+    Q = jax.vmap(inverse_function(F))(X, C)
+    assert np.array_equal(np.isnan(Q), np.isnan(wanted))
+    assert np.nanmax(np.abs(Q - wanted)) < 1e-11

@@ -29,6 +29,10 @@ _ITERATIONS = 12
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
 
+_CONVERGED = 1e-6
+"""Length of the last Newton step, rad or m, below which q is a solution, as for F in Python; its
+error is of the order of its square."""
+
 _ROUNDINGS = 64
 """Tolerance of Newton's method, rad or m, as a multiple of the machine epsilon."""
 
@@ -99,7 +103,8 @@ def inverse_function(F: InverseFunction) -> Callable[..., Numbers]:
 
         first = (q_ref + n_ref @ c, jnp.asarray(jnp.inf, x.dtype), 0)
         q, size, _ = jax.lax.while_loop(unfinished, newton, first)
-        return jnp.where(size < jnp.sqrt(exact), q, jnp.nan)
+        last = jnp.maximum(jnp.sqrt(exact), _CONVERGED)
+        return jnp.where(size < last, q, jnp.nan)
 
     @solution.defjvp
     def tangent(
