@@ -11,7 +11,7 @@ import repctl_pin as rp
 from ..errors import InputError, needed
 from ..files import write_whole, written_together
 from ..show.text.lines import fitted
-from .given import Options, integer, natural, numbers_of, save_control
+from .given import Options, integer, natural, numbers_of
 from .options import Parser
 from .terminal import in_percent, progress, report
 
@@ -92,7 +92,7 @@ def run(options: Options) -> int:
     with written_together(folder) as staged:
         made = [
             relabeled.save(staged / file.name),
-            save_control(relabeled.design, staged / "cell.json"),
+            rp.save(relabeled.design, staged / "cell.json"),
             write_whole(staged / "report.html", page),
         ]
         files = [folder / one.name for one in made]
