@@ -77,18 +77,22 @@ def test_two_to_four_returns_are_inconclusive(level: Level, task: rp.Task) -> No
 
 
 def held(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A log that rests at one hand pose with the last link turned by each of the levels, rad."""
+    """A log that rests at one hand pose with the last link turned by each of the levels, rad.
+
+    Levels (N, 20) are those of all rows of N rests.
+    """
     task = rp.Robot.load("planar3r").task("tool", "xy")
     x = task.placement(np.array([0.1, 1.6, 0.8])).translation[:2]
     poses = []
-    for angle in 2.5 + levels:
+    for angle in 2.5 + (np.repeat(levels, 20) if levels.ndim == 1 else levels.ravel()):
         wrist = x - [np.cos(angle), np.sin(angle)]
         second = np.arccos((wrist @ wrist - 2) / 2)
         first = np.arctan2(wrist[1], wrist[0]) - second / 2
         poses.append([first, second, angle - first - second])
     away = np.array([0.4, 1.2, 0.5])
-    rows = [row for pose in poses for row in (*[pose] * 20, *[away] * 20)]
-    q = np.array(rows) + 1e-4 * np.random.default_rng(0).standard_normal((len(rows), 3))
+    stays = np.array(poses).reshape(-1, 20, 3)
+    rows = np.hstack([stays, np.broadcast_to(away, stays.shape)]).reshape(-1, 3)
+    q = rows + 1e-4 * np.random.default_rng(0).standard_normal((len(rows), 3))
     return 0.05 * np.arange(len(q)), q
 
 
@@ -115,6 +119,19 @@ def test_the_logs_of_the_issue(levels: np.ndarray, verdict: str, task: rp.Task) 
         rate = np.abs(found.joints.rate).max()  # type: ignore[union-attr]
         each = 0.5 * np.abs(np.ptp(found.visits.q[-8:], axis=0)).max() / 7
         assert rate == pytest.approx(each, rel=0.3)  # a visit every 2 s
+
+
+@pytest.mark.parametrize("size", [0.02, 0.3])
+def test_a_motion_between_two_configurations_at_the_pose_is_seen(
+    size: float, task: rp.Task
+) -> None:
+    """Issue 37, item 12: the elbow moves there in one rest and back in the next, ABBAABBA."""
+    there = size * np.clip(np.linspace(-1, 2, 20), 0, 1)
+    t, q = held(np.array([there, there[::-1]] * 6))
+    keep = np.arange(len(t)) % 40 < 24
+    found = rp.audit((t[keep], q[keep]), task)
+    assert found.verdict == "jumps", found.summary()
+    assert found.visits.q[:, 2].std() > 0.3 * size
 
 
 def test_sentence_json_and_page_agree(
