@@ -152,19 +152,15 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 
     Intervals q ± r (N, n) of each joint have a common point if and only if each two overlap.
     """
-    low, high = list[Array](), list[Array]()
-    groups = np.zeros(len(q), np.intp)
+    low, high = np.empty_like(q), np.empty_like(q)  # of each group
+    groups, count = np.zeros(len(q), np.intp), 0
     for k, (a, b) in enumerate(zip(q - r, q + r, strict=True)):
-        for g in range(len(low) + 1):
-            if g == len(low):
-                low.append(a)
-                high.append(b)
-            elif (np.maximum(low[g], a) <= np.minimum(high[g], b)).all():
-                low[g], high[g] = np.maximum(low[g], a), np.minimum(high[g], b)
-            else:
-                continue
-            groups[k] = g
-            break
+        fits = ((a <= high[:count]) & (low[:count] <= b)).all(axis=1)
+        g = int(np.argmax(fits)) if fits.any() else count
+        if g == count:
+            low[g], high[g], count = a, b, count + 1
+        low[g], high[g] = np.maximum(low[g], a), np.minimum(high[g], b)
+        groups[k] = g
     return groups
 
 
