@@ -97,7 +97,8 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
-    The pose with the most visits is taken, and of equal ones the one where the hand stayed longest.
+    The pose with the most visits within a quarter of the tolerance is taken, and of equal ones the
+    one where the hand stayed longest. A path that passes a pose farther away is thus not preferred.
     If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
     poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
     ``(p, ℓ R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
