@@ -46,11 +46,8 @@ _AVERAGED = 4
 _MOST_ROWS = 64
 """Maximum number of rows of a visit that are averaged."""
 
-_SLOPE = 6.0
+_SLOPE = 10.0
 """Assumed bound on the self-motion between two nearby poses, relative to the motion by J⁺."""
-
-_REGRESSED = 0.3
-"""Assumed error of the regression at a visit, relative to its correction of the mean."""
 
 _MOVED = 5.0
 """Self-motion during a visit, in standard deviations, that is distinguished from noise."""
@@ -304,8 +301,7 @@ def _configuration(
 ) -> _Estimate:
     """Estimate the configuration of a visit: the mean of four rows or more, or interpolated."""
     if len(one.rows) >= _AVERAGED:
-        q, A = _average(task, Q[one.rows], target, noise)
-        bend = _REGRESSED * np.abs(q - Q[one.rows].mean(axis=0))
+        q, A, bend = _average(task, Q[one.rows], target, noise)
     else:
         q, A, bend = _interpolated(task, t, Q, one.at, target)
     return _Estimate(_onto(task, q, target), task.error(q, target), A, bend)
@@ -334,7 +330,7 @@ def _errors(
 
 def _average(
     task: Task, Q: Array, target: pin.SE3, noise: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Average the configurations (K, n) of a visit.
 
     Its rows need not lie evenly around the pose. A linear regression of q on the error e of the
@@ -344,8 +340,8 @@ def _average(
 
     Returns
     -------
-    Configuration (n,), and its derivative A (n, n) by an error of the rows, in units of the
-    standard deviation of one row.
+    Configuration (n,); its derivative A (n, n) by an error of the rows, in units of the standard
+    deviation of one row; and the error (n,) of the regression, at most its correction of the mean.
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
@@ -362,7 +358,8 @@ def _average(
     if half >= _AVERAGED and (moved > least).any():
         return _average(task, Q[:half], target, noise)
     A = np.eye(task.n) + slopes @ task.jacobian(q)
-    return q, max(1.0, float(np.linalg.norm(weights))) * A
+    spread = max(1.0, float(np.linalg.norm(weights)))
+    return q, spread * A, np.abs(q - Q.mean(axis=0))
 
 
 def _interpolated(
