@@ -113,6 +113,7 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     z = norm.isf((1 - _SURE) / (N * (N - 1) * n))
     noise = z / np.sqrt(2) * deviation + floor
     r = noise + bias
+    sharp = noise + _SHARP * bias
     groups = _groups(q, r)
     within = groups.max() == 0
     least = np.maximum(np.median(np.maximum(deviation, bias), axis=0), floor)
@@ -130,8 +131,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
         kind = CREEPS
     elif within:
         blind = (np.median(r, axis=0) > _BLIND * scale).any()
-        sharp = _groups(q, noise + _SHARP * bias).max() == 0
-        kind = REPEATS if sharp and not blind else INCONCLUSIVE
+        alike = _groups(q, sharp).max() == 0
+        kind = REPEATS if alike and not blind else INCONCLUSIVE
     else:
         head = int(np.argmax(groups != 0))
         if ENOUGH <= head <= N - _LATER:
@@ -140,10 +141,12 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
             begins = head if (steady(head, CONFIDENCE) & quiet).any() else 0
         if begins:
             kind = LATER
-        elif _few(q, r, groups):
-            kind = JUMPS
+        elif _few(q, sharp, _groups(q, sharp)):
+            kind, groups = JUMPS, _groups(q, sharp)
         elif steady(0, _STEADY).any():
             kind = CREEPS
+        elif steady(0, CONFIDENCE).any():
+            kind = INCONCLUSIVE
     return Verdict(kind, creep(begins), begins, groups, bool(within))
 
 
