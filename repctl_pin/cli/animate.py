@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import repctl_pin as rp
 
 from ..errors import InputError
-from ..files import prepare_folder, write_whole
+from ..files import write_whole, written_together
 from .given import Options, integer, positive
 from .options import Parser
 from .terminal import as_json, clear_line, progress, report, until_stopped
@@ -106,7 +106,8 @@ def run(options: Options) -> int:
     say("drawing")
     chain = TracedChain(task, elbow(task, task.from_robot(tracks[0].Q[0])))
     page = playback_page([chain], tracks, seconds=options.seconds, **more)
-    file = write_whole(prepare_folder(folder) / "animation.html", page)
+    with written_together(folder) as staged:
+        file = folder / write_whole(staged / "animation.html", page).name
     result = {
         "robot": task.robot.name,
         "frame": task.frame,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import repctl_pin as rp
 
 from ..errors import InputError
-from ..files import prepare_folder, write_whole
+from ..files import write_whole, written_together
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
 from .executors import executor_of
@@ -24,7 +24,6 @@ from .given import (
     positive,
     proof_code,
     proved,
-    save_control,
     with_options,
 )
 from .options import Parser
@@ -180,9 +179,13 @@ def run(options: Options) -> int:
     say("comparing and drawing")
     what = f"nearest repeatable inverse of {name}, over a {design.region}"
     title = f"{task.robot.name}, {task.frame}, {task.kind}: {what}"
-    saved = save_control(design, prepare_folder(folder) / "design.json")
     figure = design_figure(design, design_map(design), degrees, baselines, title=title)
-    files = [write_whole(folder / "design.png", png(figure)), saved]
+    with written_together(folder) as staged:
+        made = [
+            write_whole(staged / "design.png", png(figure)),
+            rp.save(design, staged / "design.json"),
+        ]
+    files = [folder / file.name for file in made]
 
     def text() -> str:
         lines = [

@@ -208,25 +208,6 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
         raise InputError(f"{option} {text!r} {otherwise}") from None
 
 
-def save_control(design: rp.Design | rp.CellDesign, file: Path) -> Path:
-    """Save a design; if that fails, rename an older file of that name.
-
-    Raises
-    ------
-    InputError
-        If the design cannot be written; the message names the renamed file.
-    """
-    try:
-        return rp.save(design, file)
-    except InputError as error:
-        if not file.is_file():
-            raise
-        old = file.with_name(f"{file.stem}.old{file.suffix}")
-        file.replace(old)
-        error.remedy = f"the file of an earlier command is now {old}"
-        raise
-
-
 def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute.
 

@@ -216,3 +216,36 @@ def test_a_motion_outside_what_was_designed_for_is_said(rail: Path, capsys) -> N
         for path in ("circle:0.001", "circle:0.3")
     ]
     assert outside[0] == 0 < outside[1]
+
+
+def test_links_under_the_packages_own_names_are_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Issue 37, item 13: only a file that the user names is written through a symbolic link."""
+    monkeypatch.chdir(tmp_path)
+    Path("private").write_text("mine")
+    cell = ["--half-width", "0.05", "--degree", "1", "--held-out", "64"]
+    export = [*("h", "c", "hpp"), "_kdl.hpp"]
+    code = [f"arm{end}" if "_" in end else f"arm.{end}" for end in export]
+    for words, names in (
+        (["design", "planar3r", *SMALL[:-1]], ["design.json", "design.png"]),
+        (["animate", "first/design.json", *SHORT], ["animation.html"]),
+        (["cell", "planar3r", *cell], ["cell.json", "cell.html", "cell.png"]),
+        (["export", "first/design.json", "--name", "arm"], [*code, "check.c"]),
+    ):
+        folder = Path("first" if words[0] == "design" else words[0])
+        folder.mkdir()
+        for name in names:
+            (folder / name).symlink_to(tmp_path / "private")
+        if words[0] == "export":  # a foreign file is never replaced
+            assert "is not overwritten" in refused(capsys, *words, "--out", str(folder))
+            for name in names:
+                (folder / name).unlink()
+                (folder / name).symlink_to(tmp_path / "missing")
+        files = told(capsys, *words, "--out", str(folder))["files"]
+        assert set(names) <= {Path(file).name for file in files}
+        assert not any(Path(file).is_symlink() for file in files)
+        assert Path("private").read_text() == "mine" and not Path("missing").exists()
+    Path("named.csv").symlink_to("target.csv")
+    told(capsys, "follow", "first/design.json", *SHORT, "--csv", "named.csv")
+    assert Path("named.csv").is_symlink() and Path("target.csv").is_file()

@@ -217,7 +217,7 @@ def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     )  # the first joint moves less
 
 
-def test_no_stale_design_under_a_new_commands_name(
+def test_a_failed_command_leaves_the_files_of_the_one_before(
     tmp_path, monkeypatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -261,8 +261,6 @@ def test_no_stale_design_under_a_new_commands_name(
 
     monkeypatch.setattr(rp, "save", refuse)
     assert main(few) == 2
-    assert (
-        "the file of an earlier command is now e/design.old.json"
-        in capsys.readouterr().err
-    )
-    assert sorted(p.name for p in Path("e").glob("*.json")) == ["design.old.json"]
+    assert "cannot write it" in capsys.readouterr().err
+    assert json.loads(Path("e/design.json").read_text(encoding="utf-8")) == saved
+    assert sorted(p.name for p in Path("e").iterdir()) == ["design.json", "design.png"]

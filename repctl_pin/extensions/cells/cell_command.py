@@ -16,12 +16,11 @@ from ...cli.given import (
     positive,
     proof_code,
     proved,
-    save_control,
 )
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
 from ...errors import InputError, RepctlError, needed
-from ...files import prepare_folder, write_whole
+from ...files import write_whole, written_together
 from ...show.text.lines import Span, fitted, wrapped
 
 HELP = (
@@ -185,9 +184,10 @@ def run(options: Options) -> int:
         raise
     design = proved(design, say) if options.prove else design
     say("drawing")
-    prepare_folder(folder)
-    pictures, notes = _pictures(design, folder, options.command_line)
-    files = [save_control(design, folder / "cell.json"), *pictures]
+    with written_together(folder) as staged:
+        pictures, notes = _pictures(design, staged, options.command_line)
+        made = [rp.save(design, staged / "cell.json"), *pictures]
+    files = [folder / file.name for file in made]
 
     if design.function.chart.cell.widths[0] != cell.widths[0]:
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"

@@ -98,7 +98,7 @@ class Audit:
         - ``creeps later``: they are the same at first, and change steadily later.
         - ``jumps``: they are in one of a few configurations.
         - ``scatters``: they differ, without a steady change.
-        - ``inconclusive``: there are two to four returns.
+        - ``inconclusive``: there are two to four returns, or their noise could hide a difference.
         - ``no return``: there are fewer.
         """
         return NO_RETURN if self.found is None else self.found.kind

@@ -96,8 +96,12 @@ def _verdict(audit: Audit) -> list[Span]:
             Span(", without a steady creep."),
         ]
     if audit.returns >= ENOUGH - 1:
+        hides = "whether" if audit.found.within else "how"
         return [
-            Span(f"Inconclusive: the noise of the log hides differences such as {off}.")
+            Span(
+                f"Inconclusive: {name} differs by up to {off}, but the noise of the log "
+            ),
+            Span(f"hides {hides} the arm creeps."),
         ]
     noise = "within" if audit.found.within else "more than"
     few = f"Inconclusive: {ENOUGH - 1} returns are needed. So far, {name} differs by up to {off}"

@@ -8,7 +8,7 @@ from typing import Any
 
 import repctl_pin as rp
 
-from ...cli.given import Options, integer, natural, numbers_of, save_control
+from ...cli.given import Options, integer, natural, numbers_of
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
 from ...errors import InputError, needed
@@ -92,7 +92,7 @@ def run(options: Options) -> int:
     with written_together(folder) as staged:
         made = [
             relabeled.save(staged / file.name),
-            save_control(relabeled.design, staged / "cell.json"),
+            rp.save(relabeled.design, staged / "cell.json"),
             write_whole(staged / "report.html", page),
         ]
         files = [folder / one.name for one in made]

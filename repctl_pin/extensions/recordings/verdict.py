@@ -24,17 +24,14 @@ CONFIDENCE = 0.95
 _SURE = 0.9999
 """Confidence with which differences, or a slope within the noise, are distinguished from noise."""
 
+_STEADY = 0.999
+"""Confidence with which a slope is distinguished from scatter."""
+
 _QUIET = 3.0
 """Minimum ratio of the later creep, had it lasted from the start, to the noise before it."""
 
 _LATER = 4
 """Minimum number of visits of a later creep."""
-
-_ALIKE = 0.02
-"""Difference of one configuration from visit to visit, relative to that of all visits."""
-
-_APART = 2.0
-"""Minimum distance of two configurations, in multiples of the width of the noise."""
 
 _EXPLAINED = 0.5
 """Maximum range about a steady line, relative to the range of the values."""
@@ -99,7 +96,9 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 
     Each value has an interval: its deviation times a quantile of the normal distribution, plus its
     bias. The quantile is corrected for the number of pairs (Bonferroni), so that two intervals of
-    equal configurations do not overlap in one log of 10,000.
+    equal configurations with equal deviations do not overlap in one log of 10,000. The bias is a
+    wide bound, which must not hide a difference: an arm repeats if the intervals with a quarter of
+    it overlap, too.
 
     Parameters
     ----------
@@ -112,39 +111,43 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     """
     (N, n), floor = q.shape, CLOSED * scale
     z = norm.isf((1 - _SURE) / (N * (N - 1) * n))
-    r = z / np.sqrt(2) * deviation + bias + floor
+    noise = z / np.sqrt(2) * deviation + floor
+    r = noise + bias
+    sharp = noise + _SHARP * bias
     groups = _groups(q, r)
     within = groups.max() == 0
     least = np.maximum(np.median(np.maximum(deviation, bias), axis=0), floor)
 
-    def creep(part: slice, confidence: float = CONFIDENCE) -> Trend:
-        return trend(t[part], q[part], least, 1 - (1 - confidence) / n)
+    def creep(first: int, confidence: float = CONFIDENCE) -> Trend:
+        return trend(t[first:], q[first:], least, 1 - (1 - confidence) / n)
 
-    whole, kind, begins = creep(slice(None)), SCATTERS, 0
+    def steady(first: int, confidence: float) -> NDArray[np.bool_]:
+        return _steady(t[first:], q[first:], r[first:], creep(first, confidence))
+
+    kind, begins = SCATTERS, 0
     if N < ENOUGH:
-        return Verdict(INCONCLUSIVE, whole, 0, groups, within)
-    if within:
-        slow = _significant(creep(slice(None), _SURE)).any()
-        # large errors of the visits must not hide a difference
-        sharp = z / np.sqrt(2) * deviation + _SHARP * bias + floor
-        half = np.median(sharp, axis=0)
-        blind = ((half > _BLIND * scale) | (np.ptp(q, axis=0) > 2 * half)).any()
-        kind = CREEPS if slow else INCONCLUSIVE if blind else REPEATS
-        return Verdict(kind, whole, 0, groups, True)
-    head = int(np.argmax(groups != 0))
-    if ENOUGH <= head <= N - _LATER:
-        later = creep(slice(head, None))
-        lasted = np.abs(later.rate) * (t[head - 1] - t[0])
-        quiet = lasted > 2 * _QUIET * np.median(r, axis=0)
-        if (_steady(t[head:], q[head:], r[head:], later) & quiet).any():
-            kind, begins, whole = LATER, head, later
-    wide = np.maximum(r, _ALIKE * np.ptp(q, axis=0))
-    alike = _groups(q, wide)
-    if kind != LATER and _few(q, wide, alike):
-        kind, groups = JUMPS, alike
-    elif kind != LATER and _steady(t, q, r, whole).any():
+        kind = INCONCLUSIVE
+    elif within and _significant(creep(0, _SURE)).any():
         kind = CREEPS
-    return Verdict(kind, whole, begins, groups, False)
+    elif within:
+        blind = (np.median(r, axis=0) > _BLIND * scale).any()
+        alike = _groups(q, sharp).max() == 0
+        kind = REPEATS if alike and not blind else INCONCLUSIVE
+    else:
+        head = int(np.argmax(groups != 0))
+        if ENOUGH <= head <= N - _LATER:
+            lasted = np.abs(creep(head).rate) * (t[head - 1] - t[0])
+            quiet = lasted > 2 * _QUIET * np.median(r, axis=0)
+            begins = head if (steady(head, CONFIDENCE) & quiet).any() else 0
+        if begins:
+            kind = LATER
+        elif _few(q, sharp, _groups(q, sharp)):
+            kind, groups = JUMPS, _groups(q, sharp)
+        elif steady(0, _STEADY).any():
+            kind = CREEPS
+        elif steady(0, CONFIDENCE).any():
+            kind = INCONCLUSIVE
+    return Verdict(kind, creep(begins), begins, groups, bool(within))
 
 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
@@ -152,33 +155,31 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 
     Intervals q ± r (N, n) of each joint have a common point if and only if each two overlap.
     """
-    low, high = list[Array](), list[Array]()
-    groups = np.zeros(len(q), np.intp)
+    low, high = np.empty_like(q), np.empty_like(q)  # of each group
+    groups, count = np.zeros(len(q), np.intp), 0
     for k, (a, b) in enumerate(zip(q - r, q + r, strict=True)):
-        for g in range(len(low) + 1):
-            if g == len(low):
-                low.append(a)
-                high.append(b)
-            elif (np.maximum(low[g], a) <= np.minimum(high[g], b)).all():
-                low[g], high[g] = np.maximum(low[g], a), np.minimum(high[g], b)
-            else:
-                continue
-            groups[k] = g
-            break
+        fits = ((a <= high[:count]) & (low[:count] <= b)).all(axis=1)
+        g = int(np.argmax(fits)) if fits.any() else count
+        if g == count:
+            low[g], high[g], count = a, b, count + 1
+        low[g], high[g] = np.maximum(low[g], a), np.minimum(high[g], b)
+        groups[k] = g
     return groups
 
 
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
-    """Check whether the configurations are few, visited repeatedly, and far apart."""
+    """Check whether there are two configurations, or each is entered twice on average.
+
+    They must be separate: for some joint, the intervals of their visits do not overlap.
+    """
     count = groups.max() + 1
-    if count > max(3, len(q) // 4) or np.median(np.bincount(groups)) < 2:
+    entered = 1 + np.count_nonzero(np.diff(groups))
+    if count > 2 and 2 * count > entered:
         return False
-    centres = np.array([np.median(q[groups == g], axis=0) for g in range(count)])
-    widths = np.array([np.median(r[groups == g], axis=0) for g in range(count)])
+    low = np.array([np.min((q - r)[groups == g], axis=0) for g in range(count)])
+    high = np.array([np.max((q + r)[groups == g], axis=0) for g in range(count)])
     return all(
-        (np.abs(centres[g] - centres[:g]) > _APART * (widths[g] + widths[:g]))
-        .any(axis=1)
-        .all()
+        ((low[g] > high[:g]) | (high[g] < low[:g])).any(axis=1).all()
         for g in range(1, count)
     )
 

@@ -24,6 +24,9 @@ _CANDIDATES = 32
 _RADIAN = 0.25
 """Distance, in arm lengths, that counts as much as a rotation of the hand by 1 rad."""
 
+_AT = 0.25
+"""Distance at which the hand is at a pose for sure, relative to the tolerance."""
+
 _LEFT = 3.0
 """Distance at which the hand has left a pose, in multiples of the search radius."""
 
@@ -43,11 +46,11 @@ _AVERAGED = 4
 _MOST_ROWS = 64
 """Maximum number of rows of a visit that are averaged."""
 
-_SLOPE = 4.0
+_SLOPE = 10.0
 """Assumed bound on the self-motion between two nearby poses, relative to the motion by J⁺."""
 
-_REGRESSED = 0.3
-"""Assumed error of the regression at a visit, relative to its correction of the mean."""
+_MOVED = 5.0
+"""Self-motion during a visit, in standard deviations, that is distinguished from noise."""
 
 _MOVES = 0.3
 """Extent of the hand's motion during a visit that is fitted, relative to the largest one."""
@@ -91,7 +94,8 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
-    The pose with the most visits is taken, and of equal ones the one where the hand stayed longest.
+    The pose with the most visits within a quarter of the tolerance is taken, and of equal ones the
+    one where the hand stayed longest. A path that passes a pose farther away is thus not preferred.
     If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
     poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
     ``(p, ℓ R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
@@ -128,11 +132,12 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         there = [one for one in found if one.distance <= tolerance]
         stays = each * np.array([len(one.rows) for one in there])
         rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8
-        score = len(there) * (1.0 + rests), float(stays.sum())
+        sure = sum(one.distance <= _AT * tolerance for one in there)
+        score = sure * (1.0 + rests), float(stays.sum())
         if score > rank:
             best, chosen, rank = there, int(row), score
     target = task.placement(Q[chosen])
-    made = [_configuration(task, t, Q, one, target) for one in best]
+    made = [_configuration(task, t, Q, one, target, noise) for one in best]
     times = np.array([float(_at(t, one.at)) for one in best])
     deviation, bias = _errors(task, made, noise, _quantum(Q))
     q = np.array([one.q for one in made])
@@ -292,12 +297,11 @@ class _Estimate(NamedTuple):
 
 
 def _configuration(
-    task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3
+    task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3, noise: Array
 ) -> _Estimate:
     """Estimate the configuration of a visit: the mean of four rows or more, or interpolated."""
     if len(one.rows) >= _AVERAGED:
-        q, A = _average(task, Q[one.rows], target)
-        bend = _REGRESSED * np.abs(q - Q[one.rows].mean(axis=0))
+        q, A, bend = _average(task, Q[one.rows], target, noise)
     else:
         q, A, bend = _interpolated(task, t, Q, one.at, target)
     return _Estimate(_onto(task, q, target), task.error(q, target), A, bend)
@@ -324,16 +328,20 @@ def _errors(
     return np.array(deviation), np.array(bias)
 
 
-def _average(task: Task, Q: Array, target: pin.SE3) -> tuple[Array, Array]:
+def _average(
+    task: Task, Q: Array, target: pin.SE3, noise: Array
+) -> tuple[Array, Array, Array]:
     """Average the configurations (K, n) of a visit.
 
     Its rows need not lie evenly around the pose. A linear regression of q on the error e of the
     hand gives the configuration at ``e = 0``, along the directions in which the hand moves most.
+    If the arm moves otherwise during the visit, by more than the noise, the first half of the rows
+    counts: the mean of a motion between two configurations would be alike there and back.
 
     Returns
     -------
-    Configuration (n,), and its derivative A (n, n) by an error of the rows, in units of the
-    standard deviation of one row.
+    Configuration (n,); its derivative A (n, n) by an error of the rows, in units of the standard
+    deviation of one row; and the error (n,) of the regression, at most its correction of the mean.
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
@@ -344,8 +352,14 @@ def _average(task: Task, Q: Array, target: pin.SE3) -> tuple[Array, Array]:
     weights = 1 / len(Q) - S @ (Vt @ E.mean(axis=0))
     slopes = (S.T @ Q).T @ Vt  # dq/de, (n, m)
     q = weights @ Q
+    rest, half = Q - (E - E.mean(axis=0)) @ slopes.T, len(Q) // 2
+    moved = np.abs(rest[half:].mean(axis=0) - rest[:half].mean(axis=0))
+    least = _MOVED * 2 / np.sqrt(len(Q)) * noise + _EXACT
+    if half >= _AVERAGED and (moved > least).any():
+        return _average(task, Q[:half], target, noise)
     A = np.eye(task.n) + slopes @ task.jacobian(q)
-    return q, max(1.0, float(np.linalg.norm(weights))) * A
+    spread = max(1.0, float(np.linalg.norm(weights)))
+    return q, spread * A, np.abs(q - Q.mean(axis=0))
 
 
 def _interpolated(

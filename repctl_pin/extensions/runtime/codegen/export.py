@@ -13,7 +13,7 @@ import pinocchio as pin
 from ...._version import __version__
 from ....arguments import Array, file_name, require_type
 from ....errors import InputError
-from ....files import prepare_folder, write_whole
+from ....files import write_whole, written_together
 from ....regions import Region
 from ....regions.region import A_REGION
 from ....strategies.repeatable import Bounded, RepeatableInverse
@@ -129,17 +129,19 @@ def export_c(
         "loop.c": filled("loop.c", name, {"start": row(start)} | _loop(inverse, kept)),
         "CMakeLists.txt": filled("CMakeLists.txt", name, {}),
     }
-    where = prepare_folder(folder)
+    where = Path(folder)
     for other in where.glob("*.hpp"):
         stem = other.stem.removesuffix("_kdl")
         if name not in (stem, other.stem) and where.joinpath("test_vectors.h").exists():
             raise InputError(
                 f"{where} already contains the inverse {stem!r}; choose another folder"
             )
-    signed = {where / file: _signed(file, text) for file, text in texts.items()}
-    for path in signed:
-        _refuse_foreign(path)
-    return [write_whole(path, text) for path, text in signed.items()]
+    for file in texts:
+        _refuse_foreign(where / file)
+    with written_together(where) as staged:
+        for file, text in texts.items():
+            write_whole(staged / file, _signed(file, text))
+    return [where / file for file in texts]
 
 
 def _signed(file: str, text: str) -> str:
