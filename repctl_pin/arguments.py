@@ -25,7 +25,7 @@ FLOAT = np.dtype(float)
 MOST_NODES = 2**22
 """Maximum number of nodes of a region, limited by memory and time."""
 
-MIN_LENGTH = 1e-12
+_MIN_LENGTH = 1e-12
 """Minimum length by which joint positions may be divided, rad or m."""
 
 MOST_STEPS = 10_000_000
@@ -160,9 +160,9 @@ def per_joint(
             f"must be one {what} above 0 or {n} of them, {each}; got {shown(values)}",
             argument=name,
         )
-    if finite and (array < MIN_LENGTH).any():
+    if finite and (array < _MIN_LENGTH).any():
         raise InputError(
-            f"must be at least {MIN_LENGTH:g}, the rounding of a joint position; "
+            f"must be at least {_MIN_LENGTH:g}, the rounding of a joint position; "
             f"got {shown(values)}",
             argument=name,
         )

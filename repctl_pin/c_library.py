@@ -23,7 +23,7 @@ from pathlib import Path
 
 from .errors import RepctlError
 
-FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
+_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 VECTOR_FLAGS = (
     "-std=c99",
     "-O3",
@@ -74,7 +74,7 @@ def compiler() -> list[str]:
     raise NoCompilerError(f"no C compiler {tried} is installed")
 
 
-def shared_library(code: str, flags: Sequence[str] = FLAGS) -> Path:
+def _shared_library(code: str, flags: Sequence[str] = _FLAGS) -> Path:
     """Compile C to a shared library, or return the cached one of the same source.
 
     Files are written under another name and renamed, so that processes can compile at the same
@@ -104,15 +104,15 @@ def shared_library(code: str, flags: Sequence[str] = FLAGS) -> Path:
     raise NoCompilerError(f"no folder can store and load a compiled library: {refused}")
 
 
-def loaded_library(code: str, flags: Sequence[str] = FLAGS) -> str:
-    """Compile C to a shared library as in :func:`shared_library`, load it, and return its path.
+def loaded_library(code: str, flags: Sequence[str] = _FLAGS) -> str:
+    """Compile C to a shared library as in :func:`_shared_library`, load it, and return its path.
 
     Raises
     ------
     NoCompilerError
         If no library can be compiled, or it does not load in this process.
     """
-    library = shared_library(code, flags)
+    library = _shared_library(code, flags)
     try:
         made = (ctypes.c_char * 65).in_dll(ctypes.CDLL(str(library)), _KEY).value
     except (OSError, ValueError) as error:

@@ -13,7 +13,7 @@ import numpy as np
 from .arguments import Array, read_only
 from .errors import InputError, printable
 
-THEOREM = 4
+_THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 
@@ -49,7 +49,7 @@ class Proof:
         Bounds that were to be proved, the second in rad or m; None to find the largest bound that
         can be proved in the available time.
     theorem : int
-        Version of the theorem (:data:`THEOREM`) that was used.
+        Version of the theorem (:data:`_THEOREM`) that was used.
     excepted : tuple of str
         Joints left out of the limit margin: their limits end the range of a sector's angle or spin
         that is ``"all"``, so they come as near to them as that range goes.
@@ -76,7 +76,7 @@ class Proof:
     reason: str
     asked_leaf_margin: float | None = None
     asked_limit_margin: float | None = None
-    theorem: int = THEOREM
+    theorem: int = _THEOREM
     excepted: tuple[str, ...] = ()
     subject: str = ""
     seal: str = ""
@@ -149,7 +149,7 @@ class Proof:
 
     @staticmethod
     def _above(value: float) -> str:
-        return f"> {below(value)}"
+        return f"> {_below(value)}"
 
 
 def own_proof(proof: Proof | None, subject: Callable[[], str]) -> Proof | None:
@@ -199,7 +199,7 @@ def _pieces(part: Any) -> Iterator[str]:
         yield f'"{printable(part)}' if isinstance(part, str) else repr(part)
 
 
-def below(value: float) -> str:
+def _below(value: float) -> str:
     """Format a lower bound with three digits, rounded down."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
@@ -209,7 +209,7 @@ def below(value: float) -> str:
 
 def proved_words(proof: Proof | None) -> str:
     """Write whether a leaf margin is proved, with its bound, or only found by a search."""
-    return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
+    return f"proved > {_below(proof.leaf_margin)}" if proof else "found, not proved"
 
 
 def _asked(value: float | None) -> str:

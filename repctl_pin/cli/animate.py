@@ -27,7 +27,7 @@ EXAMPLE = """examples:
   repctl animate panda --motion motion.csv --only pseudoinverse,repeatable
   repctl animate panda --live"""
 
-RATE = 60.0
+_RATE = 60.0
 """Rate at which a live view is updated, Hz."""
 
 _Shown = tuple["rp.Task", "list[Playback]", "dict[str, Any]"]
@@ -171,7 +171,7 @@ def _run_live(
         cycles, phase = 0, loop.phase
         while not stop.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
-            due = max(due + 1 / RATE, now)
+            due = max(due + 1 / _RATE, now)
             loop.run(min(now - before, 0.25), view.offset)
             before = now
             cycles = max(

@@ -46,7 +46,7 @@ _REFUTED = (
 )
 """Beginnings of the reasons of a proof that found a counterexample, and did not only stop."""
 
-SMALL = 4
+_SMALL = 4
 """Maximum number of joints for which stable surfaces are searched."""
 
 
@@ -99,7 +99,7 @@ def run(options: Options) -> int:
     )
     drift = _in_planes(rp.drift_per_area(case.strategy, q0), task)
     surfaces = None
-    if task.n <= SMALL and not verdict.repeatable:
+    if task.n <= _SMALL and not verdict.repeatable:
         say("searching for stable surfaces")
         low, high = (
             np.maximum(task.lower, q0 - np.pi),

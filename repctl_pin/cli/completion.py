@@ -9,7 +9,7 @@ from .follow import OWN
 from .given import Options
 from .options import Parser
 
-SHELLS = ("bash", "zsh", "fish")
+_SHELLS = ("bash", "zsh", "fish")
 
 HELP = "print a script that completes repctl's commands, options and robots in a shell"
 EXAMPLE = """examples:
@@ -18,7 +18,7 @@ EXAMPLE = """examples:
   echo 'source ~/.repctl.zsh' >> ~/.zshrc
   repctl completion fish > ~/.config/fish/completions/repctl.fish"""
 
-WORDS = {
+_WORDS = {
     "--task": "pose axis position xy xz yz",
     "--plane": "xy yz xz",
     "--path": "circle:0.1 square:0.2 eight:0.1 rose:0.1 polygon:5:0.1",
@@ -33,7 +33,7 @@ WORDS = {
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.add_argument(
-        "shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS)
+        "shell", metavar="SHELL", choices=_SHELLS, help=", ".join(_SHELLS)
     )
 
 
@@ -65,15 +65,15 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
                 action.complete = _words_and_files(
                     "path" if takes == "PATH" else "robot", robots
                 )
-            elif name in WORDS:
-                action.choices = WORDS[name].split()
+            elif name in _WORDS:
+                action.choices = _WORDS[name].split()
             elif takes in ("FILE", "LOG"):
                 action.complete = shtab.FILE
             elif takes in ("DIR", "FOLDER"):
                 action.complete = shtab.DIRECTORY
     functions = "".join(
         f'_repctl_{name}() {{ compgen -W "{" ".join(words)}" -- "$1"; compgen -f -- "$1"; }}\n'
-        for name, words in (("robot", robots), ("path", WORDS["--path"].split()))
+        for name, words in (("robot", robots), ("path", _WORDS["--path"].split()))
     )
     text = shtab.complete(whole, shell, preamble=functions if shell == "bash" else "")
     return (
@@ -83,7 +83,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
 
 def _words_and_files(name: str, robots: list[str]) -> dict[str, str]:
     """Write shell code that completes words and files, by shell; shtab cannot combine the two."""
-    words = " ".join(robots) if name == "robot" else WORDS["--path"]
+    words = " ".join(robots) if name == "robot" else _WORDS["--path"]
     return {
         "bash": f"_repctl_{name}",
         "zsh": f"{{compadd -- {words.replace(':', chr(92) + ':')}; _files}}",

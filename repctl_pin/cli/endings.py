@@ -17,7 +17,7 @@ from .terminal import clear_line, say_line
 REFUSED, FAULT, INTERRUPTED, NOT_PROVED = 2, 1, 130, 3
 
 
-class Stopped(BaseException):
+class _Stopped(BaseException):
     """SIGTERM or SIGHUP as an exception of the main thread, so that clean-up code runs."""
 
     def __init__(self, number: int) -> None:
@@ -26,8 +26,8 @@ class Stopped(BaseException):
 
 
 @contextmanager
-def stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
+def _stopped_cleanly() -> Iterator[None]:
+    """Raise :class:`_Stopped` at the first SIGTERM or SIGHUP, which would end the process."""
     numbers = [
         getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
     ]
@@ -44,12 +44,12 @@ def stopped_cleanly() -> Iterator[None]:
         nonlocal coming
         if not coming:
             coming = True
-            raise Stopped(number)
+            raise _Stopped(number)
 
     def swallowed(what: Any) -> None:
         """Send the signal again if it was raised in a finaliser, where Python drops exceptions."""
         nonlocal coming
-        if isinstance(what.exc_value, Stopped):
+        if isinstance(what.exc_value, _Stopped):
             coming = False
             threading.Timer(0.01, os.kill, (os.getpid(), what.exc_value.number)).start()
         else:
@@ -79,7 +79,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
         Show the traceback of an internal error instead of the line.
     """
     try:
-        with stopped_cleanly():
+        with _stopped_cleanly():
             code = run()
         if sys.stdout is not None:
             sys.stdout.flush()  # a full disk is reported here
@@ -88,7 +88,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
         return _say(str(error), REFUSED)
     except KeyboardInterrupt:
         return _say("interrupted; nothing half-written was left", INTERRUPTED)
-    except Stopped as stop:
+    except _Stopped as stop:
         return _say(
             f"stopped by {stop}; nothing half-written was left", 128 + stop.number
         )

@@ -21,7 +21,7 @@ batches."""
 Tick = Callable[[float], None]
 
 
-def silent(share: float) -> None:
+def _silent(share: float) -> None:
     """Progress callback that does nothing."""
 
 
@@ -61,7 +61,7 @@ class Local:
         batch: int,
         *,
         stream: bool = False,
-        tick: Tick = silent,
+        tick: Tick = _silent,
     ) -> None:
         self._builder, self._Q, self._weights, self._batch, self._tick = (
             builder,

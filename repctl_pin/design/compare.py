@@ -14,7 +14,7 @@ from .evaluation import REPLICATES, Evaluation, evaluate_design
 
 
 @dataclass(frozen=True)
-class Comparison:
+class _Comparison:
     """Evaluation of several designs over the region Ω, and against the desired inverse G_d, of the
     first one.
 
@@ -58,7 +58,7 @@ class Comparison:
         return "\n".join(lines)
 
 
-def compare(first: Design, *others: Design) -> Comparison:
+def compare(first: Design, *others: Design) -> _Comparison:
     """Evaluate designs on the same held-out nodes over the Ω of the first one.
 
     Returns
@@ -121,7 +121,7 @@ def compare(first: Design, *others: Design) -> Comparison:
         differences.append(
             (float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES)))
         )
-    return Comparison(designs, tuple(evaluations), tuple(differences))
+    return _Comparison(designs, tuple(evaluations), tuple(differences))
 
 
 def cost_has_converged(

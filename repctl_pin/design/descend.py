@@ -15,7 +15,7 @@ from . import criterion
 from .batches import BarrierCost, Batches
 from .criterion import SignCount
 
-Report = Callable[[int, float], None]
+_Report = Callable[[int, float], None]
 
 _MAX_STEPS = 100
 _STILL = 3
@@ -131,7 +131,7 @@ def descend(
     *,
     penalty: float,
     tolerance: float,
-    report: Report,
+    report: _Report,
 ) -> Descent:
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
@@ -177,7 +177,7 @@ def descend(
     return Descent(basis @ at.x, at.cost, gradient, found.converged, found.steps, sides)
 
 
-Evaluated = tuple[Array, Array, SignCount]
+_Evaluated = tuple[Array, Array, SignCount]
 """Sums over the nodes: half the gradient (N, r), the blocks (r, N, r, N) of the Gauss–Newton
 matrix, and the number of nodes with either sign of det(Nᵀ V)."""
 
@@ -199,7 +199,7 @@ class _PenalisedCost:
         self.EE = basis.T @ begin.EE @ basis
         self.null_alignment = basis.T @ begin.null_alignment
 
-    def evaluate(self, x: Array) -> Point[Evaluated]:
+    def evaluate(self, x: Array) -> Point[_Evaluated]:
         """Evaluate the cost, half its gradient and its Gauss–Newton matrix in one pass."""
         total = self.batches.total(criterion.gauss_newton, self.basis @ x)
         cost, gradient, blocks, sides = total
@@ -211,7 +211,7 @@ class _PenalisedCost:
         cost, sides = self.batches.total(criterion.cost, self.basis @ x)
         return cost + self._closeness(x) if sides.uniform else np.inf
 
-    def model(self, at: Point[Evaluated]) -> tuple[Array, Array]:
+    def model(self, at: Point[_Evaluated]) -> tuple[Array, Array]:
         """Evaluate half the gradient (r N,) and the Gauss–Newton matrix (r N, r N) in x."""
         basis, r = self.basis, range(self.r)
         half_gradient, blocks, _ = at.data

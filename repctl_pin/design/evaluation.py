@@ -184,7 +184,7 @@ class Baseline:
         return f"{j.cost:.6g} ± {j.cost_error:.1g}, leaf margin {j.leaf_margin:.3f}"
 
 
-def constant_rows(task: Task, center: Array) -> RepeatableInverse:
+def _constant_rows(task: Task, center: Array) -> RepeatableInverse:
     """Make the repeatable inverse whose V is constant, ``V = N(center)``: linear potentials.
 
     N(center) is the null-space basis at the configuration ``center`` (n,).
@@ -201,12 +201,12 @@ def baselines(
 ) -> tuple[Baseline, ...]:
     """Evaluate two simpler repeatable inverses on held-out nodes, for comparison with a design.
 
-    They are :func:`constant_rows`, and the extended Jacobian of ``U = ½ ‖q − center‖²``; ``center``
-    is the centre of Ω. The parameters are those of :func:`evaluate_design`.
+    They are constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the
+    centre of Ω. The parameters are those of :func:`evaluate_design`.
     """
     task, center = desired.task, region.center
     inverses: dict[str, RepeatableInverse] = {
-        "constant rows": constant_rows(task, center),
+        "constant rows": _constant_rows(task, center),
         "extended Jacobian": ExtendedJacobian(task, center),
     }
     found: list[Baseline] = []

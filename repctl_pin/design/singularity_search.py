@@ -16,7 +16,7 @@ from ..regions import Region
 from ..solvers import StepLengths, descend_in_box
 from .criterion import named
 
-Measure = Callable[[Array], Array]
+_Measure = Callable[[Array], Array]
 """Function Q (K, n) → (K,) that measures the distance from a singularity; 0 at a singularity."""
 
 _STARTS = 16
@@ -174,7 +174,7 @@ class LeafMargin:
         return np.asarray(1 / sigma[:, 0])
 
 
-def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
+def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω by local searches from several starting points at once.
 
     They end when one reaches a value of 0 or below, or when none can go lower. A step goes down the
@@ -232,7 +232,7 @@ def lowest(measure: Measure, region: Region, starts: Array) -> Lowest:
 
 
 def search(
-    measure: Measure, region: Region, Q: Array, values: Array | None = None
+    measure: _Measure, region: Region, Q: Array, values: Array | None = None
 ) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
@@ -246,7 +246,7 @@ def search(
     order = np.argsort(values)
     others = order[np.linspace(0, len(order) - 1, _STARTS // 4).astype(int)]
     starts = Q[np.unique(np.concatenate([order[: _STARTS - len(others)], others]))]
-    return lowest(measure, region, starts)
+    return _lowest(measure, region, starts)
 
 
 def _corners(region: Region, Q: Array) -> Array:
@@ -265,7 +265,7 @@ def _corners(region: Region, Q: Array) -> Array:
     return pushed[region.ratio(pushed) <= 1 + _EDGE]
 
 
-def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
+def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None:
     """Find the largest region similar to Ω in which a measure exceeds a threshold.
 
     It has the centre and the shape of Ω. The threshold is 0 for singularities of the arm, and 0.1
@@ -314,7 +314,7 @@ def largest_free(measure: Measure, region: Region, bad: Array) -> Region | None:
 
 
 def refuse_singular(
-    what: str, task: Task, measure: Measure, region: Region, bad: Array
+    what: str, task: Task, measure: _Measure, region: Region, bad: Array
 ) -> SingularRegionError:
     """Make the error for a region with singularities at the configurations ``bad`` (B, n).
 

@@ -25,13 +25,13 @@ def subject_of(
     It covers the joint chain with its limits, the potentials, their coefficients and the region.
     The text is empty for user-defined potentials and regions, of which nothing can be proved.
     """
-    basis, shape = basis_parts(potentials), region_parts(region)
+    basis, shape = _basis_parts(potentials), _region_parts(region)
     if basis is None or shape is None:
         return ""
     return fingerprint("region", task_parts(task), basis, coefficients, shape)
 
 
-def region_parts(region: object) -> tuple[Any, ...] | None:
+def _region_parts(region: object) -> tuple[Any, ...] | None:
     """Return the shape of a region as plain data; None if its shape is not known.
 
     A density has no effect on the shape.
@@ -41,12 +41,12 @@ def region_parts(region: object) -> tuple[Any, ...] | None:
     if isinstance(region, Tube):
         return "tube", region.samples, region.radius
     if isinstance(region, WorkspaceBox):
-        within = region_parts(region.within)
+        within = _region_parts(region.within)
         return "workspace", region.position, region.half_width, within
     return None
 
 
-def basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
+def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
     """Return a basis of potentials as plain data; None if it has user-defined functions."""
     if isinstance(potentials, Polynomial):
         box = potentials.center, potentials.scale
@@ -60,7 +60,7 @@ def basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
         points = points_at(task, potentials.frames, check_configurations(task))
         return "arm angle", rounded(points), *directions
     if isinstance(potentials, Joined):
-        parts = [basis_parts(part) for part in potentials.parts]
+        parts = [_basis_parts(part) for part in potentials.parts]
         return None if None in parts else ("joined", *parts)
     return None
 
@@ -77,7 +77,7 @@ def belong_together(
     not defined there, nothing can be compared.
     """
     if inverse.region is not region:
-        shapes = region_parts(inverse.region), region_parts(region)
+        shapes = _region_parts(inverse.region), _region_parts(region)
         if None in shapes or fingerprint(shapes[0]) != fingerprint(shapes[1]):
             return False
     A = np.asarray(coefficients, float)

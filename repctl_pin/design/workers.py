@@ -1,6 +1,6 @@
 """Batches in other processes: any ``concurrent.futures`` executor, or a Dask cluster.
 
-The nodes are divided into chunks (:class:`Piece`). A worker that has evaluated a chunk stores its
+The nodes are divided into chunks (:class:`_Piece`). A worker that has evaluated a chunk stores its
 batches. For the next sum, each worker is asked for the chunks that it stores. Chunks that no worker
 returns, such as those of a worker that ended, are built again by any free worker. Only the
 computing time depends on the distribution."""
@@ -32,14 +32,14 @@ _held = threading.local()
 """State of this worker: identifier of the fit, batches by chunk number, and identifier of the last
 sum that it answered."""
 
-Work = Callable[[Iterable[Batch]], Sums]
-Answer = tuple[str, dict[int, Sums]]
+_Work = Callable[[Iterable[Batch]], Sums]
+_Answer = tuple[str, dict[int, Sums]]
 """Name of the worker, and its sums by chunk number."""
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Piece:
+class _Piece:
     """Chunk of nodes that one worker evaluates, with the pickled builder of its batches.
 
     Iteration builds the batches.
@@ -85,26 +85,26 @@ def hand_out(
     count = -(-len(Q) // batch)
     size = -(-count // min(_PIECES, count)) * batch
     pieces = [
-        Piece(payload, Q[i : i + size], weights[i : i + size], batch)
+        _Piece(payload, Q[i : i + size], weights[i : i + size], batch)
         for i in range(0, len(Q), size)
     ]
     if isinstance(executor, Executor):
-        return InExecutor(pieces, executor, stream, tick)
+        return _InExecutor(pieces, executor, stream, tick)
     if "distributed" in sys.modules and isinstance(
         executor, sys.modules["distributed"].Client
     ):
-        return OnCluster(pieces, executor, stream, tick)
+        return _OnCluster(pieces, executor, stream, tick)
     raise InputError(
         "executor= takes a concurrent.futures Executor or a Dask Client, "
         f"not {type(executor).__name__}"
     )
 
 
-class InExecutor:
+class _InExecutor:
     """Batches that the workers of an executor build, evaluate and store."""
 
     def __init__(
-        self, pieces: list[Piece], executor: Executor, stream: bool, tick: Tick
+        self, pieces: list[_Piece], executor: Executor, stream: bool, tick: Tick
     ) -> None:
         self._pieces, self._executor, self._stream, self._tick = (
             pieces,
@@ -142,7 +142,7 @@ class InExecutor:
         for _ in self._owners:
             self._executor.submit(_forget, self._run)
 
-    def _collect(self, futures: list[Future[Answer]], found: dict[int, Sums]) -> None:
+    def _collect(self, futures: list[Future[_Answer]], found: dict[int, Sums]) -> None:
         try:
             for future in as_completed(futures):
                 owner, parts = future.result()
@@ -158,11 +158,11 @@ class InExecutor:
                 future.cancel()
 
 
-class OnCluster:
+class _OnCluster:
     """Batches that Dask workers build and evaluate; each stays, as a future, on its worker."""
 
     def __init__(
-        self, pieces: list[Piece], client: Client, stream: bool, tick: Tick
+        self, pieces: list[_Piece], client: Client, stream: bool, tick: Tick
     ) -> None:
         self._client, self._tick = client, tick
         self._batches: list[Any] = (
@@ -197,8 +197,8 @@ class OnCluster:
 
 
 def _evaluate_piece(
-    run: str, number: int, piece: Piece, stream: bool, work: Work
-) -> Answer:
+    run: str, number: int, piece: _Piece, stream: bool, work: _Work
+) -> _Answer:
     """Build the batches of a chunk, evaluate them, and store them unless ``stream`` is set."""
     if stream:
         return _me(), {number: work(piece)}
@@ -210,8 +210,8 @@ def _evaluate_piece(
 
 
 def _evaluate_held(
-    key: tuple[str, str], owners: dict[str, list[int]], work: Work
-) -> Answer:
+    key: tuple[str, str], owners: dict[str, list[int]], work: _Work
+) -> _Answer:
     """Evaluate the chunks that this worker stores and owns, once per sum.
 
     ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns

@@ -29,7 +29,7 @@ _ENOUGH = 1e-6
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Derivative:
+class _Derivative:
     """Inverse G and its derivative ∂G/∂q at K configurations.
 
     Attributes
@@ -55,7 +55,7 @@ class Derivative:
 
 
 @singledispatch
-def derivative(strategy: Inverse, Q: Array) -> Derivative:
+def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
     Raises
@@ -71,21 +71,21 @@ def derivative(strategy: Inverse, Q: Array) -> Derivative:
         lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q)
     )
     dG *= L[..., None]
-    return Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
+    return _Derivative(J, strategy.batch(Q, J), dG, error, exact=False)
 
 
 @derivative.register
-def _(strategy: Pseudoinverse, Q: Array) -> Derivative:
+def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
     J = strategy.task.jacobians(Q)
     dG = pseudoinverse_derivative(J, strategy.task.hessians(Q))
     G = strategy.batch(Q, J)
-    return Derivative(
+    return _Derivative(
         J, G, dG, _rounding(J, dG, joint_scale(strategy.task, Q[0])), exact=True
     )
 
 
 @derivative.register
-def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
+def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
     """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
     potentials, m = strategy.potentials, strategy.task.m
     if not isinstance(potentials, CurvedPotentials):  # no second derivatives
@@ -99,7 +99,7 @@ def _(strategy: RepeatableInverse, Q: Array) -> Derivative:
     )  # (K, n, n, n)
     dG = -np.einsum("Kis,Kspk,Kpa->Kiak", inverse, dJ_V, G, optimize=True)
     J_V = np.concatenate([J, np.swapaxes(potentials.gradients(Q), 1, 2)], axis=1)
-    return Derivative(
+    return _Derivative(
         J, G, dG, _rounding(J_V, dG, joint_scale(strategy.task, Q[0])), exact=True
     )
 

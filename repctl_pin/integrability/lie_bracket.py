@@ -48,7 +48,7 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Defects:
+class _Defects:
     """Defects of an inverse at K configurations.
 
     Attributes
@@ -79,7 +79,7 @@ class Defects:
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 
 
-def measure(strategy: Inverse, Q: Array) -> Defects:
+def measure(strategy: Inverse, Q: Array) -> _Defects:
     """Evaluate the defects of an inverse at every row of Q (K, n).
 
     Relative defects do not depend on the units or the axes of the task. Let L be the unit of each
@@ -110,7 +110,7 @@ def measure(strategy: Inverse, Q: Array) -> Defects:
     error = size * np.sqrt(
         np.sum((pairs + np.swapaxes(pairs, 1, 2)) ** 2, axis=(1, 2)) / 2
     )
-    return Defects(delta, relative, error, found.exact, found.J, found.G)
+    return _Defects(delta, relative, error, found.exact, found.J, found.G)
 
 
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:

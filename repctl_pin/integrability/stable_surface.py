@@ -94,10 +94,10 @@ class Surfaces:
         )
 
 
-Surface = Callable[[Array], tuple[Array, Array]]
+_Surface = Callable[[Array], tuple[Array, Array]]
 
 
-def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
+def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
 
     s is the relative defects times ``det(BᵀB)``, with ``B = L⁻¹ G J Jᵀ`` and L the unit of each
@@ -122,7 +122,7 @@ def surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     ), size * found.error
 
 
-def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
+def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
     """Create the function s(q), divided by its median norm over the regular rows of Q.
 
     Tolerances on it then do not depend on the arm's size.
@@ -133,14 +133,14 @@ def _in_units_of_itself(strategy: Inverse, Q: Array) -> Surface:
         unit = (
             float(
                 np.median(
-                    np.linalg.norm(surface_function(strategy, Q[regular])[0], axis=1)
+                    np.linalg.norm(_surface_function(strategy, Q[regular])[0], axis=1)
                 )
             )
             or 1.0
         )
 
     def s(P: Array) -> tuple[Array, Array]:
-        values, error = surface_function(strategy, P)
+        values, error = _surface_function(strategy, P)
         return values / unit, error / unit
 
     return s
@@ -210,7 +210,7 @@ def stable_surface(
 
 
 def _search(
-    strategy: Inverse, function: Surface, region: Region, Q: Array
+    strategy: Inverse, function: _Surface, region: Region, Q: Array
 ) -> tuple[Array, Array]:
     """Move start points Q (K, n) to s = 0 by Gauss–Newton.
 
@@ -256,7 +256,7 @@ def _search(
 
 
 def _newton_step(
-    strategy: Inverse, function: Surface, Q: Array, s: Array, L: Array
+    strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array
 ) -> Array:
     """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long."""
     K, n = Q.shape
@@ -276,7 +276,7 @@ def _newton_step(
     return L * step * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300))
 
 
-def _norms(strategy: Inverse, function: Surface, Q: Array) -> Array:
+def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
     """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular."""
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
@@ -285,7 +285,7 @@ def _norms(strategy: Inverse, function: Surface, Q: Array) -> Array:
     return norms
 
 
-def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
+def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
     """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each."""
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
@@ -298,7 +298,7 @@ def _rates(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array
     return rate, np.sqrt(slope.shape[1]) * (error * L).sum(axis=1) + own + 1e-5 * size
 
 
-def _walk(strategy: Inverse, function: Surface, Q: Array) -> tuple[Array, Array]:
+def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
     """Move from every row of Q along G, in every task direction, and evaluate ‖s‖ at the ends.
 
     Returns for each row the maximum ‖s‖, and the minimum fraction of the length that was completed

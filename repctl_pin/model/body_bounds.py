@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 
-Index = NDArray[np.intp]
+_Index = NDArray[np.intp]
 
 
-class JointPlacements:
+class _JointPlacements:
     r"""Batched forward kinematics of joints, by array arithmetic.
 
     With P_j the rotation of joint j relative to its parent at q = 0, and u the joint's axis, the
@@ -108,9 +108,9 @@ class BodyBounds:
         joint: Sequence[int],
         place: Sequence[pin.SE3],
         bodies: Sequence[coal.CollisionGeometry],
-        pairs: Index,
+        pairs: _Index,
     ) -> None:
-        self._joints, self._joint = JointPlacements(model), np.array(joint, np.intp)
+        self._joints, self._joint = _JointPlacements(model), np.array(joint, np.intp)
         centers = [
             at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)
         ]
@@ -159,7 +159,7 @@ class BodyBounds:
         bounds[k, pair] = gap - self._extent(R, k, a, u) - self._extent(R, k, b, u)
         return bounds
 
-    def _extent(self, R: Array, k: Index, body: Index, u: Array) -> Array:
+    def _extent(self, R: Array, k: _Index, body: _Index, u: Array) -> Array:
         """Bound how far bodies (M,) extend from their centres along unit vectors u (M, 3): (M,), m.
 
         R are the rotations of all joints, and ``k`` (M,) the configuration of each body.

@@ -115,7 +115,7 @@ def urdf_folder() -> Path:
 
 
 @functools.cache
-def data_folder() -> Path:
+def _data_folder() -> Path:
     """Find the ``robots`` folder of example-robot-data.
 
     Raises
@@ -226,7 +226,7 @@ def default_package_dirs(urdf_path: str | Path) -> list[str]:
 
 def _entry(name: str, row: dict[str, Any]) -> Entry:
     ours = "/" not in row["urdf"]
-    robots = urdf_folder() if ours else data_folder()
+    robots = urdf_folder() if ours else _data_folder()
     srdf = row.get("srdf")
     return Entry(
         name=name,

@@ -33,7 +33,7 @@ from .task import Task
 from .validate import Description
 
 Pair = tuple[str, str]
-Mask = NDArray[np.bool_]
+_Mask = NDArray[np.bool_]
 
 _SAMPLES = 100
 """Number of random configurations at which pairs are tested for collisions."""
@@ -59,11 +59,11 @@ _MOST_PAIRS = 1_000_000
 _KEPT = 8
 """Maximum number of cached collision models."""
 
-_MODELS: OrderedDict[Hashable, CollisionModel] = OrderedDict()
+_MODELS: OrderedDict[Hashable, _CollisionModel] = OrderedDict()
 _MODELS_LOCK = RLock()
 
 
-class CollisionModel:
+class _CollisionModel:
     """Bodies of a robot and its surroundings, and the pairs whose relative position a task changes.
 
     Tasks with the same joints share one model, and several threads can use it.
@@ -142,7 +142,7 @@ class CollisionModel:
         a, b = self.pairs[pair].tolist()
         return self.links[a], self.links[b]
 
-    def named(self, which: Mask) -> tuple[Pair, ...]:
+    def named(self, which: _Mask) -> tuple[Pair, ...]:
         """Return the names of the links of the pairs in a mask (P,), without duplicates."""
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
@@ -344,7 +344,7 @@ class CollisionModel:
         kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
         self._measure(self.pairs[kept], only_contact[kept])
 
-    def _never_colliding(self, task: Task, asked: Mask) -> Mask:
+    def _never_colliding(self, task: Task, asked: _Mask) -> _Mask:
         """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
         never = np.zeros(len(self.pairs), bool)
         pairs = CollisionFreePairs(
@@ -376,7 +376,7 @@ class CollisionModel:
         ).reshape(-1, 2)
         return np.concatenate([inner, outer]).astype(np.intp)
 
-    def _are_in(self, links: set[frozenset[str]]) -> Mask:
+    def _are_in(self, links: set[frozenset[str]]) -> _Mask:
         """Mark the pairs of the robot's own bodies (P,) that belong to the given pairs of links."""
         found = np.zeros(len(self.pairs), bool)
         if links:
@@ -385,14 +385,14 @@ class CollisionModel:
             ]
         return found
 
-    def _one_joint_between(self) -> Mask:
+    def _one_joint_between(self) -> _Mask:
         """Mark the pairs of the robot's own bodies (P,) with one movable joint between them."""
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
         return ((parent[a] == b) | (parent[b] == a)) & (self.pairs[:, 1] < self._own)
 
     def _measure(
-        self, pairs: NDArray[np.intp], only_contact: Mask | None = None
+        self, pairs: NDArray[np.intp], only_contact: _Mask | None = None
     ) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
@@ -413,7 +413,9 @@ class CollisionModel:
             self._model, self._joint, self._place, measured, pairs
         )
 
-    def _sampled_collisions(self, task: Task, near: Mask) -> tuple[Mask, Array, Mask]:
+    def _sampled_collisions(
+        self, task: Task, near: _Mask
+    ) -> tuple[_Mask, Array, _Mask]:
         """Test the pairs for collisions at the reference pose and at random configurations.
 
         Parameters
@@ -459,12 +461,12 @@ def _sample_configurations(task: Task) -> Array:
     return Q if drive is None else drive.joints(Q)
 
 
-def collision_model(task: Task) -> CollisionModel:
+def collision_model(task: Task) -> _CollisionModel:
     """Return the collision model of a task, cached by robot, files and joints."""
     key = _key(task)
     with _MODELS_LOCK:
         if key not in _MODELS:
-            _MODELS[key] = CollisionModel(task)
+            _MODELS[key] = _CollisionModel(task)
             while len(_MODELS) > _KEPT:
                 _MODELS.popitem(last=False)
         _MODELS.move_to_end(key)

@@ -34,7 +34,7 @@ _SENSOR = {
 
 
 @dataclass(eq=False)
-class Body:
+class _Body:
     """Rigid body: links connected by fixed joints.
 
     Attributes
@@ -54,7 +54,7 @@ class Body:
 
     links: dict[str, int]
     before: int
-    branches: list[tuple[Joint, Body]]
+    branches: list[tuple[Joint, _Body]]
     after: int = 0
     narrow: bool = True
 
@@ -68,7 +68,7 @@ class Body:
         ]
         return 2 * sum(fingers) > len(fingers)
 
-    def _is_finger(self, joint: Joint, tip: Body) -> bool:
+    def _is_finger(self, joint: Joint, tip: _Body) -> bool:
         """Test whether a branch is a finger: small range, few joints, and one of several signs."""
         if not (_moves_little(joint) and tip.narrow and 1 + tip.after <= self.before):
             return False
@@ -85,7 +85,7 @@ class Body:
         )
 
 
-def arm_ends(description: Description) -> list[Body]:
+def arm_ends(description: Description) -> list[_Body]:
     """Find the bodies at which arms, legs and heads end, without fingers, in the order of the file.
 
     An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger has a
@@ -96,7 +96,7 @@ def arm_ends(description: Description) -> list[Body]:
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
         below.setdefault(joint.parent, []).append(joint)
-    root = Body({description.root: 0}, 0, [])
+    root = _Body({description.root: 0}, 0, [])
     bodies, links = [root], [(description.root, root)]
     for link, body in links:  # extended in the loop; parents come before children
         for joint in below.get(link, ()):
@@ -104,7 +104,7 @@ def arm_ends(description: Description) -> list[Body]:
                 body.links[joint.child] = body.links[link] + 1
                 links.append((joint.child, body))
             else:
-                tip = Body({joint.child: 0}, body.before + 1, [])
+                tip = _Body({joint.child: 0}, body.before + 1, [])
                 body.branches.append((joint, tip))
                 bodies.append(tip)
                 links.append((joint.child, tip))
@@ -126,7 +126,7 @@ def arm_ends(description: Description) -> list[Body]:
     return ends
 
 
-def task_links(body: Body) -> list[str]:
+def task_links(body: _Body) -> list[str]:
     """Sort a body's links, the best end effector first: by name, then the farthest first."""
     return sorted(body.links, key=lambda link: (_rank(link), -body.links[link]))
 

@@ -20,7 +20,7 @@ _MOST = 64
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class JointChain:
+class _JointChain:
     """Serial chain of the P joints from the base to the frame of a task.
 
     Attributes
@@ -44,13 +44,13 @@ class JointChain:
     offset: Array
 
 
-def joint_chain(task: Task) -> JointChain:
+def joint_chain(task: Task) -> _JointChain:
     """Extract the serial chain of a task from its Pinocchio model."""
     model = task.model
     frame = model.frames[task._frame_id]
     joints = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
     places = [*(model.jointPlacements[j] for j in joints), frame.placement]
-    return JointChain(
+    return _JointChain(
         np.array([place.rotation for place in places], order="C"),
         np.array([place.translation for place in places]),
         *joint_axes(model, joints),

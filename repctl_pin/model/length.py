@@ -93,7 +93,7 @@ def elbow(task: Task, q: Array) -> int:
         Configuration.
     """
     step = 1e-4
-    here, share = task.joint_origins(q), along_arm(task, q)
+    here, share = task.joint_origins(q), _along_arm(task, q)
     moved = [task.joint_origins(q + step * n) for n in nullspace(task.jacobian(q)).T]
     speed = np.sum([np.linalg.norm(p - here, axis=1) ** 2 for p in moved], axis=0)
     middle = in_the_middle(task, q)
@@ -104,11 +104,11 @@ def elbow(task: Task, q: Array) -> int:
 
 def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
     """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow."""
-    share = along_arm(task, q)
+    share = _along_arm(task, q)
     return (_MIDDLE[0] <= share) & (share <= _MIDDLE[1]) & task.revolute
 
 
-def along_arm(task: Task, q: Array) -> Array:
+def _along_arm(task: Task, q: Array) -> Array:
     """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame."""
     stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stations, axis=0), axis=1)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 
-Index = NDArray[np.intp]
+_Index = NDArray[np.intp]
 
 _SAME = 1e-8
 """Relative tolerance, in mesh sizes, within which vertices are merged."""
@@ -35,8 +35,8 @@ class MeshParts:
     """
 
     points: Array
-    faces: Index
-    part: Index
+    faces: _Index
+    part: _Index
     closed: NDArray[np.bool_]
 
     @property
@@ -46,7 +46,7 @@ class MeshParts:
         return self.points[self.faces[first, 0]]
 
 
-def mesh_parts(points: Array, faces: Index) -> MeshParts:
+def mesh_parts(points: Array, faces: _Index) -> MeshParts:
     """Split a mesh into connected parts, after merging coincident vertices."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -119,7 +119,7 @@ class _Ray:
     (F, 3, 3) are in axes whose z axis is the direction of the rays.
     """
 
-    def __init__(self, turn: Array, points: Array, faces: Index) -> None:
+    def __init__(self, turn: Array, points: Array, faces: _Index) -> None:
         self._turn = turn
         corners = (points @ turn)[faces]
         low, high = corners.min(axis=1), corners.max(axis=1)  # (F, 3)

@@ -10,11 +10,11 @@ from lxml import etree
 
 from .xml import bad, label, line, short
 
-MAX_JOINTS = 1000
-MAX_DEPTH = 300  # links in a chain; Pinocchio crashes on thousands
-MAX_MOVING = 100  # movable joints in a chain
-MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
-LARGEST = 1e9  # maximum length, mass, … in SI units; a larger limit counts as none
+_MAX_JOINTS = 1000
+_MAX_DEPTH = 300  # links in a chain; Pinocchio crashes on thousands
+_MAX_MOVING = 100  # movable joints in a chain
+_MAX_MOVING_IN_ALL = 200  # Pinocchio's memory grows with the cube
+_LARGEST = 1e9  # maximum length, mass, … in SI units; a larger limit counts as none
 
 NO_LIMIT = 1e3
 """Magnitude above which a limit counts as none, rad or m, rad/s or m/s.
@@ -94,18 +94,18 @@ def check(robot: etree._Element) -> str:
         )
     if robot.get("version", "1.0") not in ("1.0", "1.1", "1.2"):
         raise bad(robot, f"version {short(robot.get('version'))} is unknown; write 1.0")
-    if max(len(joints), len(links) - 1) > MAX_JOINTS:
+    if max(len(joints), len(links) - 1) > _MAX_JOINTS:
         raise bad(
             robot,
-            f"{len(joints)} joints and {len(links)} links exceed the maximum of {MAX_JOINTS}",
+            f"{len(joints)} joints and {len(links)} links exceed the maximum of {_MAX_JOINTS}",
         )
     for elements in (links, joints, robot.findall("material")):
         _check_names(elements)
     moving = sum(_freedom(joint) for joint in joints)
-    if moving > MAX_MOVING_IN_ALL:
+    if moving > _MAX_MOVING_IN_ALL:
         raise bad(
             robot,
-            f"{moving} movable joints exceed the maximum of {MAX_MOVING_IN_ALL}; "
+            f"{moving} movable joints exceed the maximum of {_MAX_MOVING_IN_ALL}; "
             "make some of them fixed",
         )
     names = {link.get("name") for link in links}
@@ -140,10 +140,10 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
                 element,
                 f"{attribute} = {short(text)}: {short(word)} is not a finite number; correct it",
             )
-        if abs(value) > LARGEST and element.tag not in _ANY_SIZE:
+        if abs(value) > _LARGEST and element.tag not in _ANY_SIZE:
             raise bad(
                 element,
-                f"{attribute} = {short(text)} exceeds {LARGEST:g}, more than any robot has; "
+                f"{attribute} = {short(text)} exceeds {_LARGEST:g}, more than any robot has; "
                 "correct it",
             )
         values.append(value)
@@ -387,16 +387,16 @@ def _check_tree(
         depth,
         moving,
     ) in reached:  # extended in the loop, so that there is no recursion
-        if depth > MAX_DEPTH:
+        if depth > _MAX_DEPTH:
             raise bad(
-                roots[0], f"a chain of links exceeds the maximum length of {MAX_DEPTH}"
+                roots[0], f"a chain of links exceeds the maximum length of {_MAX_DEPTH}"
             )
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
-            if count > MAX_MOVING:
+            if count > _MAX_MOVING:
                 raise bad(
                     joint,
-                    f"a chain has over {MAX_MOVING} movable joints; make some of them fixed",
+                    f"a chain has over {_MAX_MOVING} movable joints; make some of them fixed",
                 )
             reached.append((joint.find("child").get("link"), depth + 1, count))
     connected = {name for name, _, _ in reached}

@@ -20,16 +20,16 @@ from .visuals import Shape
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""
 
-MOST_BYTES = 50_000_000
+_MOST_BYTES = 50_000_000
 """Maximum size of a mesh file or texture, bytes."""
 
-MOST_FACES = 500_000
+_MOST_FACES = 500_000
 """Maximum number of triangles of a file."""
 
-MOST_IN_ALL = 2_000_000
+_MOST_IN_ALL = 2_000_000
 """Maximum number of triangles of all mesh files on a page."""
 
-CREASE = np.cos(np.deg2rad(38))
+_CREASE = np.cos(np.deg2rad(38))
 """Cosine of the crease angle: faces that meet at a smaller angle are shaded smoothly."""
 
 _HALF = np.cos(np.deg2rad(18.99))
@@ -74,7 +74,7 @@ Surfaces = dict[Path, Surface | InputError]
 """Contents of mesh files, by path; an error for a file that cannot be drawn."""
 
 
-def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
+def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
     """Read a mesh file of at most ``most`` triangles: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises
@@ -88,7 +88,7 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
     if kind not in KINDS:
         raise InputError(f"mesh {path} is not one of {', '.join(KINDS)}; convert it")
     try:
-        data = read_bytes(path)
+        data = _read_bytes(path)
         with np.errstate(all="ignore"):  # values that are not finite are refused below
             scene = _scene(data, kind[1:], _Beside(path))
         pieces, faces = [], 0
@@ -115,15 +115,15 @@ def read_surface(path: Path, most: int = MOST_FACES) -> Surface:
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
     """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn."""
     found: Surfaces = {}
-    budget = MOST_IN_ALL
+    budget = _MOST_IN_ALL
     for path in dict.fromkeys(shape.path for shape in shapes if shape.kind == "mesh"):
         assert path is not None
         try:
             if budget <= 0:
                 raise InputError(
-                    f"mesh {path} is left out: the page holds {MOST_IN_ALL} triangles already"
+                    f"mesh {path} is left out: the page holds {_MOST_IN_ALL} triangles already"
                 )
-            found[path] = surface = read_surface(path, min(budget, MOST_FACES))
+            found[path] = surface = read_surface(path, min(budget, _MOST_FACES))
         except InputError as error:
             found[path] = error
             continue
@@ -148,7 +148,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
     return trimesh.load_scene(parts)
 
 
-def read_bytes(path: Path) -> bytes:
+def _read_bytes(path: Path) -> bytes:
     """Read a regular file of limited size.
 
     Raises
@@ -159,10 +159,10 @@ def read_bytes(path: Path) -> bytes:
     if not path.is_file():
         raise InputError(f"{path.name} is not a regular file")
     with path.open("rb") as file:
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
+        data = file.read(_MOST_BYTES + 1)
+    if len(data) > _MOST_BYTES:
         raise InputError(
-            f"{path.name} is larger than {MOST_BYTES / 1e6:g} MB: make it coarser"
+            f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB: make it coarser"
         )
     return data
 
@@ -181,7 +181,7 @@ class _Beside:
             raise InputError(f"it asks for {name[:60]!r}, outside its folder")
         if not file.exists():
             raise FileNotFoundError(name)
-        return read_bytes(file)
+        return _read_bytes(file)
 
 
 def unit(data: bytes) -> float:
@@ -321,7 +321,7 @@ def _by_pairs(
     first = np.repeat(np.repeat(start, count) - (np.cumsum(each) - each), each)
     partner = order[first + np.arange(len(mine))] // 3
     own = unit_normal.take(corner // 3, 0)
-    near = _dot(own.take(mine, 0), unit_normal.take(partner, 0)) > CREASE
+    near = _dot(own.take(mine, 0), unit_normal.take(partner, 0)) > _CREASE
     total = _sums(mine[near], flat.take(partner[near], 0), len(each))
     normals[corner] = _unit(total, own)
 

@@ -20,14 +20,14 @@ from .split import split_joints
 from .xacro import expand
 from .xml import line, one_line, parse, short
 
-MAX_BYTES = 5_000_000
+_MAX_BYTES = 5_000_000
 """Maximum size of a file, bytes: over twenty times the largest robot of example-robot-data."""
 
 MAX_SHAPES = 1000
 """Maximum number of drawn shapes: over five times those of the largest robot of
 example-robot-data."""
 
-MANY_TURNS = 4 * math.pi
+_MANY_TURNS = 4 * math.pi
 """Limit of a revolute joint, rad, above which it may be in degrees, as a note says."""
 
 
@@ -174,17 +174,17 @@ def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
         if not path.is_file():
             raise UrdfError("is not a regular file; give a .urdf file")
         if path.suffix == ".xacro":
-            data = expand(path, MAX_BYTES, package_dirs)
+            data = expand(path, _MAX_BYTES, package_dirs)
         else:
             with path.open("rb") as file:
-                data = file.read(MAX_BYTES + 1)
+                data = file.read(_MAX_BYTES + 1)
     except OSError as error:
         raise UrdfError(
             f"cannot be read ({error.strerror}); check the path and its permissions"
         ) from error
-    if len(data) > MAX_BYTES:
+    if len(data) > _MAX_BYTES:
         raise UrdfError(
-            f"is larger than {MAX_BYTES / 1e6:g} MB, but a URDF has some kB; "
+            f"is larger than {_MAX_BYTES / 1e6:g} MB, but a URDF has some kB; "
             "store meshes in files of their own"
         )
     return data
@@ -269,7 +269,7 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     far = {
         name: max(sizes)
         for name, sizes in ends.items()
-        if any(x > MANY_TURNS for x in sizes)
+        if any(x > _MANY_TURNS for x in sizes)
     }
     if not far:
         return []

@@ -67,7 +67,7 @@ class Shape:
     standing: bool = False
 
 
-Placed = tuple[Shape, pin.SE3]
+_Placed = tuple[Shape, pin.SE3]
 """A shape and its placement on its link."""
 
 
@@ -93,7 +93,7 @@ class Visuals:
     def of(cls, robot: Mechanism) -> Visuals:
         """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
         links = link_frames(robot.model)
-        riding: list[Placed] = []
+        riding: list[_Placed] = []
         missing = set()  # links whose mesh is missing
         for shape, place in _find_shapes(robot):
             if shape.kind == "mesh" and shape.path is None:
@@ -151,7 +151,7 @@ class Visuals:
         return oMi[:, which] @ self._on_joint
 
 
-def _find_shapes(robot: Mechanism) -> Iterator[Placed]:
+def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
     """Iterate over a robot's visible shapes; the path of a missing mesh is None."""
     for seen in robot.description.shapes:
         path = (
@@ -178,7 +178,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[Placed]:
         yield shape, origin(seen)
 
 
-def _surroundings(robot: Mechanism) -> Iterator[Placed]:
+def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
     """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the robot's
     root.
 
@@ -213,7 +213,7 @@ def _surroundings(robot: Mechanism) -> Iterator[Placed]:
 
 def _skeleton(
     robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
-) -> Iterator[Placed]:
+) -> Iterator[_Placed]:
     """Iterate over the shapes that stand in for links without meshes: tubes, and joints.
 
     Parameters
@@ -244,7 +244,7 @@ def _skeleton(
 
 def _joint_bones(
     joint: Joint, place: pin.SE3, thick: float, rail: bool
-) -> Iterator[Placed]:
+) -> Iterator[_Placed]:
     """Iterate over the shapes of a joint: a cylinder if revolute, else a slider on a rail.
 
     ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True.

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..errors import UrdfError
 
-SECONDS = 20.0
+_SECONDS = 20.0
 """Maximum time of an expansion, s."""
 
 _EXPAND = """
@@ -67,11 +67,11 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
         stderr=subprocess.PIPE,
     ) as process:
         try:
-            text, complaints = process.communicate(timeout=SECONDS)
+            text, complaints = process.communicate(timeout=_SECONDS)
         except subprocess.TimeoutExpired:
             process.kill()
             raise UrdfError(
-                f"xacro did not finish within {SECONDS:g} s; look for a macro that calls itself"
+                f"xacro did not finish within {_SECONDS:g} s; look for a macro that calls itself"
             ) from None
         except BaseException:  # interrupted: do not wait for the process
             process.kill()

@@ -9,8 +9,8 @@ from lxml import etree
 
 from ..errors import UrdfError
 
-MAX_NESTING = 64  # depth of nested XML elements
-MAX_ATTRIBUTES = 100  # per element; libxml2 lists them in quadratic time
+_MAX_NESTING = 64  # depth of nested XML elements
+_MAX_ATTRIBUTES = 100  # per element; libxml2 lists them in quadratic time
 _LAST_LINE = 65535  # maximum line number of libxml2
 
 _OTHERS = {
@@ -181,15 +181,15 @@ def _check_root(root: etree._Element) -> None:
     depth = 0
     for event, element in etree.iterwalk(root, events=("start", "end")):
         depth += 1 if event == "start" else -1
-        if depth > MAX_NESTING:
+        if depth > _MAX_NESTING:
             raise UrdfError(
-                f"{line(element)}: elements are nested more than {MAX_NESTING} deep; "
+                f"{line(element)}: elements are nested more than {_MAX_NESTING} deep; "
                 "correct the file"
             )
-        if len(element.attrib) > MAX_ATTRIBUTES:
+        if len(element.attrib) > _MAX_ATTRIBUTES:
             raise UrdfError(
                 f"{line(element)}: {len(element.attrib)} attributes in one element exceed "
-                f"the maximum of {MAX_ATTRIBUTES}"
+                f"the maximum of {_MAX_ATTRIBUTES}"
             )
     tags = {child.tag for child in root}
     xacro = next(

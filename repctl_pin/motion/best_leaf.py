@@ -65,7 +65,7 @@ _LEAST_LEAF_MARGIN = 0.1
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class LeafCandidate:
+class _LeafCandidate:
     """A start configuration, with the margins of one cycle from it.
 
     Attributes
@@ -147,8 +147,8 @@ class BestLeaf:
     True
     """
 
-    best: LeafCandidate
-    given: LeafCandidate | None
+    best: _LeafCandidate
+    given: _LeafCandidate | None
     tried: int
 
     def __repr__(self) -> str:
@@ -245,7 +245,7 @@ def best_leaf(
     given = best = _evaluated(inverse, G_d, path, start, region, steps)
     tried, seen = 1, [] if given is None or given.motion.outside else [given]
 
-    def allowed(starts: Iterable[Array | None]) -> Iterator[LeafCandidate]:
+    def allowed(starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin."""
         nonlocal tried
         for q in starts:
@@ -262,8 +262,8 @@ def best_leaf(
                 yield candidate
 
     def refined(
-        best: LeafCandidate, better: Callable[[LeafCandidate, LeafCandidate], bool]
-    ) -> LeafCandidate:
+        best: _LeafCandidate, better: Callable[[_LeafCandidate, _LeafCandidate], bool]
+    ) -> _LeafCandidate:
         """Improve the best start by a pattern search along the null vectors."""
         size = _STRIDE / 2
         while size >= _FINEST:
@@ -274,7 +274,7 @@ def best_leaf(
             size = size / 2 if best is before else size
         return best
 
-    def clearer(one: LeafCandidate, other: LeafCandidate) -> bool:
+    def clearer(one: _LeafCandidate, other: _LeafCandidate) -> bool:
         return one.order > other.order and (
             given is None or one.limit_margin >= given.limit_margin
         )
@@ -294,7 +294,7 @@ def best_leaf(
     if by == "speed":
         least_margin = max(best.limit_margin, 0.0) / 2
 
-        def faster(one: LeafCandidate, other: LeafCandidate) -> bool:
+        def faster(one: _LeafCandidate, other: _LeafCandidate) -> bool:
             keeps = one.limit_margin >= least_margin and one.body_distance >= 0
             return keeps and one.motion.rms_speed < other.motion.rms_speed
 
@@ -322,7 +322,7 @@ def _evaluated(
     q0: Array,
     region: Bounded | None,
     steps: int,
-) -> LeafCandidate | None:
+) -> _LeafCandidate | None:
     """Follow one cycle from a start and evaluate its margins; None if the cycle fails."""
     task, length = inverse.task, arm_length(inverse.task, q0) or 1.0
     try:
@@ -347,7 +347,7 @@ def _evaluated(
         "bodies": bodies / (_UNIT_DISTANCE * length),
         "leaf": clear,
     }
-    return LeafCandidate(
+    return _LeafCandidate(
         q0=motion.q[0],
         leaf=inverse.leaf(motion.q[0]),
         relative_margins=relative_margins,
@@ -369,7 +369,7 @@ def _directions(task: Task, start: Array, seed: int) -> list[Array]:
     return [*N.T, *(N @ (v / np.linalg.norm(v)) for v in random)]
 
 
-def _line(candidate: LeafCandidate | None) -> str:
+def _line(candidate: _LeafCandidate | None) -> str:
     if candidate is None:
         return "no full cycle from this start"
     outside = candidate.motion.outside

@@ -28,7 +28,7 @@ _LARGEST = 64_000_000
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Recorded:
+class _Recorded:
     """Motion of one strategy, as stored in a file.
 
     Attributes
@@ -125,7 +125,7 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
 
 def read_motions(
     file: str | Path, known: Sequence[str], *, cycles: int | None = None
-) -> list[Recorded]:
+) -> list[_Recorded]:
     """Read the motions of a CSV file with a column per joint, such as :func:`csv_text` writes.
 
     Velocities are ignored.
@@ -187,7 +187,7 @@ def _recorded(
     joints: tuple[str, ...],
     where: str,
     asked: int | None,
-) -> Recorded:
+) -> _Recorded:
     """Create the motion of one strategy from its rows: (line number, cycle, values) each.
 
     The number of cycles is ``asked``, else the last row's value of ``cycle``, else 1.
@@ -211,7 +211,7 @@ def _recorded(
         raise InputError(
             f"{where}, line {rows[late[0] + 1][0]}: time must increase from row to row"
         )
-    return Recorded(key, joints, values[:, : len(joints)], count, times)
+    return _Recorded(key, joints, values[:, : len(joints)], count, times)
 
 
 def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ...]:

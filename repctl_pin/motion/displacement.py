@@ -20,7 +20,7 @@ from ..model.task import Task
 from ..model.visuals import Shape, Visuals
 from .joint_motion import JointMotion
 
-MOST_CYCLES = 100
+_MOST_CYCLES = 100
 """Maximum number of further cycles for which it is predicted that a joint leaves its range."""
 
 
@@ -181,6 +181,6 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(step != 0, margin / np.abs(step), np.inf)
     joint = int(np.argmin(left))
-    if not left[joint] < MOST_CYCLES:
+    if not left[joint] < _MOST_CYCLES:
         return None
     return motion.cycles + int(left[joint]) + 1, task.robot_joints[joint]

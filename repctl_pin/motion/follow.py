@@ -48,13 +48,13 @@ lengths of the arm or of the path, whichever is larger."""
 _MOST = 100_000_000
 """Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
 
-Advance = Callable[[int, Array], tuple[Array, Array, float]]
+_Advance = Callable[[int, Array], tuple[Array, Array, float]]
 """Function (step of the cycle, q) → (next q, q̇ at the start of the step, damping used); on a leaf,
 q̇ is the mean over the step."""
 
 
 @dataclass(frozen=True)
-class Method:
+class _Method:
     """Integration method of :func:`follow`: functions that take its steps.
 
     Attributes
@@ -68,7 +68,7 @@ class Method:
         step that :func:`_run` could refuse.
     """
 
-    advance: Advance
+    advance: _Advance
     at_end: Callable[[Array], Array] | None = None
     compiled: Callable[[Array], Steps | None] = lambda most: None
 
@@ -199,7 +199,7 @@ def check_length(task: Task, cycles: int, steps: int) -> None:
 
 
 def _run(
-    method: Method,
+    method: _Method,
     task: Task,
     name: str,
     points: Array,
@@ -253,7 +253,7 @@ def _integrated(
     period: float,
     integrator: str,
     feedback: float,
-) -> Method:
+) -> _Method:
     """Make the stepper of a motion by a fixed-step Runge–Kutta method of ``INTEGRATORS``."""
     task = strategy.task
     nodes, weights = INTEGRATORS[integrator]
@@ -303,7 +303,7 @@ def _integrated(
             strategy, INTEGRATORS[integrator], xdot, np.diff(grid) * period, most
         )
 
-    return Method(advance, at_end, compiled)
+    return _Method(advance, at_end, compiled)
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
@@ -346,7 +346,7 @@ def _locked(
     q: Array,
     period: float,
     lock: LeafLock,
-) -> Method:
+) -> _Method:
     """Create the integration method from point to point on a leaf; q̇ is the mean of a step."""
     corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
     if lock.leaf is None:
@@ -374,7 +374,7 @@ def _locked(
                 q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most)
         return q, (q - start) / h, used
 
-    return Method(advance)
+    return _Method(advance)
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:

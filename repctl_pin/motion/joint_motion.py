@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-COARSE = 100
+_COARSE = 100
 """Maximum number of points per cycle at which studies and pages compute body distances."""
 
 TOO_FAST = 1 + 1e-9
@@ -211,7 +211,7 @@ class JointMotion:
     @cached_property
     def coarse(self) -> Self:
         """The motion at no more than 100 points per cycle, enough for body distances."""
-        return self.thinned(COARSE)
+        return self.thinned(_COARSE)
 
     def joints(self, values: ArrayLike) -> Array:
         """Convert positions or velocities (..., n) from the task's ψ to the robot's joints."""

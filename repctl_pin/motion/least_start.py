@@ -37,7 +37,7 @@ _IMPROVED = 4
 have the required margin."""
 
 
-class LeastStart(NamedTuple):
+class _LeastStart(NamedTuple):
     """Closed motions of minimum joint speed from several starts on one path.
 
     The first configuration of a motion is its start.
@@ -58,7 +58,7 @@ class LeastStart(NamedTuple):
     clearest: Motion
 
 
-def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> LeastStart:
+def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> _LeastStart:
     """Search the self-motions of a start for the start that needs minimum joint speed.
 
     The motion from that start has at least half of the largest joint-limit margin found, and no
@@ -96,7 +96,7 @@ def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> LeastStart:
     chosen = [*motions[:_IMPROVED], *good[:_IMPROVED]]
     freed = (_freed(motion, given, kept) for motion in chosen if motion is not given)
     best = min([given, *good, *freed], key=lambda motion: motion.rms_speed)
-    return LeastStart(best, given, clearest)
+    return _LeastStart(best, given, clearest)
 
 
 def _freed(motion: Motion, given: Motion, kept: float) -> Motion:

@@ -53,7 +53,7 @@ JERKS: dict[str, tuple[tuple[float, ...], str]] = {
 }
 """Published jerk limits of arms, rad/s³ from the base outward, and sources; UR publishes none."""
 
-FULL_SPEED = 0.2
+_FULL_SPEED = 0.2
 """Assumed time, s, in which a joint reaches its speed limit, if its acceleration limit is
 unknown."""
 
@@ -75,8 +75,8 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
             ), f"published limits for {entry.acceleration}"
     speed = task.joint_limits[2]
     return np.where(
-        np.isfinite(speed), speed / FULL_SPEED, _UNLIMITED
-    ), f"assumed: each joint reaches its speed limit in {FULL_SPEED:g} s"
+        np.isfinite(speed), speed / _FULL_SPEED, _UNLIMITED
+    ), f"assumed: each joint reaches its speed limit in {_FULL_SPEED:g} s"
 
 
 _DIFFERENCE = 1e-5
@@ -168,7 +168,7 @@ def _known(
     return array
 
 
-InverseDynamics = Callable[[Array, Array, Array], Array]
+_InverseDynamics = Callable[[Array, Array, Array], Array]
 """Function (q, q̇, q̈) → joint torques τ, (n,) each."""
 
 
@@ -191,7 +191,7 @@ class JointLimits:
     velocity: Array
     acceleration: Array
     torque: Array | None = None
-    dynamics: InverseDynamics | None = None
+    dynamics: _InverseDynamics | None = None
     jerk: Array | None = None
     tool: Callable[[Array, Array], Array] | None = None
 

@@ -16,7 +16,7 @@ from ..strategies import RepeatableInverse, Strategy
 
 STEP = 0.004
 """Time step, s."""
-SPEED = 0.15
+_SPEED = 0.15
 """Speed at which the target leaves the path and returns, m/s."""
 _MOST = 0.1
 """Joint motion per step, rad or m, from which the target counts as out of reach."""
@@ -129,7 +129,7 @@ class Loop:
             return
         way = wish - self.offset
         onward = self.offset + way * min(
-            1.0, SPEED * self.dt / max(float(np.linalg.norm(way)), 1e-12)
+            1.0, _SPEED * self.dt / max(float(np.linalg.norm(way)), 1e-12)
         )
         self._free += 1
         if self._free * self.dt > _FREE:

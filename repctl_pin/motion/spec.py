@@ -18,17 +18,17 @@ from ..paths.waypoint_file import number, waypoint_path
 from ..plugins import plugin, registered
 from .fitting_circle import circle_at, fitting_circle, planes_of
 
-PathMaker = Callable[[Task, Array], TaskPath]
-Drawn = Callable[[Task, Array, str], TaskPath]
+_PathMaker = Callable[[Task, Array], TaskPath]
+_Drawn = Callable[[Task, Array, str], TaskPath]
 """Function (task, q0, plane) that returns a path."""
 
-FORMS = (
+_FORMS = (
     "circle:RADIUS, circle:RADIUS:DEGREES, eight:RADIUS, rose:RADIUS, square:SIDE, "
     "polygon:CORNERS:RADIUS or FILE.csv; corners are rounded by :blend=RADIUS"
 )
 
 
-def parse_path(text: str | None, plane: str | None) -> PathMaker:
+def parse_path(text: str | None, plane: str | None) -> _PathMaker:
     """Parse the name of a path, and return the function ``(task, q0) → TaskPath`` that creates it.
 
     Parameters
@@ -83,13 +83,13 @@ def parse_path(text: str | None, plane: str | None) -> PathMaker:
     return make
 
 
-def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
+def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
     """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters."""
     if kind == "circle" and len(parts) == 2:
         radius, degrees = _length(parts[0], text), number(parts[1])
         if not np.isfinite(degrees):
             raise InputError(
-                f"path {text!r}: {parts[1]!r} is no angle in degrees; give {FORMS}"
+                f"path {text!r}: {parts[1]!r} is no angle in degrees; give {_FORMS}"
             )
         return lambda task, q0, plane: circle_at(task, q0, radius, plane, degrees)
     numbers = [_length(part, text) for part in parts]
@@ -121,10 +121,10 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> Drawn:
             task, q0, *numbers, plane=plane
         )
     more = "".join(f", {name}" for name in others)
-    raise InputError(f"no path {text!r}; give {FORMS}{more}, lengths in m")
+    raise InputError(f"no path {text!r}; give {_FORMS}{more}, lengths in m")
 
 
-def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> Drawn:
+def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Drawn:
     """Make the function that creates a polygon from corners (x, y) in a plane, m from the start."""
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:
@@ -140,6 +140,6 @@ def _length(part: str, text: str) -> float:
     value = number(part)
     if not (np.isfinite(value) and value > 0):
         raise InputError(
-            f"path {text!r}: {part!r} is not a number above 0; give {FORMS}, lengths in m"
+            f"path {text!r}: {part!r} is not a number above 0; give {_FORMS}, lengths in m"
         )
     return value

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from ..arguments import Array
 from ..errors import InputError
 
-Turning = Callable[[float], Array]
+_Turning = Callable[[float], Array]
 """Function of s in [0, 1] that returns R(s) (3, 3), or a vector (3,) such as ω(s)."""
 
 _NODES = np.arange(7)
@@ -53,7 +53,7 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
     return R if off < 1e-13 else pin.Quaternion(R).normalized().matrix()
 
 
-def angular_velocity(rotation: Turning, breaks: Sequence[float]) -> Turning:
+def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
     """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
 
     The differences are those of log(R(s + e) R(s)ᵀ), within one interval between ``breaks``.
@@ -93,7 +93,7 @@ def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, fl
 
 def smooth_turning(
     knots: ArrayLike, rotations: Sequence[Array]
-) -> tuple[Turning, Turning]:
+) -> tuple[_Turning, _Turning]:
     """Interpolate orientations (P, 3, 3) at knots (P,) by a periodic cubic spline on SO(3).
 
     The knots increase from 0 to 1; the last orientation equals the first. The spline is twice
@@ -159,8 +159,8 @@ def smooth_turning(
 
 
 def facing(
-    target: Array, point: Turning, slope: Turning, start: Array
-) -> tuple[Turning, Turning]:
+    target: Array, point: _Turning, slope: _Turning, start: Array
+) -> tuple[_Turning, _Turning]:
     """Create R(s) and ω(s) of a frame that keeps facing a point, as it does at the start.
 
     ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to the point

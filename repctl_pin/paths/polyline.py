@@ -301,11 +301,11 @@ def _polyline(
     return TaskPath(name, point, slope, R, breaks, spin=spin, period=period)
 
 
-Curve = Callable[[float], tuple[Array, Array]]
+_Curve = Callable[[float], tuple[Array, Array]]
 """Function of u in [0, 1] that returns the position p (3,), m, and dp/du (3,)."""
 
 
-def _line(start: Array, edge: Array) -> Curve:
+def _line(start: Array, edge: Array) -> _Curve:
     return lambda u: (start + u * edge, edge)
 
 
@@ -365,7 +365,7 @@ _BEND_DEGREE = 30
 
 def _bend(
     bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
-) -> Curve:
+) -> _Curve:
     """Create the half of a bend from u = ``begin`` (0 or 0.5), itself a function on [0, 1].
 
     The whole bend has the given length, m; it starts at the point ``start`` in the direction
@@ -384,7 +384,7 @@ def _bend(
 
 def _rounded(
     corners: Array, sizes: Array, radius: float, name: str
-) -> tuple[list[Curve], Array, Array]:
+) -> tuple[list[_Curve], Array, Array]:
     """Round the corners (P, 3) of a closed polyline by bends.
 
     The bend at a corner with angle φ cuts ρ tan(φ/2) off both edges, as an arc of radius ρ does.
@@ -419,7 +419,7 @@ def _rounded(
             f"{name}: blends of radius {radius:g} m do not fit the edge of {lengths[at]:.3g} m "
             f"from point {at + 1} to {at + 2}; use a blend radius of at most {most:.2g} m"
         )
-    pieces: list[Curve] = []
+    pieces: list[_Curve] = []
     took: list[float] = []
     upto = [0]  # number of pieces before the midpoint of each corner
 

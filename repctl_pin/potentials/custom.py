@@ -11,10 +11,10 @@ from ..arguments import Array, as_configurations, list_of_names, require_type, r
 from ..errors import InputError
 from .basis import PotentialBasis
 
-Function = Callable[[Array], float]
-Gradient = Callable[[Array], ArrayLike]
+_Function = Callable[[Array], float]
+_Gradient = Callable[[Array], ArrayLike]
 
-STEP = 1e-5
+_STEP = 1e-5
 """Step, rad or m, of the differences for a missing gradient; their error is about 1e-10 h."""
 
 
@@ -47,7 +47,7 @@ class CustomPotentials(PotentialBasis):
 
     def __init__(
         self,
-        functions: Sequence[Function | tuple[Function, Gradient]],
+        functions: Sequence[_Function | tuple[_Function, _Gradient]],
         *,
         names: Sequence[str] | None = None,
     ) -> None:
@@ -142,8 +142,8 @@ class CustomPotentials(PotentialBasis):
         if given is None:
             return np.array(
                 [
-                    (self._value(j, q + d) - self._value(j, q - d)) / (2 * STEP)
-                    for d in STEP * np.eye(len(q))
+                    (self._value(j, q + d) - self._value(j, q - d)) / (2 * _STEP)
+                    for d in _STEP * np.eye(len(q))
                 ]
             )
         try:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 
-BITS = 30
+_BITS = 30
 """Number of binary digits of a coordinate."""
 
 _JOE_KUO = """
@@ -29,7 +29,7 @@ _JOE_KUO = """
 An entry is a primitive polynomial over GF(2), its coefficients the binary digits of a number, and
 the initial direction numbers m_1, m_2, …"""
 
-MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
+_MOST_DIMENSIONS = 2 + _JOE_KUO.count(";")
 """Largest dimension that the table covers."""
 
 
@@ -39,7 +39,7 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
     Parameters
     ----------
     n
-        Dimension; above :data:`MOST_DIMENSIONS`, scipy draws the points.
+        Dimension; above :data:`_MOST_DIMENSIONS`, scipy draws the points.
     power
         Base-2 logarithm of the number of points, at most 30.
     seed
@@ -49,24 +49,24 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
     -------
     (2^power, n) array
     """
-    if n > MOST_DIMENSIONS:
+    if n > _MOST_DIMENSIONS:
         from scipy.stats import qmc
 
         return qmc.Sobol(n, scramble=True, rng=seed).random_base2(power)
     random = seed
     if not isinstance(random, np.random.Generator):
         random = np.random.default_rng(seed).spawn(1)[0]  # as scipy does with rng=
-    shift_bits = random.integers(2, size=(n, BITS), dtype=np.uint32)
-    matrix = np.tril(random.integers(2, size=(n, BITS, BITS), dtype=np.uint32))
-    matrix |= np.eye(BITS, dtype=np.uint32)
-    places = 2 ** np.arange(BITS, dtype=np.uint32)
+    shift_bits = random.integers(2, size=(n, _BITS), dtype=np.uint32)
+    matrix = np.tril(random.integers(2, size=(n, _BITS, _BITS), dtype=np.uint32))
+    matrix |= np.eye(_BITS, dtype=np.uint32)
+    places = 2 ** np.arange(_BITS, dtype=np.uint32)
     shift = shift_bits @ places  # (n,)
     digits = matrix @ _direction_digits()[:n] % 2  # (n, BITS, BITS)
     directions = np.einsum("i,nij->jn", places[::-1], digits)  # (BITS, n)
     points = shift[None]
     for direction in directions[:power]:  # Gray code: reflected, with one more digit
         points = np.concatenate([points, points[::-1] ^ direction])
-    return np.multiply(points, 2.0**-BITS, dtype=np.float64)
+    return np.multiply(points, 2.0**-_BITS, dtype=np.float64)
 
 
 @cache
@@ -74,11 +74,11 @@ def _direction_digits() -> NDArray[np.uint32]:
     """Tabulate the binary digits of the direction numbers: [dimension, digit (most significant
     first), number].
     """
-    numbers = [[1] * BITS]
+    numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):
         polynomial, *initial = map(int, row.split())
         numbers.append(_extended(polynomial, initial))
-    places = np.arange(BITS)
+    places = np.arange(_BITS)
     shifted = np.array(numbers) << places[::-1]  # m_j 2^(BITS - j)
     digits = shifted[:, None, :] >> places[::-1, None] & 1
     return digits.astype(np.uint32)
@@ -88,7 +88,7 @@ def _extended(polynomial: int, initial: list[int]) -> list[int]:
     """Extend the numbers m_1, m_2, … of one dimension to BITS, by its polynomial's recurrence."""
     degree = len(initial)
     m = list(initial)
-    for j in range(degree, BITS):
+    for j in range(degree, _BITS):
         following = m[j - degree]
         for k in range(1, degree + 1):
             if polynomial >> (degree - k) & 1:

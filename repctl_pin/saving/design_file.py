@@ -23,7 +23,7 @@ from .schema import DesignFile, Figures, Sealed, described, made
 from .task_identity import identity
 
 FORMAT = "repctl design"
-SCHEMA = 2
+_SCHEMA = 2
 
 _LARGEST = 64_000_000
 
@@ -32,7 +32,7 @@ def write(content: Sealed, path: str | Path) -> Path:
     """Write the content of a design, with its checksum, to a JSON file atomically."""
     plain = _printable(msgspec.to_builtins(content))
     text = json.dumps(
-        plain | {"checksum": checksum_of(plain)},
+        plain | {"checksum": _checksum_of(plain)},
         indent=1,
         ensure_ascii=False,
         allow_nan=False,
@@ -79,18 +79,18 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
             raise InputError(
                 f'{where} is not a design file: it does not say "format": "{next(iter(kinds))}"'
             )
-        if head.schema > SCHEMA:
+        if head.schema > _SCHEMA:
             raise InputError(
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, "
-                f"and this is {__version__}, which reads {SCHEMA}; upgrade repctl-pin"
+                f"and this is {__version__}, which reads {_SCHEMA}; upgrade repctl-pin"
             )
         if head.schema < 1:
             raise InputError(
                 f"{where} is not a design file: there is no schema {head.schema}"
             )
-        if head.schema < SCHEMA:
+        if head.schema < _SCHEMA:
             raise InputError(
-                f"{where} has schema {head.schema}, and this version reads {SCHEMA}; "
+                f"{where} has schema {head.schema}, and this version reads {_SCHEMA}; "
                 "design again, or use the repctl-pin that wrote it"
             )
         content = msgspec.json.decode(text, type=kinds[head.format]().content)
@@ -109,7 +109,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
             f"{where} is not a valid design file: a text contains a control character "
             "or a line break"
         )
-    if content.checksum != checksum_of(plain):
+    if content.checksum != _checksum_of(plain):
         raise InputError(
             f"{where} was changed after it was written: its checksum does not fit; design again"
         )
@@ -120,14 +120,14 @@ def head(kind: str, task: Task) -> dict[str, Any]:
     """Create the fields that every file has (:class:`Sealed`), with an empty checksum."""
     return {
         "format": kind,
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "written_by": __version__,
         "checksum": "",
         "task": identity(task),
     }
 
 
-def design_file(design: Design) -> DesignFile:
+def _design_file(design: Design) -> DesignFile:
     """Convert a design to the content of a file.
 
     Raises
@@ -158,7 +158,7 @@ def design_file(design: Design) -> DesignFile:
     )
 
 
-def design_of(content: DesignFile, task: Task) -> Design:
+def _design_of(content: DesignFile, task: Task) -> Design:
     """Create a design from the content of a file, for the task it was made for.
 
     Raises
@@ -214,7 +214,7 @@ def _printable(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
 
 
-def checksum_of(content: dict[str, Any]) -> str:
+def _checksum_of(content: dict[str, Any]) -> str:
     """Hash the content without its checksum; the layout of the file has no effect."""
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -231,4 +231,4 @@ def _unchecked(content: DesignFile, task: Task) -> list[str]:
     ]
 
 
-KIND = FileKind(DesignFile, Design, design_file, design_of, _unchecked)
+KIND = FileKind(DesignFile, Design, _design_file, _design_of, _unchecked)

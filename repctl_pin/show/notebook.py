@@ -16,7 +16,7 @@ from .study_files import study_page
 from .text import captions
 from .text.table import study_table
 
-DPI = 96
+_DPI = 96
 """Pixels of the page per inch of a figure."""
 
 _TABLE = (
@@ -26,7 +26,7 @@ _TABLE = (
 
 
 @dataclass(frozen=True)
-class Inline:
+class _Inline:
     """Display in a notebook cell, made by :func:`inline`.
 
     Attributes
@@ -47,7 +47,7 @@ class Inline:
         return self.text
 
 
-def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
+def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
     """Display the animation, table and figures of a study in a notebook cell; write no files.
 
     Parameters
@@ -75,9 +75,9 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
     """
     height = as_int(height, "height", 1)
     if isinstance(shown, str):
-        return Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")
+        return _Inline(frame(shown, height), f"<page of {len(shown) / 1e6:.1f} MB>")
     if isinstance(shown, Figure):
-        return Inline(_picture(shown, "Figure"), repr(shown))
+        return _Inline(_picture(shown, "Figure"), repr(shown))
     if not isinstance(shown, Study):
         raise InputError(
             f"must be a study, a figure or the HTML of a page; got {type(shown).__name__}",
@@ -90,7 +90,7 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> Inline:
         _picture(drift_figure(drawn(shown), ""), captions.drift_words(shown)),
         _picture(joints_figure(drawn(shown), ""), captions.joints_words(shown)),
     )
-    return Inline("\n".join(parts), text)
+    return _Inline("\n".join(parts), text)
 
 
 def frame(page: str, height: int = 640) -> str:
@@ -104,8 +104,8 @@ def frame(page: str, height: int = 640) -> str:
 
 def _picture(figure: Figure, text: str) -> str:
     """Embed a figure in a notebook cell, at twice the resolution, with alternative text."""
-    data = base64.b64encode(png(figure, 2 * DPI)).decode("ascii")
-    width = round(figure.get_figwidth() * DPI)
+    data = base64.b64encode(png(figure, 2 * _DPI)).decode("ascii")
+    width = round(figure.get_figwidth() * _DPI)
     return (
         f'<img src="data:image/png;base64,{data}" width="{width}" '
         f'style="max-width: 100%; height: auto" alt="{html.escape(text, quote=True)}">'

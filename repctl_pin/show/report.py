@@ -28,7 +28,14 @@ from .text import captions
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 
-DISTRIBUTIONS = ("numpy", "scipy", "pin", "matplotlib", "meshcat", "example-robot-data")
+_DISTRIBUTIONS = (
+    "numpy",
+    "scipy",
+    "pin",
+    "matplotlib",
+    "meshcat",
+    "example-robot-data",
+)
 """Packages whose versions a report lists."""
 
 DPI = 130
@@ -93,7 +100,7 @@ def report_page(
 def versions() -> dict[str, str]:
     """Collect the versions of all packages that a result depends on."""
     found = {"repctl_pin": __version__, "Python": platform.python_version()}
-    for name in DISTRIBUTIONS:
+    for name in _DISTRIBUTIONS:
         try:
             found[name] = version(name)
         except PackageNotFoundError:

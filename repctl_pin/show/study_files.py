@@ -14,7 +14,7 @@ from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .text.headline import stopped_words
 
-CSV_ROWS_PER_CYCLE = 100
+_CSV_ROWS_PER_CYCLE = 100
 """Maximum number of rows per cycle in ``motion.csv``."""
 
 
@@ -74,7 +74,7 @@ def with_run(page: str, run: str) -> str:
 def _motions(study: Study, run: str = "") -> str:
     """Write the motions of a study as the text of a CSV file."""
     kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
-    return csv_text(kept, most=CSV_ROWS_PER_CYCLE, run=run)
+    return csv_text(kept, most=_CSV_ROWS_PER_CYCLE, run=run)
 
 
 def study_page(study: Study, *, seconds: float | None = None) -> str:

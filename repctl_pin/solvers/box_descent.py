@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 
-Rows = NDArray[np.intp]
+_Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class StepLengths:
 def descend_in_box(
     x: Array,
     value: Array,
-    trial: Callable[[Rows, Array], Array],
-    evaluate: Callable[[Rows, Array], tuple[Array, NDArray[np.bool_]]],
+    trial: Callable[[_Rows, Array], Array],
+    evaluate: Callable[[_Rows, Array], tuple[Array, NDArray[np.bool_]]],
     lengths: StepLengths,
     *,
     enough: float = -inf,
-    accepted: Callable[[Rows, NDArray[np.bool_]], None] | None = None,
+    accepted: Callable[[_Rows, NDArray[np.bool_]], None] | None = None,
 ) -> None:
     """Minimise a function over a box from several starting points at once.
 

@@ -50,7 +50,7 @@ class Point(Generic[D]):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Step:
-    """Damped Gauss–Newton step; g, H, D and μ as in :class:`LeastSquares`.
+    """Damped Gauss–Newton step; g, H, D and μ as in :class:`_LeastSquares`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Step:
     damping: float
 
 
-class LeastSquares(Protocol[D, M]):
+class _LeastSquares(Protocol[D, M]):
     """Interface of a nonlinear least-squares problem: a merit of x, its gradient g and its
     Gauss–Newton matrix H."""
 
@@ -127,7 +127,7 @@ class Damping:
 
 
 @dataclass(frozen=True)
-class Solution(Generic[D]):
+class _Solution(Generic[D]):
     """Result of :func:`levenberg_marquardt`.
 
     Attributes
@@ -148,7 +148,7 @@ class Solution(Generic[D]):
 
 
 def levenberg_marquardt(
-    problem: LeastSquares[D, M],
+    problem: _LeastSquares[D, M],
     x: Array,
     rules: Damping,
     *,
@@ -158,7 +158,7 @@ def levenberg_marquardt(
     predicted: float = -inf,
     enough: float = -inf,
     report: Callable[[int, float], None] | None = None,
-) -> Solution[D]:
+) -> _Solution[D]:
     """Minimise a sum of squares from x by damped Gauss–Newton steps.
 
     Parameters
@@ -184,7 +184,7 @@ def levenberg_marquardt(
     """
     here = problem.evaluate(x)
     if not isfinite(here.merit):
-        return Solution(here, here.cost, 0, False)
+        return _Solution(here, here.cost, 0, False)
     start, model = here.cost, problem.model(here)
     damping = rules.first
     count = still = 0
@@ -192,7 +192,7 @@ def levenberg_marquardt(
         if report is not None:
             report(count, here.cost)
         if here.cost <= enough:
-            return Solution(here, start, count, True)
+            return _Solution(here, start, count, True)
         step = problem.step(model, damping)
         if (
             step.damping > damping
@@ -201,7 +201,7 @@ def levenberg_marquardt(
             rules = replace(rules, smallest=damping)
         if step.predicted <= predicted * here.cost:
             if damping <= rules.smallest:
-                return Solution(here, start, count, True)
+                return _Solution(here, start, count, True)
             damping = max(damping / _RELAXED, rules.smallest)
             count += 1
             continue
@@ -209,7 +209,7 @@ def levenberg_marquardt(
         if trial is None:
             damping = max(_RETRY * damping, _FIRST_RETRY)
             if rules.halvings or damping > rules.largest:
-                return Solution(here, start, count, False)
+                return _Solution(here, start, count, False)
             continue
         damping = rules.after(damping, (here.merit - trial.merit) / step.predicted)
         small = abs(here.cost - trial.cost) <= tolerance * here.cost
@@ -217,13 +217,13 @@ def levenberg_marquardt(
         here = trial
         count += 1
         if still == patience:
-            return Solution(here, start, count, True)
+            return _Solution(here, start, count, True)
         model = problem.model(here)
-    return Solution(here, start, count, False)
+    return _Solution(here, start, count, False)
 
 
 def _taken(
-    problem: LeastSquares[D, M], here: Point[D], step: Step, rules: Damping
+    problem: _LeastSquares[D, M], here: Point[D], step: Step, rules: Damping
 ) -> Point[D] | None:
     """Backtracking line search: halve a step until the merit decreases sufficiently.
 

@@ -31,10 +31,10 @@ def python_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:
 
     It is called once per thread, so that each thread has separate working memory.
     """
-    return lambda: checked(task, control_law(task, potentials))
+    return lambda: checked(task, _control_law(task, potentials))
 
 
-def control_law(task: Task, potentials: Potentials) -> FastLoop:
+def _control_law(task: Task, potentials: Potentials) -> FastLoop:
     """Create the control law of the repeatable inverse of potentials h, in preallocated memory.
 
     Its step is ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` with ``J_V = [J; Vᵀ]`` (37).

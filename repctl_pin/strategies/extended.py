@@ -71,22 +71,22 @@ class ExtendedJacobian(RepeatableInverse):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):
                 if given is not None:
                     function(given, name, "a function of q")
-            shape: Posture | Given = Given(potential, gradient, hessian)
+            shape: _Posture | _Given = _Given(potential, gradient, hessian)
             anchor = task.reference if reference is None else reference
         else:
             posture = vector(potential, task.n, "a posture (or give U as a function)")
-            shape = Posture(posture)
+            shape = _Posture(posture)
             anchor = posture if reference is None else reference
         super().__init__(
-            task, ExtendedMap(task, shape, nullspace(task.jacobian(anchor)))
+            task, _ExtendedMap(task, shape, nullspace(task.jacobian(anchor)))
         )
 
 
-class ExtendedMap(Potentials):
+class _ExtendedMap(Potentials):
     """The r potentials ``h = Nᵀ ∇U`` of an extended Jacobian, and their gradients."""
 
     def __init__(
-        self, task: Task, potential: Posture | Given, N_reference: Array
+        self, task: Task, potential: _Posture | _Given, N_reference: Array
     ) -> None:
         self.task, self.potential, self.N_reference, self.n = (
             task,
@@ -155,7 +155,7 @@ class ExtendedMap(Potentials):
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 
 
-class Posture:
+class _Posture:
     """Potential ``U = ½ ‖q − posture‖²``."""
 
     def __init__(self, posture: Array) -> None:
@@ -170,7 +170,7 @@ class Posture:
         return np.broadcast_to(np.eye(Q.shape[1]), (*Q.shape, Q.shape[1]))
 
 
-class Given:
+class _Given:
     """Potential U given as a function, with given or numerical derivatives."""
 
     def __init__(

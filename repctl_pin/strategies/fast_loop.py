@@ -115,7 +115,7 @@ def checked(task: Task, law: FastLoop) -> FastLoop:
         if gain is not None and not (
             isinstance(gain, float) and 0.0 <= gain * dt <= 2.0
         ):
-            gain = as_gain(gain, dt)
+            gain = _as_gain(gain, dt)
         if twist is not None and not (
             type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == of_twist
         ):
@@ -125,7 +125,7 @@ def checked(task: Task, law: FastLoop) -> FastLoop:
     return replace(law, velocity=checked_velocity(n, task.m, law.velocity), step=step)
 
 
-def as_gain(gain: float, dt: float) -> float:
+def _as_gain(gain: float, dt: float) -> float:
     """Check a feedback gain, 1/s, and convert it to a float.
 
     A step removes the share gain · dt of the error.

@@ -57,7 +57,7 @@ class Pseudoinverse:
 
     def __init__(self, task: Task) -> None:
         self.task = redundant(task)
-        self._quick = PerThread(partial(least_speed, self.task))
+        self._quick = PerThread(partial(_least_speed, self.task))
 
     def __repr__(self) -> str:
         return described(self, self.task)
@@ -156,7 +156,7 @@ class WeightedInverse:
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
-def least_speed(
+def _least_speed(
     task: Task, posture: Array | None = None, gain: float = 0.0
 ) -> Callable[..., Array]:
     """Create the fast function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
@@ -304,7 +304,7 @@ class PostureControl:
         self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
         self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
         self._quick = PerThread(
-            partial(least_speed, self.task, self.posture, self.gain)
+            partial(_least_speed, self.task, self.posture, self.gain)
         )
 
     def __repr__(self) -> str:

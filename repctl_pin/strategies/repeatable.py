@@ -35,10 +35,10 @@ from .on_leaf import solve
 from .pseudoinverse import at_rows, redundant
 from .strategy import Step, described
 
-Outside = Literal["ignore", "warn", "raise"]
+_Outside = Literal["ignore", "warn", "raise"]
 """Action outside the design region Ω, or beyond joint limits."""
 
-_ACTIONS = get_args(Outside)
+_ACTIONS = get_args(_Outside)
 
 _EDGE = 1e-9
 """Tolerance of ``region.ratio(q) <= 1`` for the rounding of f(q)."""
@@ -138,7 +138,7 @@ class RepeatableInverse:
     # ---- the control loop ------------------------------------------------------------------------
 
     def velocity(
-        self, q: ArrayLike, xdot: ArrayLike, *, outside: Outside = "ignore"
+        self, q: ArrayLike, xdot: ArrayLike, *, outside: _Outside = "ignore"
     ) -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``.
 
@@ -179,7 +179,7 @@ class RepeatableInverse:
         gain: float | None = None,
         velocity_limit: ArrayLike | None = None,
         damping: float = 0.0,
-        outside: Outside = "ignore",
+        outside: _Outside = "ignore",
     ) -> Array:
         """Compute the next q (n,) of a control loop, with feedback of the task and leaf errors.
 
@@ -239,7 +239,7 @@ class RepeatableInverse:
         gain: float | None = None,
         velocity_limit: ArrayLike | None = None,
         damping: float = 0.0,
-        outside: Outside = "ignore",
+        outside: _Outside = "ignore",
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 

@@ -23,13 +23,13 @@ from .choose_start import plain_cycle, violations
 from .period import PERIOD, choose_period
 from .problem import Problem, tube_around
 
-Make = Callable[[Region], Design]
-Say = Callable[[str], None]
+_Make = Callable[[Region], Design]
+_Say = Callable[[str], None]
 
-MOST_STARTS = 5
+_MOST_STARTS = 5
 """Maximum number of starts for which a design is made."""
 
-HIGH_SPEED = 0.05
+_HIGH_SPEED = 0.05
 """Extra joint speed in cycle 1, relative to J⁺, above which another start is tried."""
 
 NO_BETTER = "none of the default starts keeps the joint limits and the bodies apart on this path"
@@ -38,11 +38,11 @@ NO_BETTER = "none of the default starts keeps the joint limits and the bodies ap
 def design_for(
     problem: Problem,
     desired: Inverse,
-    make: Make,
+    make: _Make,
     *,
     width: float | None = None,
     seed: int = 0,
-    say: Say = lambda text: None,
+    say: _Say = lambda text: None,
 ) -> tuple[Problem, Design]:
     """Design a repeatable inverse in the given region, or around the motion from the best start.
 
@@ -81,7 +81,7 @@ def design_for(
         return problem, _in_region(problem, make)
     failure: SingularityError | None = None
     best: tuple[tuple[int, float], Problem, Design] | None = None
-    for tried in islice(problem.alternatives(), MOST_STARTS):
+    for tried in islice(problem.alternatives(), _MOST_STARTS):
         if tried._violates and best is not None:
             break
         try:
@@ -101,7 +101,7 @@ def design_for(
         return chosen, design
     assert failure is not None
     if isinstance(failure, SingularRegionError):
-        other = f"none of {MOST_STARTS} starts does better; give one"
+        other = f"none of {_MOST_STARTS} starts does better; give one"
         if "start" in problem.given:
             other = "choose another start"
         failure.remedy = f"{other}, or a smaller path"
@@ -153,7 +153,7 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
     )
 
 
-def _in_region(problem: Problem, make: Make) -> Design:
+def _in_region(problem: Problem, make: _Make) -> Design:
     """Design in the region of a problem.
 
     If Ω is singular, the remedy of the error suggests a smaller region that is not, or another
@@ -181,16 +181,16 @@ def _merit(problem: Problem, design: Design) -> tuple[int, float]:
     motion = _own_cycle(design, path, q0, steps=96)
     plain = plain_cycle(design.task, path, q0)
     extra = 0.0 if plain is None else motion.first_rms_speed / plain.first_rms_speed - 1
-    return violations(motion), extra if extra > HIGH_SPEED else 0.0
+    return violations(motion), extra if extra > _HIGH_SPEED else 0.0
 
 
 def _around_motion(
     problem: Problem,
     desired: Inverse,
-    make: Make,
+    make: _Make,
     width: float | None,
     seed: int,
-    say: Say,
+    say: _Say,
 ) -> Design:
     """Design in a tube around the motion, at first that of a design of degree 1.
 

@@ -12,7 +12,7 @@ from ..motion import Motion
 PERIOD = 5.0
 """Period, s, if none is given and the joints are fast enough."""
 
-SHARE = 0.9
+_SHARE = 0.9
 """Maximum fraction of a speed limit that a cycle uses, if its period is increased."""
 
 
@@ -40,7 +40,7 @@ def choose_period(
     if name is None or not 1 < first[name].speed_ratio < np.inf:
         return usual, []
     worst = first[name]
-    longer = usual * worst.speed_ratio / SHARE
+    longer = usual * worst.speed_ratio / _SHARE
     digit = 10.0 ** (np.floor(np.log10(longer)) - 1)
     period = float(f"{np.ceil(longer / digit) * digit:.2g}")
     return period, [

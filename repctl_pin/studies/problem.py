@@ -34,7 +34,7 @@ from ..strategies import Pseudoinverse
 from .choose_start import GIVEN, PathOf, PathStart, starts
 from .task_choice import choose_task
 
-RegionOf = Callable[[Task, Array], Region]
+_RegionOf = Callable[[Task, Array], Region]
 
 SAVED = "saved in the design"
 
@@ -115,7 +115,7 @@ class Problem:
     given: frozenset[str]
     moved: tuple[str, ...]
     warnings: tuple[str, ...]
-    _asked: float | Region | RegionOf | None  # the region as it was given
+    _asked: float | Region | _RegionOf | None  # the region as it was given
     _draw: PathOf | None
     _violates: bool
 
@@ -128,7 +128,7 @@ class Problem:
         start: ArrayLike | str | None = None,
         path: str | ClosedPath | PathOf | Literal[False] | None = None,
         plane: str | None = None,
-        region: float | Region | RegionOf | None = None,
+        region: float | Region | _RegionOf | None = None,
     ) -> None:
         draw = _checked_path(path, plane)
         asked = _checked_region(region)
@@ -264,7 +264,7 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
     return function(path, "path", _A_PATH, 2)
 
 
-def _checked_region(region: Any) -> float | Region | RegionOf | None:
+def _checked_region(region: Any) -> float | Region | _RegionOf | None:
     """Check the argument ``region``: a half-width, a region, a function that makes one, or None."""
     if region is None or isinstance(region, Region):
         return region

@@ -34,19 +34,19 @@ from .study_result import Row, Study, evaluated
 from .task_choice import kind_note
 from .work import choose_degree
 
-Control = Strategy | Callable[[Array, Array], ArrayLike]
+_Control = Strategy | Callable[[Array, Array], ArrayLike]
 
-POSTURE_GAIN = 1.0
+_POSTURE_GAIN = 1.0
 """Gain of the posture task in the null space, 1/s."""
 
-EDGE = 1e-6
+_EDGE = 1e-6
 """Distance between the start and a second start, rad or m. Their motions are compared to see
 whether the start lies on an edge between different motions."""
 
-AMPLIFIED = 1000.0
-"""Growth factor of the distance ``EDGE`` in one cycle above which the start is on an edge."""
+_AMPLIFIED = 1000.0
+"""Growth factor of the distance ``_EDGE`` in one cycle above which the start is on an edge."""
 
-POSTURE_OFFSET = 0.57
+_POSTURE_OFFSET = 0.57
 """Distance of the second posture from the start, rad, along the first null vector."""
 
 
@@ -58,7 +58,7 @@ def study(
     period: float | None = None,
     degree: int | None = None,
     weight: ArrayLike | str | None = None,
-    controls: Mapping[str, Control] | None = None,
+    controls: Mapping[str, _Control] | None = None,
     options: FitOptions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Study:
@@ -216,9 +216,9 @@ def _followed(
             for row in (first, last)
         )
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
-    away = np.clip(q0 + POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
+    away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
     near, other = (
-        PostureControl(task, posture, POSTURE_GAIN) for posture in (q0, away)
+        PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away)
     )
     margin = _leaf_margin(design, last.motion)
     rows = [
@@ -258,23 +258,23 @@ def edge_warning(
     ``strategy`` from q0.
     """
     task = strategy.task
-    beside = q0 + EDGE * nullspace(task.jacobian(q0))[:, 0]
+    beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
     other = _run(row.key, strategy, path, beside, options | {"cycles": 1}).motion
     if row.motion is None and other is None:
         return []
     where = "stops" if other is None else "goes on"
     if row.motion is not None and other is not None:
         gap = float(np.linalg.norm(other.q[-1] - row.motion.cycle(0)[-1]))
-        if gap <= AMPLIFIED * EDGE:
+        if gap <= _AMPLIFIED * _EDGE:
             return []
         where = f"ends cycle 1 {gap:.2g} {task.unit} away"
-    differs = f"from a start that differs by {EDGE:g} {task.unit} the motion {where}"
+    differs = f"from a start that differs by {_EDGE:g} {task.unit} the motion {where}"
     edge = f"{row.label}: the start is on an edge: {differs}"
     return [f"{edge}; choose another start or a smaller path"]
 
 
 def _custom_controls(
-    task: Task, controls: Mapping[str, Control]
+    task: Task, controls: Mapping[str, _Control]
 ) -> dict[str, Strategy]:
     """Convert custom controllers, given by name, to strategies for a task."""
     what = "a dictionary that gives each control a name, such as {'mine': control}"
@@ -284,7 +284,7 @@ def _custom_controls(
     }
 
 
-def _custom_control(task: Task, name: object, control: Control) -> Strategy:
+def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
     """Convert a custom controller to a strategy.
 
     Raises

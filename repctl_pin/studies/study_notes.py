@@ -15,10 +15,10 @@ from ..motion.motion import ON_PATH
 from ..strategies import Pseudoinverse
 from .study_result import Row
 
-EXTRA_SPEED = 0.05
+_EXTRA_SPEED = 0.05
 """Extra joint speed in cycle 1, relative to J⁺, above which a note explains it."""
 
-LITTLE = 1e-4
+_LITTLE = 1e-4
 """Drift per cycle, rad or m, up to which J⁺ counts as hardly drifting on a path."""
 
 
@@ -80,7 +80,7 @@ def _drift_elsewhere(
     ``plain`` is J⁺, ``motion`` its motion; the list has at most one text.
     """
     task = plain.task
-    if motion is None or motion.drift[0] > LITTLE or task.m < 3:
+    if motion is None or motion.drift[0] > _LITTLE or task.m < 3:
         return []
     per_area = drift_per_area(plain, q0)
     a, b = np.unravel_index(int(per_area.argmax()), per_area.shape)
@@ -101,7 +101,7 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
     extra = closed.first_rms_speed / plain.first_rms_speed - 1
-    if extra <= EXTRA_SPEED:
+    if extra <= _EXTRA_SPEED:
         return []
     Q, qdot = closed.q[: closed.steps], closed.qdot[: closed.steps]
     J = closed.task.jacobians(Q)

@@ -8,7 +8,7 @@ from ..errors import InputError
 from ..model.task import Task
 from ..potentials import Polynomial
 
-LONG = 60.0
+_LONG = 60.0
 """Estimated processor time of a design, s, above which a lower degree is chosen, or a note made."""
 
 _TOO_LONG = 600.0
@@ -18,7 +18,7 @@ _RATE = 3000.0
 """Speed of a design: entries of the Gauss–Newton matrix summed over 16,384 nodes, per second."""
 
 
-def design_seconds(task: Task, degree: int) -> float:
+def _design_seconds(task: Task, degree: int) -> float:
     """Estimate the processor time, s, of a design with polynomials, within a factor of 3."""
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
@@ -37,18 +37,18 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
     """
     if degree is not None:
         check_degree(task, degree)
-        seconds = design_seconds(task, degree)
-        if seconds <= LONG:
+        seconds = _design_seconds(task, degree)
+        if seconds <= _LONG:
             return degree, []
         time = (
             f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}"
         )
         return degree, [f"{time}; a lower degree takes less"]
-    seconds = design_seconds(task, 2)
-    if seconds <= LONG:
+    seconds = _design_seconds(task, 2)
+    if seconds <= _LONG:
         check_degree(task, 2)
         return 2, []
-    least = design_seconds(task, 1)
+    least = _design_seconds(task, 1)
     if least > _TOO_LONG:
         raise InputError(
             f": a study of {task.n} joints takes {_about(least)} even at degree 1",

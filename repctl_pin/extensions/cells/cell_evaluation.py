@@ -138,7 +138,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Speeds:
+class _Speeds:
     """Joint speeds of a function at K poses, per unit of task speed, and distances from
     singularities.
 
@@ -168,7 +168,7 @@ class Speeds:
         return np.asarray(self.own / self.desired_square, float)
 
 
-def speeds(desired: Inverse, chart: Chart, at: Points) -> Speeds:
+def speeds(desired: Inverse, chart: Chart, at: Points) -> _Speeds:
     """Evaluate the joint speeds of the function s = 0 of a chart at configurations on it."""
     K = len(at.U)
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
@@ -182,7 +182,7 @@ def speeds(desired: Inverse, chart: Chart, at: Points) -> Speeds:
             (x**2).sum(axis=(1, 2)) for x in (own - desired_square, own, desired_square)
         ]
         four[3, sound] = _largest_ratio(own, desired_square)
-    return Speeds(
+    return _Speeds(
         four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3]
     )
 
@@ -208,7 +208,7 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class SpeedRatio:
+class _SpeedRatio:
     """Joint speed of G_d divided by that of the function s = 0, squared; a search minimises it.
 
     Attributes
@@ -276,7 +276,7 @@ class _Sampled:
 
     U: Array
     Q: Array
-    speeds: Speeds
+    speeds: _Speeds
     residual: Array
     limit_margin: Array
     ok: NDArray[np.bool_]
@@ -294,10 +294,10 @@ def _sampled(
     for start in range(0, len(U), _BLOCK):
         parts.append(candidate.at(U[start : start + _BLOCK]))
         found.append(speeds(desired, candidate.chart, parts[-1]))
-    every = Speeds(
+    every = _Speeds(
         *(
             np.concatenate([getattr(x, name) for x in found])
-            for name in Speeds.__dataclass_fields__
+            for name in _Speeds.__dataclass_fields__
         )
     )
     Q, ok, residual = (
@@ -375,7 +375,7 @@ def evaluate_cell(
     both = [(x, x.sheet & (x.limit_margin >= 0)) for x in (at, low)]
 
     def most_of(name: str) -> float:
-        """Return the maximum of an attribute of :class:`Speeds`, a squared ratio of joint speeds,
+        """Return the maximum of an attribute of :class:`_Speeds`, a squared ratio of joint speeds,
         as extra joint speed: its square root minus 1."""
         largest = max(
             getattr(x.speeds, name)[good].max(initial=0.0) for x, good in both
@@ -438,7 +438,7 @@ def _searched(
             start = _worst(-ratio[at.sheet], U, _SPEED_STARTS)
             tried.append(
                 searched(
-                    candidate, SpeedRatio(desired, candidate.chart, direction), start
+                    candidate, _SpeedRatio(desired, candidate.chart, direction), start
                 )
             )
     return np.concatenate(tried)

@@ -71,7 +71,7 @@ method takes two steps."""
 _STRAIGHT = 0.999
 """Minimum leaf margin at the nodes of the final chart with which n_ref may have a lower degree."""
 
-Found = CellDesign | tuple[FailureReason, ...]
+_Found = CellDesign | tuple[FailureReason, ...]
 """A design, or the reasons for failure."""
 
 
@@ -94,7 +94,7 @@ class CellFit:
     keep: bool
     report: reporting.Report = reporting.silent
 
-    def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, Found]:
+    def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, _Found]:
         """Compute the best design over a cell, given configurations in its middle, the best first.
 
         The design from the first configuration is returned if it is good. If its margins are too
@@ -125,7 +125,7 @@ class CellFit:
             designs.append((q, self.design(cell, q, guess=guess)))
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
-    def good(self, found: Found, *, bodies: bool = True) -> bool:
+    def good(self, found: _Found, *, bodies: bool = True) -> bool:
         """Test whether a design covers the cell with good margins and low extra joint speed.
 
         With ``bodies=False``, collisions are allowed.
@@ -139,8 +139,8 @@ class CellFit:
         return design.extra_speed < _DEAR and _share(design) >= _FAR_ROUND
 
     def design(
-        self, cell: Cell, q: Array, *, quick: bool = False, guess: Found = ()
-    ) -> Found:
+        self, cell: Cell, q: Array, *, quick: bool = False, guess: _Found = ()
+    ) -> _Found:
         """Design over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
@@ -253,7 +253,7 @@ class CellFit:
         edge: Array,
         quick: bool,
         rounds: int,
-        guess: Found,
+        guess: _Found,
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost with rising degree, then with penalties on small margins.
 
@@ -327,7 +327,7 @@ def _nodes(U: Array, terms: Monomials) -> Array:
     return U[: max(256, _power_of_two(3 * terms.size))]
 
 
-def _labels(guess: Found, chart: Chart, U: Array) -> Array | None:
+def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
     """Fit coefficients (N, r) of degree 2 to the labels of a design's function in a chart.
 
     ``U`` (K, k) are poses. None if there is no design, or one over another cell.
@@ -413,7 +413,7 @@ def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
 
 
 def _rank(
-    found: Found, limit_margin: float
+    found: _Found, limit_margin: float
 ) -> tuple[float, bool, bool, float, float, float]:
     """Sort key of designs, larger is better.
 

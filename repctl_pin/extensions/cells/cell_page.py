@@ -32,7 +32,7 @@ _ARC = 49
 """Number of points along each arc of a sector."""
 
 
-def box_of(cell: Cell) -> Array:
+def _box_of(cell: Cell) -> Array:
     """Trace the edges of a cell's range of positions: points (P, 3), m.
 
     It is a rectangle or a line if some positions are fixed.
@@ -127,7 +127,7 @@ def _tour_page(
     return playback_page(
         [TracedChain(design.task, joint)],
         tracks,
-        paths=[box_of(design.cell), way],
+        paths=[_box_of(design.cell), way],
         name=name,
     )
 

@@ -19,7 +19,7 @@ _WHAT = {
 }
 
 
-def slice_of_cell(
+def _slice_of_cell(
     ax: Axes,
     design: CellDesign,
     cut: Slice,
@@ -79,7 +79,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             else (0.0, 1.0)
         )
         for ax, cut, share in zip(row, cuts, shares, strict=True):
-            slice_of_cell(ax, design, cut, what, ends).locator_params(
+            _slice_of_cell(ax, design, cut, what, ends).locator_params(
                 "x", nbins=round(2 + 2 * share)
             )
         label = f"{label}, {design.task.unit}" if what == "limit_margin" else label

@@ -24,7 +24,7 @@ _ITERATIONS = 12
 _EXACT = 1e-11
 
 
-class Goals(NamedTuple):
+class _Goals(NamedTuple):
     """What the equations of a chart require at K poses, from :meth:`Chart.goals`.
 
     Attributes
@@ -40,9 +40,9 @@ class Goals(NamedTuple):
     p: Array
     R: Array
 
-    def at(self, rows: NDArray[Any] | slice) -> Goals:
+    def at(self, rows: NDArray[Any] | slice) -> _Goals:
         """Select poses by their indices, by a mask (K,) or by a slice."""
-        return Goals(*(each[rows] for each in self))
+        return _Goals(*(each[rows] for each in self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +88,9 @@ class Chart:
         q_ref and n_ref with respect to u in these monomials."""
         return self.monomials.differentiated(self.coefficients)
 
-    def goals(self, U: Array) -> Goals:
+    def goals(self, U: Array) -> _Goals:
         """Evaluate the references and the placements at the coordinates U (K, k)."""
-        return Goals(*self.reference(U), *self.cell.placements(U))
+        return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def solve(
         self,
@@ -98,7 +98,7 @@ class Chart:
         s: Array,
         Q: Array | None = None,
         *,
-        goals: Goals | None = None,
+        goals: _Goals | None = None,
         iterations: int = _ITERATIONS,
     ) -> Points:
         """Find the configuration with ``f(q) = x(u)`` and label s for each row, by Newton's method.

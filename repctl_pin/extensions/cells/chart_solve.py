@@ -19,7 +19,7 @@ _MOST = 32
 
 
 @dataclass(frozen=True, eq=False)
-class CompiledChain:
+class _CompiledChain:
     """Kinematic chain of a task in C, and calls of the functions of chart_solve.c with it."""
 
     m: int
@@ -88,12 +88,12 @@ class CompiledChain:
         self.library[name](ctypes.byref(self.chain), ctypes.c_long(count), *pointers)
 
 
-_known: weakref.WeakKeyDictionary[Task, CompiledChain | None] = (
+_known: weakref.WeakKeyDictionary[Task, _CompiledChain | None] = (
     weakref.WeakKeyDictionary()
 )
 
 
-def compiled_chain(task: Task) -> CompiledChain | None:
+def compiled_chain(task: Task) -> _CompiledChain | None:
     """Return the compiled chain of a task, cached per task.
 
     None if there is no native library, or it does not support the task: more than 32 joints, or
@@ -104,9 +104,9 @@ def compiled_chain(task: Task) -> CompiledChain | None:
     return _known[task]
 
 
-def _made(task: Task) -> CompiledChain | None:
+def _made(task: Task) -> _CompiledChain | None:
     native = library()
     if native is None or task.n > _MOST or task.coordinates is not None:
         return None
     chain = native_chain(task)
-    return None if chain is None else CompiledChain(task.m, native, *chain)
+    return None if chain is None else _CompiledChain(task.m, native, *chain)

@@ -32,7 +32,7 @@ damping."""
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class Value:
+class _Value:
     """The cost at given coefficients, with the configurations at which it was evaluated.
 
     ∂F = ∂F/∂u, E = ∂x/∂u and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
@@ -138,26 +138,26 @@ class Cost:
         self.r = chart.cell.task.r
         self._last: Array | None = None
 
-    def value(self, a: Array) -> Value:
+    def value(self, a: Array) -> _Value:
         """Evaluate the cost at coefficients a (N, r), with the function's configurations."""
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
         points = self.chart.solve(self.U, s, self._last, goals=self.goals)
         if not points.found.all():
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
-            return Value(np.inf, np.inf, np.nan, points, ds)
+            return _Value(np.inf, np.inf, np.nan, points, ds)
         residual, _, desired_square = self._residual(
             points.chosen(self.inner), ds[self.inner]
         )
         nearness = float((residual**2).sum() / len(residual))
         if not np.isfinite(nearness):
-            return Value(np.inf, np.inf, np.nan, points, ds)
+            return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
         penalty = self.weight * sum(
             float((hinge**2).sum() / len(hinge)) for hinge in hinges
         )
-        return Value(
+        return _Value(
             nearness + penalty,
             nearness,
             float((desired_square**2).sum() / len(desired_square)),
@@ -165,7 +165,7 @@ class Cost:
             ds,
         )
 
-    def model(self, at: Value) -> tuple[Array, Array]:
+    def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
         ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node depends
@@ -283,7 +283,7 @@ class Descent:
     """
 
     a: Array
-    value: Value
+    value: _Value
     start: float
     steps: int
 
@@ -312,7 +312,7 @@ class _Problem:
     def __init__(self, cost: Cost) -> None:
         self.cost = cost
 
-    def evaluate(self, x: Array) -> Point[Value]:
+    def evaluate(self, x: Array) -> Point[_Value]:
         """Evaluate the cost at x, with the values that :meth:`model` needs; infinite if the
         function does not exist at some node."""
         value = self.cost.value(x)
@@ -322,7 +322,7 @@ class _Problem:
         """Evaluate the cost alone, as a number."""
         return self.cost.value(x).cost
 
-    def model(self, at: Point[Value]) -> tuple[Array, Array, Array]:
+    def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
         """Evaluate the gradient (N r,), the Gauss–Newton Hessian (N r, N r), and the scaling
         (N r,)."""
         gradient, H = self.cost.model(at.data)

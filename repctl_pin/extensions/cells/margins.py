@@ -257,7 +257,7 @@ class CandidateFunction:
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
 
 
-class Minimised(Protocol):
+class _Minimised(Protocol):
     """Interface of a quantity at the points of a candidate function that a search minimises."""
 
     def least(self, at: Points) -> Array:
@@ -267,7 +267,7 @@ class Minimised(Protocol):
         """Evaluate the quantity's gradient by the cell's coordinates u, at K points: (K, k)."""
 
 
-def searched(candidate: CandidateFunction, margin: Minimised, U: Array) -> Array:
+def searched(candidate: CandidateFunction, margin: _Minimised, U: Array) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
     At the boundary of the cell, gradient components that point outward are set to 0. Return all

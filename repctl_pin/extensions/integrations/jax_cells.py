@@ -17,7 +17,7 @@ Numbers: TypeAlias = Any  # jax.Array, or a tracer of one
 
 def coordinates(cell: Cell, x: Numbers) -> Numbers:
     """Convert a pose to the cell's scaled coordinates u (k,), in [−1, 1] inside the cell."""
-    y = measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
+    y = _measured(cell, x) - jnp.asarray(cell._offset, x.dtype)
     return y[cell.moved] / jnp.asarray(cell.widths[cell.moved], x.dtype)
 
 
@@ -35,7 +35,7 @@ def rigid(task: Task, x: Numbers) -> Numbers:
 
 def inside(cell: Cell, x: Numbers) -> Numbers:
     """Test whether a pose lies in a cell, which must have all its coordinates (``cell.whole``)."""
-    y, held, most = measured(cell, x), np.flatnonzero(cell.widths == 0), cell._bounds
+    y, held, most = _measured(cell, x), np.flatnonzero(cell.widths == 0), cell._bounds
     near = jnp.abs(coordinates(cell, x)) <= jnp.asarray(
         most + max(EDGE, 8 * eps(x)), x.dtype
     )
@@ -46,7 +46,7 @@ def shift(cell: Cell, x: Numbers) -> Numbers:
     """Evaluate the joint angles (n,) that symmetries of the arm add to q_ref at a pose."""
     return (
         jnp.asarray(cell.along, x.dtype)
-        @ measured(cell, x)[np.array(cell._removed, int)]
+        @ _measured(cell, x)[np.array(cell._removed, int)]
     )
 
 
@@ -55,7 +55,7 @@ def eps(x: Numbers) -> float:
     return float(np.finfo(x.dtype).eps)
 
 
-def measured(cell: Cell, x: Numbers) -> Numbers:
+def _measured(cell: Cell, x: Numbers) -> Numbers:
     """Compute the coordinates (m,) of a pose from the cell's middle, m and rad, not scaled."""
     if isinstance(cell, Sector):
         return _cylindrical(cell, x)

@@ -39,7 +39,7 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
     files
         Lines on the files that were written, printed at the end.
     """
-    out = [*wrapped(audit_sentence(audit)), Span(f"\n\n{fitted(_about(audit))}\n")]
+    out = [*wrapped(_audit_sentence(audit)), Span(f"\n\n{fitted(_about(audit))}\n")]
     after = [f"note: {note}" for note in audit.notes]
     if audit.found is not None:
         out.append(Span(f"\n{_table(audit)}\n\n"))
@@ -47,7 +47,7 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
     return [*out, Span(fitted("\n".join([*after, *files])))]
 
 
-def audit_sentence(audit: Audit) -> list[Span]:
+def _audit_sentence(audit: Audit) -> list[Span]:
     """Write the verdict, its statistic, and how often the hand came back."""
     if audit.found is None:
         return [
@@ -66,7 +66,7 @@ def _verdict(audit: Audit) -> list[Span]:
     name, off = _farthest(audit)
     if audit.creeps:
         fastest, rate, interval = _fastest(audit)
-        when = "" if audit.begins is None else time_span(audit.begins)
+        when = "" if audit.begins is None else _time_span(audit.begins)
         start = f"repeats for {when}, then creeps" if when else "creeps"
         return [
             Span(f"Your arm {start}: {fastest} "),
@@ -126,7 +126,8 @@ def audit_headline(audit: Audit) -> Headline:
     """Write the headline of the page: the sentence of the audit, and its consequences."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     return Headline(
-        tuple(audit_sentence(audit)), tuple(Span(f"{capital(note)}.") for note in notes)
+        tuple(_audit_sentence(audit)),
+        tuple(Span(f"{capital(note)}.") for note in notes),
     )
 
 
@@ -178,11 +179,11 @@ def part_of(audit: Audit) -> str:
 def _about(audit: Audit) -> str:
     """Write one line that names the arm, its task and the log."""
     task, t = audit.task, audit.log.t
-    rows = f"{len(t):,} rows in {time_span(float(t[-1] - t[0]))}"
+    rows = f"{len(t):,} rows in {_time_span(float(t[-1] - t[0]))}"
     return f"{task.robot.name} {task.frame}, {task.kind}, r = {task.r}: {audit.log.name}, {rows}"
 
 
-def time_span(seconds: float) -> str:
+def _time_span(seconds: float) -> str:
     """Format a time: 2.5 h, 12 min, 48 s."""
     scale, unit = next(one for one in _SPANS if seconds >= one[0])
     return f"{seconds / (scale or 1):.2g} {unit}"
@@ -220,7 +221,7 @@ def _leads(audit: Audit) -> list[str]:
     if audit.leaves_range is not None:
         when, joint = audit.leaves_range
         said.append(
-            f"! at this rate {joint} leaves its range in another {time_span(when)}"
+            f"! at this rate {joint} leaves its range in another {_time_span(when)}"
         )
     noise = _number(float(audit.visits.noise.max()))
     said.append(

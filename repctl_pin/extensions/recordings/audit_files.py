@@ -45,14 +45,14 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
     The files, in this order.
     """
     contents: dict[str, str | bytes] = {
-        "audit.html": audit_page(audit),
-        "audit.png": png(audit_figure(audit)),
+        "audit.html": _audit_page(audit),
+        "audit.png": png(_audit_figure(audit)),
     }
     prepare_folder(folder)
     return [write_whole(folder / name, content) for name, content in contents.items()]
 
 
-def audit_page(audit: Audit) -> str:
+def _audit_page(audit: Audit) -> str:
     """Write the HTML page of the recorded motion, with the first visit as the ghost.
 
     Each cycle is the part of the log between two consecutive visits. If there are too many, evenly
@@ -96,7 +96,7 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
     return q
 
 
-def audit_figure(audit: Audit) -> Figure:
+def _audit_figure(audit: Audit) -> Figure:
     """Draw ``audit.png``: creep of the part that is off most, and of the joints, over time."""
     task, visits, joints = audit.task, audit.visits, audit.joints
     assert joints is not None

@@ -13,7 +13,7 @@ from ...arguments import Array, as_numbers, file_name, read_only
 from ...errors import InputError
 from .table import Column, Table, read_table
 
-CLOCKS = (
+_CLOCKS = (
     "time",
     "t",
     "times",
@@ -27,11 +27,11 @@ CLOCKS = (
 )
 """Names of a column of times; a unit may follow, as in ``time_ms``."""
 
-UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of time, s."""
 
 _UNIT_NAMES = {"sec": "s", "secs": "s", "seconds": "s", "µs": "us"} | {
-    u: u for u in UNITS
+    u: u for u in _UNITS
 }
 _EPOCH = (6.3e8, 4.1e9)
 """Times since 1970 that are recognised, s: from 1990 to 2100."""
@@ -42,7 +42,7 @@ _STEPS, _USUAL_STEPS = (1e-5, 100.0), (2e-4, 0.5)
 _TOO_FAST, _TOO_SLOW = 5.0, 2e-3
 """Joint speeds relative to their limits that are impossible, and that are unusually low."""
 
-TABLES = ("q", "Q", "joints", "positions", "position", "qpos", "observation.state")
+_TABLES = ("q", "Q", "joints", "positions", "position", "qpos", "observation.state")
 """Names of an array with the positions of all joints, one row per time."""
 
 _LISTED = 4
@@ -185,7 +185,7 @@ def in_seconds(log: JointLog, fastest: Array) -> JointLog:
     unit, epoch = _unit(log, fastest)
     said = f"{unit} since 1970" if epoch else unit
     read = f"read {log.clock} in {said}, and joints from {log.read}"
-    return replace(log, t=log.t * UNITS[unit], read=read)
+    return replace(log, t=log.t * _UNITS[unit], read=read)
 
 
 def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
@@ -198,7 +198,7 @@ def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
     ratio = ratio if np.isfinite(ratio) else 0.0
     since = {
         unit
-        for unit, s in UNITS.items()
+        for unit, s in _UNITS.items()
         if _EPOCH[0] < log.t[0] * s < _EPOCH[1] and _STEPS[0] <= step * s <= _STEPS[1]
     }
     named = _unit_of(log.clock)
@@ -208,17 +208,17 @@ def _unit(log: JointLog, fastest: Array) -> tuple[str, bool]:
         return since.pop(), True
     possible = [
         unit
-        for unit, s in UNITS.items()
+        for unit, s in _UNITS.items()
         if _STEPS[0] <= step * s <= _STEPS[1] and ratio / s <= _TOO_FAST
     ]
     usual = [
-        u for u in possible if _USUAL_STEPS[0] <= step * UNITS[u] <= _USUAL_STEPS[1]
+        u for u in possible if _USUAL_STEPS[0] <= step * _UNITS[u] <= _USUAL_STEPS[1]
     ]
     for units in (usual, possible):
         if len(units) == 1:
             return units[0], False
         if len(units) > 1:
-            moving = [unit for unit in units if ratio / UNITS[unit] >= _TOO_SLOW]
+            moving = [unit for unit in units if ratio / _UNITS[unit] >= _TOO_SLOW]
             if moving == units[:1]:
                 return units[0], False
             each = " or ".join(units)
@@ -236,15 +236,17 @@ def _unit_of(clock: str) -> str:
 
 
 def _clock(header: Sequence[str]) -> str | None:
-    """Find the column of times, in the order of ``CLOCKS``; None if there is none."""
+    """Find the column of times, in the order of ``_CLOCKS``; None if there is none."""
     bare = {
         name: re.sub(
             r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower()
         )
         for name in header
     }
-    found = [name for name in header if name.lower() in CLOCKS or bare[name] in CLOCKS]
-    return min(found, key=lambda name: CLOCKS.index(bare[name]), default=None)
+    found = [
+        name for name in header if name.lower() in _CLOCKS or bare[name] in _CLOCKS
+    ]
+    return min(found, key=lambda name: _CLOCKS.index(bare[name]), default=None)
 
 
 def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> InputError:
@@ -358,7 +360,7 @@ def _whole(columns: Mapping[str, Column], n: int) -> str | None:
     """
     found = [
         name
-        for name in TABLES
+        for name in _TABLES
         if name in columns
         and columns[name].ndim == 2
         and columns[name].shape[1] >= n

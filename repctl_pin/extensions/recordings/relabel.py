@@ -74,7 +74,7 @@ class _Changes(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Gap:
+class _Gap:
     """Range of consecutive frames of one session that could not be relabelled.
 
     Attributes
@@ -137,7 +137,7 @@ class Relabeled:
     recorded_leaves: Array | None
     joints: Array
     found: NDArray[np.bool_]
-    gaps: tuple[Gap, ...]
+    gaps: tuple[_Gap, ...]
     ambiguity: Ambiguity
     margins_before: Array | None
     margins_after: Array
@@ -253,7 +253,7 @@ class Relabeled:
             )
         return "\n".join(lines)
 
-    def _gap(self, gap: Gap) -> str:
+    def _gap(self, gap: _Gap) -> str:
         timed = self.recording.times is not None
         span = (
             f"{gap.start:.6g}–{gap.end:.6g} s"
@@ -450,7 +450,7 @@ def _result(
 
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
-) -> tuple[Gap, ...]:
+) -> tuple[_Gap, ...]:
     """List the ranges of consecutive frames of a session that lack a label for one reason."""
     kind = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")
@@ -465,7 +465,7 @@ def _gaps(
     ends = np.concatenate([breaks, [len(kind)]])
     why = ("", "outside the cell", "beyond the limits")
     return tuple(
-        Gap(
+        _Gap(
             recording.names[session[a]], float(t[order[a]]), float(t[order[b - 1]]), int(b - a),
             why[kind[a]],
         )

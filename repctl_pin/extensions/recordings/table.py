@@ -19,7 +19,7 @@ from ...arguments import read_only
 from ...errors import InputError, needed
 from ...files import read_bytes, write_whole
 
-FORMATS = (".csv", ".npz", ".parquet")
+_FORMATS = (".csv", ".npz", ".parquet")
 _LARGEST = 4_000_000_000
 _BLOCK = 2**14
 _WHOLE = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
@@ -106,7 +106,7 @@ def write_table(file: Path, columns: Mapping[str, Column]) -> Path:
 
 def _format(file: Path) -> str:
     suffix = file.suffix.lower()
-    if suffix not in FORMATS:
+    if suffix not in _FORMATS:
         raise InputError(f"{file} is not a .csv, .npz or .parquet file")
     return suffix
 

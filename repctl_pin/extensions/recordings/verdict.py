@@ -19,7 +19,7 @@ NO_RETURN = "no return"
 ENOUGH = 6
 """Minimum number of visits for a verdict, and of visits within the noise that are named."""
 
-CONFIDENCE = 0.95
+_CONFIDENCE = 0.95
 
 _SURE = 0.9999
 """Confidence with which differences, or a slope within the noise, are distinguished from noise."""
@@ -118,7 +118,7 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     within = groups.max() == 0
     least = np.maximum(np.median(np.maximum(deviation, bias), axis=0), floor)
 
-    def creep(first: int, confidence: float = CONFIDENCE) -> Trend:
+    def creep(first: int, confidence: float = _CONFIDENCE) -> Trend:
         return trend(t[first:], q[first:], least, 1 - (1 - confidence) / n)
 
     def steady(first: int, confidence: float) -> NDArray[np.bool_]:
@@ -138,14 +138,14 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
         if ENOUGH <= head <= N - _LATER:
             lasted = np.abs(creep(head).rate) * (t[head - 1] - t[0])
             quiet = lasted > 2 * _QUIET * np.median(r, axis=0)
-            begins = head if (steady(head, CONFIDENCE) & quiet).any() else 0
+            begins = head if (steady(head, _CONFIDENCE) & quiet).any() else 0
         if begins:
             kind = LATER
         elif _few(q, sharp, _groups(q, sharp)):
             kind, groups = JUMPS, _groups(q, sharp)
         elif steady(0, _STEADY).any():
             kind = CREEPS
-        elif steady(0, CONFIDENCE).any():
+        elif steady(0, _CONFIDENCE).any():
             kind = INCONCLUSIVE
     return Verdict(kind, creep(begins), begins, groups, bool(within))
 
@@ -196,7 +196,7 @@ def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
 
 
 def trend(
-    t: Array, values: Array, floor: Array | float = 0.0, confidence: float = CONFIDENCE
+    t: Array, values: Array, floor: Array | float = 0.0, confidence: float = _CONFIDENCE
 ) -> Trend:
     """Fit a line to each column of values (N, k) by the median of the slopes of all pairs.
 

@@ -15,7 +15,7 @@ from ...arguments import Array, read_only
 from ...model.length import arm_length
 from ...model.task import Task
 
-FLOOR = 1e-4
+_FLOOR = 1e-4
 """Smallest tolerance of a hand pose, in arm lengths: the repeatability of a good arm."""
 
 _CANDIDATES = 32
@@ -113,13 +113,13 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         distance between two poses, plus the sagitta of the path between two rows, plus 1e-4 arm
         lengths.
     """
-    noise, length = noise_of(Q), arm_length(task, Q[0]) or 1.0
+    noise, length = _noise_of(Q), arm_length(task, Q[0]) or 1.0
     radian = _RADIAN * length if task.kind in ("pose", "axis") else 0.0
     X = _features(task, Q, radian)
     whole = np.diff(t) <= _GAP * np.median(np.diff(t))
     steps = np.linalg.norm(np.diff(X, axis=0), axis=1) * whole
     if tolerance is None:
-        tolerance = _tolerance(task, Q, X, noise, radian, whole) + FLOOR * length
+        tolerance = _tolerance(task, Q, X, noise, radian, whole) + _FLOOR * length
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
     best: list[_Pass] = []
@@ -158,7 +158,7 @@ class _Pass(NamedTuple):
     distance: float
 
 
-def noise_of(Q: Array) -> Array:
+def _noise_of(Q: Array) -> Array:
     """Estimate the noise of every column of Q (T, n), as standard deviations (n,).
 
     Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; those of a
@@ -203,7 +203,7 @@ def _tolerance(
     radian: float,
     whole: NDArray[np.bool_],
 ) -> float:
-    """Compute the default tolerance of a hand pose, m, to which ``FLOOR`` is added.
+    """Compute the default tolerance of a hand pose, m, to which ``_FLOOR`` is added.
 
     It is four times the noise of the distance between two poses, plus the sagitta of the path
     between two rows. ``whole`` is False for the time steps that are gaps.

@@ -127,7 +127,7 @@ class FreeCourse:
 
 
 @runtime_checkable
-class PoseBox(Protocol):
+class _PoseBox(Protocol):
     """Region of placements that is a box in coordinates y (m,) of its own, such as a cell.
 
     Attributes
@@ -162,7 +162,7 @@ class PoseBox(Protocol):
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class BoxCourse:
+class _BoxCourse:
     """Course in a cell: ``y = y₀ + φ`` are the cell's coordinates, followed by zeros; ``ξ = ẏ``.
 
     A box is convex in y, so the straight line between two of its placements does not leave it.
@@ -177,22 +177,22 @@ class BoxCourse:
         Placement.
     """
 
-    box: PoseBox
+    box: _PoseBox
     y: Array
     place: pin.SE3
     bounded: ClassVar[bool] = True
 
-    def at(self, q: Array) -> BoxCourse:
+    def at(self, q: Array) -> _BoxCourse:
         """Return the course at a configuration q (n,), whose y are next to those of this one."""
         place = self.box.task.placement(q)
         y = self._padded(self.box._course_y(place))
         turns = np.rint((y - self.y) / (2 * np.pi))
-        return BoxCourse(self.box, y - 2 * np.pi * turns, place)
+        return _BoxCourse(self.box, y - 2 * np.pi * turns, place)
 
-    def moved(self, phi: Array) -> BoxCourse:
+    def moved(self, phi: Array) -> _BoxCourse:
         """Return the course at coordinates φ (6,)."""
         y = self.y + phi
-        return BoxCourse(self.box, y, self.box._course_place(y[: self.box.task.m]))
+        return _BoxCourse(self.box, y, self.box._course_place(y[: self.box.task.m]))
 
     def rates(self, _phi: Array, first: Array, second: Array) -> tuple[Array, Array]:
         """Return φ′ and φ″ (6,)."""
@@ -227,10 +227,10 @@ class BoxCourse:
 def course_of(task: Task, region: object, q: Array) -> Course:
     """Return the course at a configuration q (n,): in the region's coordinates, if it has some."""
     free = FreeCourse(task, task.placement(q))
-    if not isinstance(region, PoseBox):
+    if not isinstance(region, _PoseBox):
         return free
     y = region._course_y(free.place)
-    return BoxCourse(region, np.pad(y, (0, 6 - len(y))), free.place)
+    return _BoxCourse(region, np.pad(y, (0, 6 - len(y))), free.place)
 
 
 def _angular(w: Array, w1: Array, w2: Array) -> tuple[Array, Array]:

@@ -87,7 +87,7 @@ class Now(NamedTuple):
         return self.B @ twist
 
 
-def free_acceleration(bounds: CommandLimits, now: Now) -> Array:
+def _free_acceleration(bounds: CommandLimits, now: Now) -> Array:
     """Compute the acceleration (n,) that is available for a change of the twist.
 
     It is the limit less ``|bend|``, and at least 30 % of the limit.
@@ -124,9 +124,9 @@ def braking(bounds: CommandLimits, now: Now, g: Array) -> tuple[float, float]:
     They are multiples of the joint displacement g (n,) to the target, per s² and s³.
     """
     size = np.maximum(np.abs(g), TINY)
-    a = BRAKING * float((free_acceleration(bounds, now) / size).min())
+    a = BRAKING * float((_free_acceleration(bounds, now) / size).min())
     jerk = BRAKING * JERK * float((bounds.jerk / size).min())
-    return min(a, peak_acceleration(1.0, jerk)), jerk
+    return min(a, _peak_acceleration(1.0, jerk)), jerk
 
 
 def closing(now: Now, g: Array) -> tuple[float, float]:
@@ -163,7 +163,7 @@ def next_rate(bounds: CommandLimits, now: Now, goal: Array) -> Array:
     g = now.joint_rates(gap)
     size = np.maximum(np.abs(g), TINY)
     space = ACCELERATION * bounds.acceleration - np.sign(g) * now.bend
-    by_jerk = approach_speed(1.0, JERK * float((bounds.jerk / size).min()), T)
+    by_jerk = _approach_speed(1.0, JERK * float((bounds.jerk / size).min()), T)
     change = min(max(float((space / size).min()), 0.0), by_jerk) * gap - now.rate
     g = np.maximum(np.abs(now.joint_rates(change)), TINY)
     return now.rate + min(1.0, float((JERK * bounds.jerk * T / g).min())) * change
@@ -180,7 +180,7 @@ def regularity(J: Array, G: Array) -> float:
 def stop_time(bounds: CommandLimits, now: Now, twist: Array) -> float:
     """Estimate the minimum time, s, in which the twist decreases to 0, as a cubic in time."""
     g = np.abs(now.joint_rates(twist))
-    by_acceleration = 1.5 * g / (ACCELERATION * free_acceleration(bounds, now))
+    by_acceleration = 1.5 * g / (ACCELERATION * _free_acceleration(bounds, now))
     by_jerk = 6 * g / (JERK * bounds.jerk)
     return max(float(by_acceleration.max()), sqrt(float(by_jerk.max())))
 
@@ -226,16 +226,16 @@ def arrival_speed(distance: float, a: float, jerk: float, lag: float) -> float:
     """
     if distance <= 0:
         return 0.0
-    a = min(a, peak_acceleration(distance, jerk))
-    return approach_speed(distance, a, lag + a / (2 * jerk))
+    a = min(a, _peak_acceleration(distance, jerk))
+    return _approach_speed(distance, a, lag + a / (2 * jerk))
 
 
-def peak_acceleration(distance: float, jerk: float) -> float:
+def _peak_acceleration(distance: float, jerk: float) -> float:
     """Compute the acceleration beyond which a stop within a distance becomes no shorter."""
     return float(np.cbrt(jerk * jerk * distance))
 
 
-def approach_speed(distance: float, a: float, lag: float) -> float:
+def _approach_speed(distance: float, a: float, lag: float) -> float:
     """Compute the speed from which a deceleration a, after a delay, stops within a distance."""
     if distance <= 0:
         return 0.0

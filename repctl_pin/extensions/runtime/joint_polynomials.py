@@ -27,7 +27,7 @@ SHORT, LONG = 4, 10
 """Degrees of the polynomials: for motions of a few ticks, and for longer ones."""
 
 
-class Nodes(NamedTuple):
+class _Nodes(NamedTuple):
     """Tables for polynomial interpolation of degree d at Chebyshev–Lobatto nodes.
 
     Attributes
@@ -46,7 +46,7 @@ class Nodes(NamedTuple):
     monomials: Array
 
 
-def nodes_of(degree: int) -> Nodes:
+def _nodes_of(degree: int) -> _Nodes:
     """Compute the tables for a degree."""
     share = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
     ahead = np.zeros((degree + 1, degree + 1))
@@ -57,15 +57,15 @@ def nodes_of(degree: int) -> Nodes:
             np.vstack([known, slope]).T, share[j] ** np.arange(j + 1)
         )
     u = 2 * share - 1
-    return Nodes(
+    return _Nodes(
         share, ahead, np.asarray(np.linalg.inv(np.vander(u, increasing=True)), float)
     )
 
 
-NODES = {SHORT: nodes_of(SHORT), LONG: nodes_of(LONG)}
+NODES = {SHORT: _nodes_of(SHORT), LONG: _nodes_of(LONG)}
 
 
-class JointPolynomial(NamedTuple):
+class _JointPolynomial(NamedTuple):
     """Joint polynomial ``q(t) = Σ_k C[k] u^k``, u from −1 at ``begin`` to 1 at ``end``, s."""
 
     begin: float
@@ -126,7 +126,7 @@ class Plan:
         self._start = start
         self.motions: list[FrameMotion] = []
         self.begins: list[float] = []
-        self.pieces: list[JointPolynomial] = []
+        self.pieces: list[_JointPolynomial] = []
 
     def copy(self) -> Plan:
         """Copy the plan, to append to it."""
@@ -227,7 +227,7 @@ class LeafInterpolation:
                 if width < shortest:
                     return 0
                 continue
-            plan.pieces.append(JointPolynomial(begin + done, begin + end, C))
+            plan.pieces.append(_JointPolynomial(begin + done, begin + end, C))
             plan.q, plan.qdot = self._end, plan.pieces[-1].derivatives(begin + end)[0]
             done, made = end, made + 1
         plan.motions.append(motion)

@@ -22,7 +22,7 @@ from ...potentials import fast_potentials
 from ...potentials.basis import Potentials
 from ...strategies.control_step import checked_solve
 
-DIFFERENCE = 1e-3
+_DIFFERENCE = 1e-3
 """Length of the two steps ±Δq of the central difference along q̇, rad or m."""
 
 
@@ -114,7 +114,7 @@ def torque_law(
         if speed * speed == 0.0:
             bent[:] = 0.0
             return
-        step = DIFFERENCE / speed
+        step = _DIFFERENCE / speed
         evaluate(daxpy(qdot, q.copy(), n, step))
         dgemv(0.5 / step, J_V, qdot, 0.0, bent, overwrite_y=1)
         evaluate(daxpy(qdot, q.copy(), n, -step))
@@ -152,13 +152,13 @@ def torque_law(
             daxpy(velocity(twist), lag, m)
         size = ddot(memory, memory) + ddot(errors, errors) + ddot(M.ravel(), M.ravel())
         if not size < inf:
-            raise not_finite()
+            raise _not_finite()
         pull = spring * away - damper * hdot
         xddot[:], hddot[:] = hand(M), pull
         daxpy(bent, rhs, n, -1.0)
         disturbance[:] = 0.0 if observer is None else kappa * (hdot - observer.state)
         if not ddot(rhs, rhs) < inf:
-            raise not_finite()
+            raise _not_finite()
         force = M.dot(solved(q))
         tau = force[:, 0] + b
         if observer is not None:
@@ -166,18 +166,18 @@ def torque_law(
             share = 1.0 / max(1.0, *map(abs, (opposed / limit).tolist()))
             tau -= share * opposed
         if not ddot(tau, tau) < inf:
-            raise not_finite()
+            raise _not_finite()
         if observer is not None:
             state = hdot - (share / kappa) * disturbance + observer.dt * pull
             if not np.isfinite(state).all():
-                raise not_finite()
+                raise _not_finite()
             observer.state[:] = state
         return tau
 
     return torque
 
 
-def not_finite() -> InputError:
+def _not_finite() -> InputError:
     """Create the error for numbers that overflow."""
     return InputError(
         "the torque is not finite: a number of q, q̇, the target, the twist or leaf is too large"

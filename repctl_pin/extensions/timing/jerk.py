@@ -67,7 +67,7 @@ _BETWEEN = np.linspace(0.0, 1.0, 9)
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class JerkSegment(Segment):
+class _JerkSegment(Segment):
     """A smooth part of a joint path, from rest to rest, timed with bounded jerk.
 
     Attributes
@@ -155,7 +155,7 @@ def fastest_with_jerk(
     stages: float = STAGES,
     seams: tuple[int, ...] = (),
     weight: float = 1.0,
-) -> JerkSegment:
+) -> _JerkSegment:
     """Find the time-optimal profile with bounded jerk along a smooth joint path, from rest to rest.
 
     Parameters
@@ -197,7 +197,7 @@ def fastest_with_jerk(
                 remedy="use a smoother path",
             )
         bend = np.diff(slope) / np.diff(s)
-        found = JerkSegment(
+        found = _JerkSegment(
             first.curve, s, np.sqrt(x), t, _passed(knots, s, t), x, bend
         )
         used = found.used(limits)

@@ -32,7 +32,7 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class OwnTimes(Segment):
+class _OwnTimes(Segment):
     """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
     ``s(t)`` is the motion's own law, at rest before and after, convolved with a triangle of width
@@ -65,7 +65,7 @@ def with_own_times(
     added: int,
     most: float,
     joints: Sequence[str],
-) -> OwnTimes:
+) -> _OwnTimes:
     """Time a smooth joint path by its own times, smoothed as little as the limits allow.
 
     Parameters
@@ -102,7 +102,7 @@ def with_own_times(
     most = min(most, D * (0.5 if added < 2 else 1.0))
     short, r, nearest, why = 0.0, min(max(r, _SHORTEST), most), np.inf, ""
 
-    def tried(r: float) -> OwnTimes | None:
+    def tried(r: float) -> _OwnTimes | None:
         nonlocal nearest, why
         segment = _smoothed(curve, s, own, r, added)
         t = segment.smooth.x
@@ -163,7 +163,7 @@ def _worst(
     return words if share > 1 else "a torque would exceed its limit"
 
 
-def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> OwnTimes:
+def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTimes:
     """Convolve the law s(own), at rest before and after, with a triangle of width r.
 
     ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) / h²`` of the unsmoothed law, h = r/2; it is
@@ -192,4 +192,4 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> OwnTime
     t = own + h
     t[[0, -1]] = 0.0, T
     rate = np.maximum(smooth(t, 1), 0.0)
-    return OwnTimes(curve, smooth(t), rate, t, t, smooth)
+    return _OwnTimes(curve, smooth(t), rate, t, t, smooth)

@@ -23,7 +23,7 @@ STAGES = 450
 """Minimum number of stages of a cycle's profile; between them, limits are exceeded by less than
 2 %."""
 
-LEAST_STAGES = 50
+_LEAST_STAGES = 50
 """Minimum number of stages (grid points of the profile) between two stops."""
 
 
@@ -290,7 +290,7 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
 
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
     curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
-    finer = int(np.ceil(max(stages, LEAST_STAGES) / (len(s) - 1)))
+    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
     grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
     velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
     if limits.tool is not None:

@@ -15,10 +15,10 @@ def with_cycle_time(row: Row) -> Row:
     """Add the minimum time of the motion's first cycle to a row of a study."""
     if row.motion is None:
         return row
-    return replace(row, cycle_time=fastest_cycle(row.motion))
+    return replace(row, cycle_time=_fastest_cycle(row.motion))
 
 
-def fastest_cycle(motion: Motion) -> float | None:
+def _fastest_cycle(motion: Motion) -> float | None:
     """Compute the minimum time of the first cycle from rest to rest, s; None without a solution."""
     end = motion.steps + 1
     once = replace(

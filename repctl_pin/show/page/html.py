@@ -40,7 +40,7 @@ from ...arguments import Array
 from ...errors import RepctlError
 from ..text.headline import Headline
 
-SCRIPTS = (
+_SCRIPTS = (
     *("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "stage"),
     *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
     *("live", "console", "main"),
@@ -76,7 +76,7 @@ def page(
         caption=scene["caption"],
         headline=headline,
         scene=scene,
-        data=Markup(as_script(scene)),
+        data=Markup(_as_script(scene)),
         viewer=Markup(_viewer()),
         commands=Markup(
             pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))
@@ -105,13 +105,13 @@ def _templates() -> Environment:
 def _script() -> str:
     """Join the page's JavaScript modules into one script with one scope."""
     folder = files(__package__) / "assets" / "scripts"
-    texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+    texts = [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
     return '"use strict";\n' + re.sub(
         r"(?m)^(import .*\n|export )", "", "\n".join(texts)
     )
 
 
-def as_script(value: Any) -> str:
+def _as_script(value: Any) -> str:
     """Convert a value to JSON that is safe inside a script element, which it cannot end."""
     text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return (

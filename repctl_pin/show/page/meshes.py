@@ -23,11 +23,11 @@ from ...model.visuals import Shape
 Key = tuple[Any, ...]
 """Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""
 
-Element = dict[str, Any]
+_Element = dict[str, Any]
 """Element of a three.js scene, in its JSON format."""
 
 _LIGHTS = ("AmbientLight", "FillLight", "PointLightNegativeX", "PointLightPositiveX")
-HIDDEN = (
+_HIDDEN = (
     "/Grid",
     "/Axes",
     *(f"/Lights/{light}" for light in _LIGHTS),
@@ -70,7 +70,7 @@ def record(
     """
     commands = [
         {"type": "set_property", "path": name, "property": "visible", "value": False}
-        for name in HIDDEN
+        for name in _HIDDEN
     ]
     distinct: dict[Key, Shape] = {}
     for shape in shapes:
@@ -96,7 +96,7 @@ def key(shape: Shape) -> Key:
     )
 
 
-def _object(shape: Shape, surfaces: Surfaces) -> Element:
+def _object(shape: Shape, surfaces: Surfaces) -> _Element:
     """Make the three.js object of a shape; the axis of a cylinder is z, as in a URDF."""
     size = [float(s) for s in shape.size]
     if shape.kind == "mesh":
@@ -128,12 +128,12 @@ def _object(shape: Shape, surfaces: Surfaces) -> Element:
     )
 
 
-def _plain(geometry: Element, matrix: list[float] = _IDENTITY) -> Element:
+def _plain(geometry: _Element, matrix: list[float] = _IDENTITY) -> _Element:
     """Make a three.js object of one geometry in meshcat's default material."""
     return _scene({"uuid": "0", **geometry}, [_material("1")], "1", matrix)
 
 
-def _painted(surface: Surface) -> Element:
+def _painted(surface: Surface) -> _Element:
     """Make a three.js object with the colours and textures of its mesh file.
 
     Each texture has its own material.
@@ -171,12 +171,12 @@ def _painted(surface: Surface) -> Element:
 
 
 def _scene(
-    geometry: Element,
-    materials: list[Element],
+    geometry: _Element,
+    materials: list[_Element],
     material: str | list[str],
     matrix: list[float],
     name: str = "2",
-) -> Element:
+) -> _Element:
     """Make a three.js scene of one mesh."""
     return {
         "metadata": {"version": 4.5, "type": "Object"},
@@ -192,7 +192,7 @@ def _scene(
     }
 
 
-def _material(name: str, **more: Any) -> Element:
+def _material(name: str, **more: Any) -> _Element:
     """Make a three.js material with meshcat's defaults."""
     return {
         "uuid": name,
@@ -209,7 +209,7 @@ def _material(name: str, **more: Any) -> Element:
     } | more
 
 
-def _triangles(surface: Surface) -> Element:
+def _triangles(surface: Surface) -> _Element:
     """Make the three.js geometry of a surface; normals and colours have 8 bits per component."""
     s = surface
     attributes = {
@@ -246,7 +246,7 @@ def _array(
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
-def _round(radius: float, length: float) -> Element:
+def _round(radius: float, length: float) -> _Element:
     """Make the three.js geometry of a capsule along z, or of a sphere if ``length`` is 0."""
     n = _RINGS
     polar = np.concatenate(

@@ -48,7 +48,7 @@ from ..text.parts import controlled, part_name
 from .body_points import body_drift
 from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
 
-HOST = "127.0.0.1"
+_HOST = "127.0.0.1"
 
 _MESSAGE = 200
 """Maximum size of a message from the page, bytes; a message for a key has about 30."""
@@ -122,13 +122,13 @@ class Viewer:
         self._elbow = elbow(task, q0)
         page = self._page(q0, path)
         try:
-            sockets = bind_sockets(as_int(port, "the port", 0, 65535), HOST)
+            sockets = bind_sockets(as_int(port, "the port", 0, 65535), _HOST)
         except OSError as error:
             raise InputError(
                 f"cannot listen on port {port}: {error.strerror}; choose another port, or none"
             ) from None
         self._port = sockets[0].getsockname()[1]
-        self.url = f"http://{HOST}:{self._port}/"
+        self.url = f"http://{_HOST}:{self._port}/"
         self._clients: set[_Poses] = set()
         self._last = b""
         self._loop = asyncio.new_event_loop()
@@ -322,7 +322,7 @@ class Viewer:
 
 def _only_this_host(request: RequestHandler) -> None:
     """Refuse a request to another host's name: another site's name may be made to point here."""
-    if request.request.host_name not in (HOST, "localhost"):
+    if request.request.host_name not in (_HOST, "localhost"):
         request.send_error(403)
 
 
@@ -345,7 +345,7 @@ class _Poses(WebSocketHandler):
 
     def check_origin(self, origin: str) -> bool:
         return origin in (
-            f"http://{name}:{self.viewer._port}" for name in (HOST, "localhost")
+            f"http://{name}:{self.viewer._port}" for name in (_HOST, "localhost")
         )
 
     def open(self, *args: str, **kwargs: str) -> None:

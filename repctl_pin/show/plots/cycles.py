@@ -14,7 +14,7 @@ from ..palette import BLUE, INK
 from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
 
 
-def speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
+def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the joint speed ‖q̇‖ over the first cycle, and dashed over the last.
 
     Parameters
@@ -73,7 +73,7 @@ def margin_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> 
     return quiet(ax, whole=True)
 
 
-def bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
+def _bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the minimum body distance in each cycle; below 0 two bodies collide.
 
     Parameters
@@ -131,10 +131,10 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     figure = titled(12 if bodies else 10, 4.0, title)
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:
-        bodies_over_cycles(ax, motions).set_title(
+        _bodies_over_cycles(ax, motions).set_title(
             "body distance", fontsize=9, loc="left"
         )
-    speed_over_cycle(left, motions)
+    _speed_over_cycle(left, motions)
     dashed = ", the last dashed" if motions[0][1].cycles > 1 else ""
     left.set_title(f"speed over the first cycle{dashed}", fontsize=9, loc="left")
     margin_over_cycles(right, motions)

@@ -68,7 +68,7 @@ def cost_against_degree(
     return quiet(ax)
 
 
-VARIATION = 0.05
+_VARIATION = 0.05
 """Minimum variation of a map, as a fraction of its colour scale, for the map to be drawn."""
 
 
@@ -84,7 +84,7 @@ def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
     """
     shown = values[np.isfinite(values)]
     return shown.size > 0 and bool(
-        np.ptp(shown) >= VARIATION * (top or np.abs(shown).max())
+        np.ptp(shown) >= _VARIATION * (top or np.abs(shown).max())
     )
 
 

@@ -61,7 +61,7 @@ def drift_over_cycles(
     _drift_lines(ax, motions)
     if log:
         ax.set_yscale("log")
-        ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+        ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
         ax.yaxis.set_minor_locator(NullLocator())
         _closed_band(ax)
     else:
@@ -205,7 +205,7 @@ def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
     return places
 
 
-def joint_over_cycles(
+def _joint_over_cycles(
     ax: Axes, motions: Sequence[tuple[str, Motion, str]], joint: int
 ) -> Axes:
     """Draw one joint against time in cycles, with nearby limits as dashed lines.
@@ -249,7 +249,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     figure = Figure(figsize=(8.6, 4.4))
     ax = drift_over_cycles(figure.add_subplot(), motions, log=True)
     ax.set_title(plain(title), fontsize=10, loc="left")
-    arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
+    _arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
     corner = _free_corner(ax, motions)
     if corner is not None:
         inset = ax.inset_axes((*corner, *_INSET))
@@ -288,7 +288,7 @@ def _free_corner(
     return None
 
 
-SHOWN_JOINTS = 4
+_SHOWN_JOINTS = 4
 """Maximum number of joints in ``joints.png``."""
 
 
@@ -298,8 +298,8 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
     A motion that moves away in cycle 1 and would hide the others' drift is left out."""
     motions = _near(motions)
     n = motions[0][1].task.n
-    joints = liveliest_joints(motions, SHOWN_JOINTS)
-    columns = 2 if len(joints) == SHOWN_JOINTS else 1
+    joints = liveliest_joints(motions, _SHOWN_JOINTS)
+    columns = 2 if len(joints) == _SHOWN_JOINTS else 1
     rows = len(joints) // columns
     most = (
         f": the {len(joints)} joints of {n} that drift most" if n > len(joints) else ""
@@ -309,10 +309,10 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
     figure = titled(*size, heading, layout=None)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
     for joint, ax in zip(joints, axes.ravel(), strict=True):
-        joint_over_cycles(ax, motions, joint)
+        _joint_over_cycles(ax, motions, joint)
     for ax in axes[-1]:
         ax.set_xlabel("cycle")
-    arrange(figure, axes, top=0.45 if heading else 0.25, bottom=0.78, gap=0.31)
+    _arrange(figure, axes, top=0.45 if heading else 0.25, bottom=0.78, gap=0.31)
     return legend_below(figure, axes[0, 0])
 
 
@@ -335,7 +335,7 @@ def liveliest_joints(
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def power_of_ten(value: float, _: object = None) -> str:
+def _power_of_ten(value: float, _: object = None) -> str:
     """Label a tick of a log scale in plain text, without matplotlib's slow parser of formulas."""
     return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS)
 
@@ -377,7 +377,7 @@ _PAD = 0.045
 """Space between the contents of a figure and its edge, inches."""
 
 
-def arrange(
+def _arrange(
     figure: Figure,
     axes: NDArray[np.object_],
     *,

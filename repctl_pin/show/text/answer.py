@@ -22,7 +22,7 @@ from .verdict import MotionSummary, without_shape
 ROWS, COLUMNS = 24, 80
 """Size of the terminal into which the answer fits."""
 
-NOT_SHOWN = "posture_off"
+_NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
 
 _TITLES = {
@@ -54,7 +54,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     list of Span
         Pieces of text; a terminal shows their tone as colour.
     """
-    rows = [row for row in study.rows if row.key != NOT_SHOWN]
+    rows = [row for row in study.rows if row.key != _NOT_SHOWN]
     warnings = outside_words(max(row.outside for row in rows))
     out = [
         Span(f"{line}\n", "bad") for line in fitted("\n".join(warnings)).splitlines()

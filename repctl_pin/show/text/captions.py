@@ -56,15 +56,15 @@ def summary(study: Study) -> list[str]:
     if plain.motion is not None:
         out.append(
             "Under the pseudoinverse J⁺ the frame returns to its start after every cycle, but the "
-            f"joints drift: by {amount(plain.motion, 0)} after one cycle and by "
-            f"{amount(plain.motion, -1)} after {plain.motion.cycles} (the norm over all joints)."
+            f"joints drift: by {_amount(plain.motion, 0)} after one cycle and by "
+            f"{_amount(plain.motion, -1)} after {plain.motion.cycles} (the norm over all joints)."
         )
     else:
         out.append(f"The pseudoinverse J⁺ stopped: {plain.stopped}.")
     for row in study.rows:
         if row.key not in COLOURS:
             own = (
-                f"the joints drift by {amount(row.motion, -1)}"
+                f"the joints drift by {_amount(row.motion, -1)}"
                 if row.motion
                 else f"the motion stopped: {row.stopped}"
             )
@@ -73,7 +73,7 @@ def summary(study: Study) -> list[str]:
         assert closed.distance is not None and closed.leaf_margin is not None
         out.append(
             "Under the nearest repeatable inverse the joints drift by "
-            f"{amount(closed.motion, -1)} after "
+            f"{_amount(closed.motion, -1)} after "
             f"{counted(closed.motion.cycles, 'cycle')}. "
             f"It differs from J⁺ by {ratio_in_percent(closed.distance)} on average over Ω, "
             f"and {_price(plain, closed)}. Its smallest leaf margin is "
@@ -116,7 +116,7 @@ def summary(study: Study) -> list[str]:
     return out
 
 
-def amount(motion: Motion, cycle: int) -> str:
+def _amount(motion: Motion, cycle: int) -> str:
     """Format the drift after a cycle with its unit; cycles count from 0, and −1 is the last."""
     return f"{number(float(motion.drift[cycle]))} {motion.task.unit}"
 
@@ -149,7 +149,7 @@ def orbits_words(study: Study) -> str:
     said = [
         f"{label}: one closed loop"
         if motion.closes
-        else f"{label}: ends {amount(motion, -1)} from its start"
+        else f"{label}: ends {_amount(motion, -1)} from its start"
         for label, motion in _moved(study, without="posture_off")
     ]
     views = (
@@ -208,7 +208,7 @@ def still_words(study: Study) -> str:
     """Describe the still picture of the animation, for readers who cannot see it."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
-        "stopped" if r.motion is None else f"has drifted by {amount(r.motion, -1)}"
+        "stopped" if r.motion is None else f"has drifted by {_amount(r.motion, -1)}"
         for r in rows
     ]
     parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]

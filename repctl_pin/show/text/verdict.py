@@ -17,7 +17,7 @@ from .lines import capital
 from .numbers import NOTHING, counted, metres, percent, radians
 from .parts import part_name
 
-STILL = 1e-5
+_STILL = 1e-5
 """Displacement of a part, in arm lengths, below which it counts as back at its start."""
 
 SMALL = 0.01
@@ -106,7 +106,7 @@ class MotionSummary:
     @property
     def still(self) -> bool:
         """True if every part is back where it began, within a hundred-thousandth of the arm."""
-        return self.off < STILL * self.size
+        return self.off < _STILL * self.size
 
     @property
     def turned(self) -> bool:
@@ -121,7 +121,7 @@ class MotionSummary:
         length that the farthest part moved. Or the joint turned and no part moved."""
         angle = self.joint_displacement[0]
         far = angle >= TURNED and angle * self.size > 10 * self.off
-        return far or (angle > 0 and self.off < STILL * self.size)
+        return far or (angle > 0 and self.off < _STILL * self.size)
 
 
 def motion_summary(

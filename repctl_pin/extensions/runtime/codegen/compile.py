@@ -28,7 +28,7 @@ _PART = 2048
 """Number of poses at a time, per thread; their arrays stay in the processor's cache."""
 
 
-class CompiledFunction(InverseFunction):
+class _CompiledFunction(InverseFunction):
     """Inverse kinematic function ``q = F(x; c)`` in C.
 
     If a C call fails, Python evaluates F again, for the error message.
@@ -194,7 +194,7 @@ def compiled(
     True
     """
     if isinstance(control, InverseFunction):
-        return CompiledFunction(control.chart, keep_limits=control.keep_limits)
+        return _CompiledFunction(control.chart, keep_limits=control.keep_limits)
     require_type(
         control,
         RepeatableInverse,

@@ -156,7 +156,7 @@ def _loop(task: Task, held: ctypes.PyDLL, released: ctypes.CDLL) -> FastLoop:
     return checked(task, law)
 
 
-def run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:
+def _run_many(library: ctypes.CDLL, name: str, *arrays: Array) -> int:
     """Call a C function on all rows of several arrays, the last of which receives the results.
 
     Returns the number of rows that were evaluated before the first failure.
@@ -174,7 +174,7 @@ def _batches(
     n, m = task.n, task.m
 
     def run(name: str, *arrays: Array) -> Array:
-        done = run_many(library, name, *arrays)
+        done = _run_many(library, name, *arrays)
         if done < len(arrays[0]):
             raise SingularityError(
                 f"the augmented Jacobian J_V is singular at row {done}"

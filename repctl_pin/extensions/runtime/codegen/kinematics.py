@@ -12,8 +12,8 @@ from ....model.joint_chain import joint_chain
 from ....model.task import Task
 from .expressions import Expression, Graph, assignments
 
-Vector = list[Expression]
-Matrix = list[Vector]
+_Vector = list[Expression]
+_Matrix = list[_Vector]
 
 
 class ChainExpressions:
@@ -42,7 +42,7 @@ class ChainExpressions:
     """
 
     def __init__(self, task: Task, *, lanes: bool = False) -> None:
-        self.graph, self.lanes, self.angles = Graph(), lanes, Vector()
+        self.graph, self.lanes, self.angles = Graph(), lanes, _Vector()
         q = [
             self.graph.input(f"x[{i}][l]" if lanes else f"q[{i}]")
             for i in range(task.n)
@@ -59,7 +59,7 @@ class ChainExpressions:
         self.p = self._numbers(np.zeros(3))
         self.R = [self._numbers(row) for row in np.eye(3)]
         axes: list[
-            tuple[bool, Vector, Vector]
+            tuple[bool, _Vector, _Vector]
         ] = []  # revolute or not, axis, and position
         turned = np.eye(3)  # from the joint's axes to axes with z along the joint
         for angle, turns, axis, (rotation, translation) in zip(
@@ -92,7 +92,7 @@ class ChainExpressions:
             else [[self._weighted(column, row) for column in drive.S.T] for row in J]
         )
 
-    def _column(self, turns: bool, z: Vector, o: Vector) -> Vector:
+    def _column(self, turns: bool, z: _Vector, o: _Vector) -> _Vector:
         """Compute the frame's twist (v, ω) per unit speed of a joint with axis z through o."""
         if not turns:
             return [*z, *self._numbers(np.zeros(3))]
@@ -118,19 +118,19 @@ class ChainExpressions:
         c, s = self._cosine_and_sine(angle)
         self.R = [[x * c + y * s, y * c - x * s, z] for x, y, z in self.R]
 
-    def _cosine_and_sine(self, angle: Expression) -> Vector:
+    def _cosine_and_sine(self, angle: Expression) -> _Vector:
         if not self.lanes or angle.kind == "number":
             return [self.graph.function(name, angle) for name in ("cos", "sin")]
         j = len(self.angles)
         self.angles.append(angle)
         return [self.graph.input(f"{name}[{j}][l]") for name in ("cosine", "sine")]
 
-    def _weighted(self, weights: Array, terms: Vector) -> Expression:
+    def _weighted(self, weights: Array, terms: _Vector) -> Expression:
         return self.graph.total(
             self.graph.number(w) * t for w, t in zip(weights, terms, strict=True)
         )
 
-    def _numbers(self, values: Array) -> Vector:
+    def _numbers(self, values: Array) -> _Vector:
         return [self.graph.number(v) for v in values]
 
     def code(self) -> dict[str, str]:

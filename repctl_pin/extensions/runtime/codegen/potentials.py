@@ -20,8 +20,8 @@ from ...cells.symmetry import Symmetry
 from .expressions import number
 from .text import filled, integer, pose, row, table
 
-Powers = tuple[int, ...]
-Written = PolynomialMap | FourierMap | CellPotentials
+_Powers = tuple[int, ...]
+_Written = PolynomialMap | FourierMap | CellPotentials
 
 
 def potential_functions(potentials: Potentials, n: int, name: str) -> list[str]:
@@ -59,13 +59,13 @@ def potential_functions(potentials: Potentials, n: int, name: str) -> list[str]:
 
 def _flat(
     potentials: Potentials, joints: Sequence[int]
-) -> list[tuple[Written, Sequence[int]]]:
+) -> list[tuple[_Written, Sequence[int]]]:
     """Split sums of potentials into their terms, each with the joints that it depends on."""
     if isinstance(potentials, SumMap):
         return [found for part in potentials.maps for found in _flat(part, joints)]
     if isinstance(potentials, PartialMap):
         return _flat(potentials.part, [joints[int(v)] for v in potentials.variables])
-    if isinstance(potentials, Written):
+    if isinstance(potentials, _Written):
         return [(potentials, joints)]
     raise InputError(
         f"potentials of type {type(potentials).__name__} cannot be written as C, "
@@ -82,9 +82,9 @@ def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
     """
     d, k = potentials.degree, len(potentials.center)
     r = len(next(iter(potentials.terms.values())))
-    shares: dict[Powers, Array] = {}  # weights of u^β in w (r, k + 1)
+    shares: dict[_Powers, Array] = {}  # weights of u^β in w (r, k + 1)
 
-    def add(beta: Powers, i: int, share: Array) -> None:
+    def add(beta: _Powers, i: int, share: Array) -> None:
         if share.any():
             shares.setdefault(beta, np.zeros((r, k + 1)))[:, i] += share
 
@@ -112,8 +112,8 @@ def _polynomial(potentials: PolynomialMap) -> dict[str, object]:
 
 
 def _monomials(
-    expected: dict[Powers, Array], k: int
-) -> tuple[list[Powers], list[int], list[int]]:
+    expected: dict[_Powers, Array], k: int
+) -> tuple[list[_Powers], list[int], list[int]]:
     """Order monomials so that each is an earlier one (its parent) times a variable.
 
     Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
@@ -136,7 +136,7 @@ def _monomials(
     )
 
 
-def _lower(beta: Powers) -> tuple[Powers, int]:
+def _lower(beta: _Powers) -> tuple[_Powers, int]:
     """Divide a monomial by its last variable: the remaining powers, and the variable's index."""
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last

@@ -33,7 +33,7 @@ _MEANING = {
 }
 
 
-class Source(NamedTuple):
+class _Source(NamedTuple):
     """Texts of the C header and the C source file, and of the governor in the C++ header."""
 
     header: str
@@ -47,7 +47,7 @@ def write_source(
     region: Region | None = None,
     *,
     governor: bool = False,
-) -> Source:
+) -> _Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
     Parameters
@@ -125,7 +125,7 @@ def write_source(
         "governor": governed[0],
     }
     code = parts | {"torque": torque[1], "function": defined, "governor": governed[1]}
-    return Source(
+    return _Source(
         filled("arm.h", name, header), filled("arm.c", name, code), governed[2]
     )
 

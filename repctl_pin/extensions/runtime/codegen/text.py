@@ -49,7 +49,7 @@ def checked_name(name: Any) -> str:
         raise InputError(
             f"{name!r} could be a macro, because it has capitals only; use lower-case letters"
         )
-    low, taken = name.lower(), template("taken.txt").split()
+    low, taken = name.lower(), _template("taken.txt").split()
     if low in taken or _VARIANT.sub("", low) in taken or _FAMILY.match(low):
         raise InputError(
             f"{name!r} is reserved in C, C++, POSIX or the export; choose another name, such as "
@@ -94,7 +94,7 @@ def integer(values: Iterable[int]) -> str:
     return f"{{{', '.join(str(int(v)) for v in values)}}}"
 
 
-def template(file: str) -> str:
+def _template(file: str) -> str:
     """Read a template of C code, in which ``@part`` and ``arm`` stand for parts and the name."""
     return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
 
@@ -104,7 +104,7 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
 
     Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name.
     """
-    text = re.sub(r"\bARM_", f"{name.upper()}_", template(file))
+    text = re.sub(r"\bARM_", f"{name.upper()}_", _template(file))
     text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
     return re.sub(r"@([a-z]+)", lambda found: str(parts[found[1]]), text)
 

@@ -18,7 +18,7 @@ from ..torque_law import Gains, Observer, torque_law
 
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
-EDGE = 1e-9
+_EDGE = 1e-9
 """Tolerance beyond the edge of a region, and beyond joint limits, that counts as inside."""
 
 _DT = 1e-3
@@ -140,7 +140,7 @@ def answers(
         "c": inverse.leaf(q),
         "usable": OK,
     }
-    beyond = region is not None and not region.ratio(q[None])[0] <= 1 + EDGE
+    beyond = region is not None and not region.ratio(q[None])[0] <= 1 + _EDGE
     said["inside"] = OUTSIDE if beyond else OK
     said["velocity"], said["qdot"] = asked(
         lambda: inverse.velocity(q, vector.xdot), task.n
@@ -163,7 +163,7 @@ def answers(
     if (
         vector.stay_inside
         and said["step"] == OK
-        and task.limit_margin(said["q_next"]).min() < -EDGE
+        and task.limit_margin(said["q_next"]).min() < -_EDGE
     ):
         said["step"] = OUTSIDE
     said["torque"], said["tau"], said["observer"] = _torque(inverse, vector)
