@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -46,6 +47,31 @@ def rounded(length: float) -> str:
     return f"{float(f'{scale * length:.2g}'):g} {unit}"
 
 
+def links_of_arm(study: rp.Study) -> set[str]:
+    """The links that joints between root and frame carry, and those beyond the frame, as the file
+    has them."""
+    root = ElementTree.parse(study.robot.description.path).getroot()
+    above = {}
+    for joint in root.iter("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            moves = joint.get("type") != "fixed"
+            above[child.get("link")] = (parent.get("link"), joint.get("name"), moves)
+
+    def carried(link: str | None) -> list[str | None]:
+        """The moving joints above a link, the nearest first; None stands for the root."""
+        if link not in above:
+            return [None]
+        parent, name, moves = above[link]
+        return [name, *carried(parent)] if moves else carried(parent)
+
+    chain = carried(study.task.frame)
+    links = {str(link.get("name")) for link in root.iter("link")}
+    return {
+        link for link in links if carried(link)[0] in chain or chain[0] in carried(link)
+    }
+
+
 def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> None:
     html = rp.animation(study).page
     page.write_text(html, encoding="utf-8")
@@ -56,12 +82,13 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
         s["name"] for s, its in zip(arm["shapes"], arm["part"], strict=True) if its
     }
     part_of = np.isin(drawn.names, list(flagged))
+    of_arm = np.isin(drawn.links, list(links_of_arm(study)))
 
     def off(now: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
         return drawn.moved(*whole(np.array([now, then])))
 
     # the headline's and the callouts' part is the one that is farthest off
-    ways = off(*study.row("pseudoinverse").motion.q[[-1, 0]])
+    ways = off(*study.row("pseudoinverse").motion.q[[-1, 0]]) * of_arm
     assert part_of[ways.argmax()]
     assert len(set(np.array(drawn.links)[part_of])) == 1
     words = rounded(ways.max()).replace(" ", " ")
@@ -72,7 +99,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
     for k, key in enumerate(("pseudoinverse", "repeatable")):
         motion = study.row(key).motion
         grid, joints = np.arange(len(motion.q)) / motion.steps, [0.0, *motion.drift]
-        ends = [off(q, motion.q[0]).max() for q in motion.q[:: motion.steps]]
+        ends = [off(q, motion.q[0])[of_arm].max() for q in motion.q[:: motion.steps]]
         np.testing.assert_allclose(  # the bars
             scene["arms"][k]["off"], np.c_[ends[:-1], ends[1:]], rtol=1e-5, atol=1e-7
         )

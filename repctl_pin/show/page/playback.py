@@ -180,12 +180,12 @@ def playback_page(
     played = [[_played(chain, track) for chain in chains] for track in tracks]
     surfaces = read_surfaces(visuals.shapes)
     bodies = corners(visuals.shapes, surfaces)
+    own = frozenset().union(*(arm_links(chain.task) for chain in chains))
     arms = [
-        _arm(chains, track, done, (visuals, bodies), frames)
+        _arm(chains, track, done, (visuals, bodies, own), frames)
         for track, done in zip(tracks, played, strict=True)
     ]
     task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
-    own = frozenset().union(*(arm_links(chain.task) for chain in chains))
     most = np.max([arm.off[-1] for arm in arms], axis=0)
     link, _ = farthest(visuals.shapes, most, own)
     if headline is None:
@@ -231,16 +231,21 @@ def _arm(
     chains: Sequence[TracedChain],
     track: Playback,
     played: Sequence[JointMotion],
-    drawn: tuple[Visuals, Sequence[Array]],
+    drawn: tuple[Visuals, Sequence[Array], frozenset[str]],
     frames: Frames,
 ) -> Arm:
-    """Make the arm of the page that shows one motion, from the visuals and corners in ``drawn``."""
-    (visuals, bodies), rows = drawn, track.Q[frames.index]
+    """Make the arm of the page that shows one motion.
+
+    ``drawn`` are the visuals, their corners, and the links of the arm, whose displacement counts.
+    """
+    (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
     tip, elbow = (
         np.stack(points, axis=1)
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
     )
+    points, off = body_drift(bodies, placements, frames.per_cycle)
+    counts = [shape.link in own for shape in visuals.shapes]
     return Arm(
         track.label,
         visuals.shapes,
@@ -248,7 +253,8 @@ def _arm(
         tip,
         elbow,
         track.drift,
-        *body_drift(bodies, placements, frames.per_cycle),
+        points,
+        np.where(counts, off, 0.0),
         color=track.color,
         unit=track.unit,
         broken=_broken(played, rows, track.t is not None),
