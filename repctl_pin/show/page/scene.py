@@ -94,7 +94,7 @@ class Arm:
     points : tuple of (P, 3) arrays
         Corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
     off : (T, S) array
-        Displacement of each shape since the same moment of cycle 1, m; 0 if its link does not count.
+        Displacement of each shape since the same moment of cycle 1, m; 0 where it does not count.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
