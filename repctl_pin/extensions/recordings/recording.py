@@ -23,6 +23,7 @@ from ...arguments import (
 from ...errors import InputError
 from ...model.task import Task, require_task
 from ..cells.kinematics import placed
+from ..cells.targets import homogeneous
 from .checks import (
     require_agreement,
     require_increasing,
@@ -201,7 +202,7 @@ class Recording:
     @property
     def homogeneous(self) -> Array:
         """Poses as matrices: (K, 4, 4)."""
-        return matrices(self.positions, self.rotations)
+        return homogeneous(self.positions, self.rotations)
 
     def __repr__(self) -> str:
         what = "joints" if self.joints is not None else "poses"
@@ -231,13 +232,6 @@ def forward(task: Task, Q: Array) -> tuple[Array, Array]:
 def blocks(count: int) -> list[slice]:
     """Split ``count`` rows into blocks that fit into memory; return their slices."""
     return [slice(i, min(i + _CHUNK, count)) for i in range(0, count, _CHUNK)]
-
-
-def matrices(p: Array, R: Array) -> Array:
-    """Combine positions (K, 3) and rotations (K, 3, 3) into homogeneous matrices (K, 4, 4)."""
-    X = np.tile(np.eye(4), (len(p), 1, 1))
-    X[:, :3, 3], X[:, :3, :3] = p, R
-    return X
 
 
 def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:

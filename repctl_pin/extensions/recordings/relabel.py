@@ -23,6 +23,7 @@ from ...errors import InputError
 from ...fit_options import FitOptions, fit_options
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
+from ..cells.targets import homogeneous
 from .ambiguity import Ambiguity, ambiguity
 from .choose_cell import design_for
 from .joint_log import words_of
@@ -34,7 +35,6 @@ from .recording import (
     Recording,
     blocks,
     forward,
-    matrices,
     thinned,
 )
 from .table import Column, write_table
@@ -388,7 +388,7 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
     """Evaluate F on the leaf c at the poses of all frames: (K, n), NaN where F has no value."""
     p, R = recording.positions, recording.rotations
     parts = [
-        F.batch(matrices(p[part], R[part]), leaf=c, missing="nan")
+        F.batch(homogeneous(p[part], R[part]), leaf=c, missing="nan")
         for part in blocks(len(p))
     ]
     return np.concatenate(parts)
@@ -538,7 +538,7 @@ def _poses(relabeled: Relabeled) -> dict[str, Column]:
     quaternions = Rotation.from_matrix(R).as_quat()
     columns = dict(zip(POSITION, p.T, strict=True))
     columns |= dict(zip(QUATERNION, quaternions.T, strict=True))
-    poses: Column = matrices(p, R)
+    poses: Column = homogeneous(p, R)
     source = {} if recording.source is None else recording.source.columns
     for name in set(POSES) & set(source):
         size = source[name][0].size
