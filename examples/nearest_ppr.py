@@ -36,9 +36,10 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from scipy.optimize import minimize_scalar
 
 import repctl_pin as rp
-from repctl_pin.design import FamilyDesign, cost_has_converged, nearest_in_family
+from repctl_pin.design import cost_has_converged
 from repctl_pin.show.text.table import table
 from repctl_pin.strategies import Inverse
 
@@ -102,6 +103,44 @@ def mean_cost(a: float, b: float, k: float) -> float:
     )
 
 
+@dataclass(frozen=True)
+class Search:
+    """The best k of (60), unless all are equally good (``unique``), and its mean ‖G_r − J⁺‖²."""
+
+    parameter: float
+    unique: bool
+    cost: float
+
+
+def search_family(task: rp.Task, a: float, b: float) -> Search:
+    """Minimise the mean of ‖G_r(θ, k) − J⁺‖_F² (26) over φ = atan k: a scan, then Brent's method.
+
+    Both depend on θ₃ alone, so Gauss–Legendre quadrature in θ₃ gives the mean over the box.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    Q = np.zeros((len(nodes), 3))
+    Q[:, 2] = (a + b) / 2 + (b - a) / 2 * nodes
+    J_plus = rp.Pseudoinverse(task).batch(Q)
+
+    def k_at(phi: float) -> float:
+        return np.inf if abs(np.cos(phi)) < 1e-12 else float(np.tan(phi))
+
+    def cost(phi: float) -> float:
+        difference = PaperInverse(task, k_at(phi)).batch(Q) - J_plus
+        return float(weights @ np.sum(difference**2, axis=(1, 2))) / 2
+
+    angles = np.linspace(-PI / 2, PI / 2, 49)
+    costs = np.array([cost(phi) for phi in angles])
+    if np.ptp(costs) < 1e-9:  # rounding errors
+        return Search(0.0, False, costs[0])
+    best, step = angles[np.argmin(costs)], angles[1] - angles[0]
+    bounds, options = (best - step, best + step), {"xatol": 1e-10}
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options=options)
+    if found.fun < costs.min() * (1 - 1e-14):
+        best = found.x
+    return Search(k_at(best), True, cost(best))
+
+
 def paper_potential(Q: np.ndarray, k: float = 0.0) -> np.ndarray:
     """Evaluate the potential h of (60), whose gradient is orthogonal to both columns of
     G_r(θ, k)."""
@@ -118,7 +157,7 @@ class Answer:
     b: float
     k: float | None
     cost: float
-    search: FamilyDesign
+    search: Search
     solver: dict[int, rp.Design | rp.SingularityError]
 
     @property
@@ -158,10 +197,7 @@ def answer(
 ) -> Answer:
     """Run all three methods on a ≤ θ₃ ≤ b."""
     k = best_k(a, b)
-    region = rp.Box.between([-1, -1, a], [1, 1, b])
-    search = nearest_in_family(
-        rp.Pseudoinverse(task), lambda k: PaperInverse(task, k), region, samples=samples
-    )
+    search = search_family(task, a, b)
     found: dict[int, rp.Design | rp.SingularityError] = {}
     for degree in degrees:
         try:
@@ -365,7 +401,7 @@ def main(
     degrees
         Degrees of the polynomials of θ₃ for the solver.
     samples
-        Number of nodes of the fits and searches.
+        Number of nodes of the fits.
     count
         Points along each side of a drawn leaf.
     """

@@ -11,7 +11,6 @@ import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
-from repctl_pin.design import nearest_in_family
 from repctl_pin.paths import rose
 
 A_TASK, AN_INVERSE = (
@@ -126,10 +125,6 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         ),
         "point must be a function of s",
     ),
-    "nearest_in_family, a family of nothing": (
-        lambda g: nearest_in_family(g.control, lambda: 0, g.box),
-        "family must be",
-    ),
     "save, a name no folder takes": (
         lambda g: rp.save(g.control, 5000 * "x"),
         "^.{1,803}$",
@@ -215,14 +210,6 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "nearest, region": (
         lambda g: rp.nearest_repeatable(g.control, g.potentials, 0.3),
-        A_BOX,
-    ),
-    "family, desired": (
-        lambda g: nearest_in_family("panda", g.own, g.box),
-        "desired " + AN_INVERSE,
-    ),
-    "family, region": (
-        lambda g: nearest_in_family(g.control, lambda k: g.control, 0.3),
         A_BOX,
     ),
     "circle, task": (lambda g: rp.circle("panda", g.q0), A_TASK + ".*'panda'"),

@@ -104,9 +104,7 @@ def test_the_users_script_names_everything_at_the_door_and_is_type_checked() -> 
     assert f'files = ["repctl_pin", "tests/{SCRIPT.name}"]' in settings
 
 
-@pytest.mark.parametrize(
-    "name", ["nearest_in_family", "FamilyDesign", "inline", "rose"]
-)
+@pytest.mark.parametrize("name", ["inline", "rose"])
 def test_names_of_the_paper_are_not_at_the_door(name: str) -> None:
     assert not hasattr(rp, name)
 

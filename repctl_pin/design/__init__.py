@@ -3,7 +3,5 @@
 from .compare import compare as compare
 from .compare import cost_has_converged as cost_has_converged
 from .design_result import Design as Design
-from .family import FamilyDesign as FamilyDesign
-from .family import nearest_in_family as nearest_in_family
 from .nearest import nearest_repeatable as nearest_repeatable
 from .singularity_search import SingularRegionError as SingularRegionError

@@ -1,22 +1,18 @@
-"""Section IV of the paper, (39) to (60), from the general engine and from a search over the family
-(60).
+"""Section IV of the paper, (39) to (60), from the general engine.
 
 The oracles are the paper's closed forms, written out here once more, and quadrature of our own.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import planar_task
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import cost_has_converged, nearest_in_family
+from repctl_pin.design import cost_has_converged
 
 PI = np.pi
 BELOW_PI = [(-0.5, 0.5), (0.2, 1.0), (-3.0, -1.1)]
@@ -233,223 +229,6 @@ def test_family_is_what_the_paper_prints(
             w[:, 0], k * w[:, 1] + (np.sin(t) + k * np.cos(t)) / np.sqrt(2), atol=1e-13
         )  # (44)
         assert np.allclose(w[:, 1], -k * w[:, 0], atol=1e-13)
-
-
-@pytest.mark.parametrize("a, b", BELOW_PI[::2] + ABOVE_PI[:2])
-def test_search_over_the_family_finds_k_star(task: rp.Task, a: float, b: float) -> None:
-    found = nearest_in_family(
-        rp.Pseudoinverse(task),
-        lambda k: Family(task, k),
-        rp.Box.between([-1, -1, a], [1, 1, b]),
-    )
-    k = k_star(a, b)
-    assert found.unique
-    assert (
-        found.parameter == k
-        if np.isinf(k)
-        else found.parameter == pytest.approx(k, abs=1e-6)
-    )
-    assert found.cost == pytest.approx(mean_cost(a, b, k), rel=1e-10)
-    assert found.cost_error < 1e-10 and found.scanned_costs.min() >= found.cost - 1e-12
-    assert "scanned" not in repr(found) and f"cost={found.cost}" in repr(found)
-
-
-@pytest.mark.parametrize("a, b", [(0.3, 0.3 + PI), (-PI, PI)])
-def test_search_says_when_every_k_is_as_good(task: rp.Task, a: float, b: float) -> None:
-    found = nearest_in_family(
-        rp.Pseudoinverse(task),
-        lambda k: Family(task, k),
-        rp.Box.between([-1, -1, a], [1, 1, b]),
-    )
-    assert not found.unique and "every value" in found.summary()
-    assert found.cost == pytest.approx(0.25, rel=1e-10)
-    assert found.parameter == pytest.approx(0.0, abs=1e-12)  # the middle of the line
-
-
-@pytest.mark.parametrize("samples", [100, 216, 1000])
-def test_search_does_not_take_its_own_quadrature_error_for_a_preference(
-    task: rp.Task, samples: int
-) -> None:
-    region = rp.Box.between([-1, -1, 0], [1, 1, 2 * PI])
-    found = nearest_in_family(
-        rp.Pseudoinverse(task), lambda k: Family(task, k), region, samples=samples
-    )
-    assert not found.unique
-
-
-def test_search_within_bounds_and_over_potentials(task: rp.Task) -> None:
-    """A family made of potentials; the best of a dense scan is the oracle. Outside the bounds
-    nothing is taken."""
-    potentials = rp.Polynomial(np.zeros(3), 1, 1.0)
-    desired, region = rp.Pseudoinverse(task), rp.Box([0, 0, 0.5], [1, 1, 0.4])
-
-    def family(k: float) -> rp.RepeatableInverse:
-        return rp.RepeatableInverse(task, potentials.weighted([[k], [-0.8], [1.0]]))
-
-    Q, w = region.nodes(1000, 5)
-    G_d = desired.batch(Q)
-    ks = np.linspace(-1, 2, 76)
-    costs = np.array(
-        [w @ np.sum((family(k).batch(Q) - G_d) ** 2, axis=(1, 2)) for k in ks]
-    )
-    best = ks[np.argmin(costs)]
-    inside = nearest_in_family(desired, family, region, bounds=(-1, 2), samples=343)
-    assert inside.parameter == pytest.approx(
-        best, abs=0.04
-    ) and inside.cost <= costs.min() * (1 + 1e-9)
-    edge = nearest_in_family(
-        desired, family, region, bounds=(best + 0.5, 2), samples=343
-    )
-    assert edge.parameter == best + 0.5
-    # the best value of the scan is at a bound, and the best of all is not
-    for ends in ((-1, inside.parameter + 0.01), (inside.parameter - 0.01, 2)):
-        found = nearest_in_family(desired, family, region, bounds=ends, samples=343)
-        assert found.parameter == pytest.approx(inside.parameter, abs=1e-5)
-
-
-def test_search_returns_what_it_compared(task: rp.Task) -> None:
-    """G_d and Ω as they were given, the member at the parameter, and ‖J⁺‖² = 1 + 1/2 as the unit of
-    the distance: J Jᵀ has the eigenvalues 1 and 2 everywhere."""
-    desired, made = rp.Pseudoinverse(task), []
-    region = rp.Box.between([-1, -1, 0.2], [1, 1, 1.0])
-
-    def family(k: float) -> Family:
-        made.append((k, Family(task, k)))
-        return made[-1][1]
-
-    found = nearest_in_family(desired, family, region, samples=343)
-    assert found.desired is desired and found.region is region
-    assert any(one is found.inverse and k == found.parameter for k, one in made)
-    assert found.relative_distance == pytest.approx(np.sqrt(found.cost / 1.5))
-    due = [mean_cost(0.2, 1.0, k) for k in found.scanned]
-    np.testing.assert_allclose(found.scanned_costs, due, rtol=1e-6)
-    assert np.isinf(found.scanned[[0, -1]]).all() and len(found.scanned) > 16
-
-
-def test_search_takes_the_middle_of_bounds_within_which_every_k_is_as_good(
-    task: rp.Task,
-) -> None:
-    found = nearest_in_family(
-        rp.Pseudoinverse(task),
-        lambda k: Family(task, 0.7),
-        rp.Box.between([-1, -1, 0.2], [1, 1, 1.0]),
-        bounds=(1.0, 4.0),
-        samples=64,
-    )
-    assert not found.unique and found.parameter == 2.5
-    assert found.cost == pytest.approx(mean_cost(0.2, 1.0, 0.7), rel=1e-6)
-
-
-def test_search_finds_the_desired_inverse_itself(task: rp.Task) -> None:
-    """However narrow the bounds are, and with however few nodes: the cost there is 0."""
-    best, region = 0.3, rp.Box.between([-1, -1, 0.2], [1, 1, 1.0])
-    for samples, width in ((1, 1.0), (343, 1e-4)):
-        found = nearest_in_family(
-            Family(task, best),
-            lambda k: Family(task, k),
-            region,
-            bounds=(best - 0.38 * width, best + width),
-            samples=samples,
-        )
-        assert found.unique and found.cost < 1e-15
-        assert found.parameter == pytest.approx(best, abs=2e-8)
-
-
-@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
-def test_search_does_not_take_rounding_errors_for_a_preference(
-    size: float, tmp_path: Path
-) -> None:
-    """In any unit of length: every member is G_d, multiplied by k and divided by it."""
-    arm = planar_task([size, 0.9 * size, 0.8 * size], tmp_path)
-    desired = rp.Pseudoinverse(arm)
-
-    class Rounded(rp.Pseudoinverse):
-        k = 1.0
-
-        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
-            return super().batch(Q, J) * self.k / self.k
-
-    def family(k: float) -> Rounded:
-        made = Rounded(arm)
-        made.k = k
-        return made
-
-    found = nearest_in_family(
-        desired, family, rp.Box([0.3, 1.0, 0.8], 0.3), bounds=(1, 3), samples=64
-    )
-    assert np.ptp(found.scanned_costs) > 0 and found.relative_distance < 1e-14
-    assert not found.unique and found.parameter == 2
-
-
-def test_search_is_judged_on_nodes_of_its_own(task: rp.Task) -> None:
-    """In a tube, whose nodes are random: eight times as many, none of them a node of the search."""
-    nodes: list[np.ndarray] = []
-
-    class Recorded(rp.Pseudoinverse):
-        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
-            nodes.append(Q.copy())
-            return super().batch(Q, J)
-
-    samples = np.linspace([-0.5, 0, 0.3], [0.5, 0.2, 0.8], 9)
-    found = nearest_in_family(
-        Recorded(task), lambda k: Family(task, k), rp.Tube(samples, 0.2), samples=128
-    )
-    few, many = nodes
-    assert len(few) == 128 and len(many) == 8 * 128
-    assert not set(map(bytes, few)) & set(map(bytes, many))
-    G_d = rp.Pseudoinverse(task)
-    means = [  # of the closed form at the nodes, which have equal weights
-        np.mean(np.sum((found.inverse.batch(Q) - G_d.batch(Q)) ** 2, axis=(1, 2)))
-        for Q in nodes
-    ]
-    assert found.cost == pytest.approx(means[1])
-    assert found.cost_error == pytest.approx(abs(means[1] - means[0]))
-    said = found.summary()
-    assert f"{found.cost:.6g} ± {found.cost_error:.1g}\n" in said
-    assert f"parameter          {found.parameter:.6g}\n" in said
-    share = re.search(r"relative distance +([\d.]+) ?%", said)
-    assert float(share[1]) == pytest.approx(100 * found.relative_distance, rel=0.02)
-
-
-def test_search_refuses_what_it_cannot_do(task: rp.Task) -> None:
-    region = rp.Box(np.zeros(3), 1.0)
-    for bounds in ((0.0, np.inf), (1.0, 1.0), (np.nan, 1.0)):
-        with pytest.raises(rp.InputError, match="bounds"):
-            nearest_in_family(
-                rp.Pseudoinverse(task), lambda k: Family(task, k), region, bounds=bounds
-            )
-
-    with pytest.raises(rp.InputError, match="the family at k = 2 must be an inverse"):
-        nearest_in_family(
-            rp.Pseudoinverse(task), lambda k: [k], region, bounds=(2.0, 3.0)
-        )
-
-    class Broken(Family):
-        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
-            raise rp.SingularityError("nowhere")
-
-    with pytest.raises(rp.SingularityError, match="no member"):
-        nearest_in_family(rp.Pseudoinverse(task), lambda k: Broken(task, k), region)
-
-
-def test_search_passes_over_members_that_are_singular(task: rp.Task) -> None:
-    a, b = BELOW_PI[0]
-    best = k_star(a, b)
-
-    class Partly(Family):
-        def batch(self, Q: np.ndarray, J: np.ndarray | None = None) -> np.ndarray:
-            if abs(np.tan(self.phi) - best) > 0.5:
-                raise rp.SingularityError("elsewhere")
-            return super().batch(Q, J)
-
-    found = nearest_in_family(
-        rp.Pseudoinverse(task),
-        lambda k: Partly(task, k),
-        rp.Box.between([-1, -1, a], [1, 1, b]),
-        bounds=(best - 0.9, best + 0.8),
-    )
-    assert found.unique and found.parameter == pytest.approx(best, abs=1e-6)
-    assert np.isinf(found.scanned_costs).any()
 
 
 # ---- the general engine -------------------------------------------------------------------------
