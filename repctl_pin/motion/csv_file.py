@@ -13,8 +13,7 @@ import numpy as np
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from ..files import read_whole
-from ..paths.waypoint_file import number
+from ..tables import csv_rows, number, refuse_twice
 from .joint_motion import rows_of
 from .motion import Motion
 from .timed_motion import TimedMotion
@@ -104,7 +103,7 @@ def csv_text(
         )
     if run:
         header, rows = [*header, _RUN], ([*row, run] for row in rows)
-    _refuse_twice(header, "a CSV of this robot's joints")
+    refuse_twice(header, "a CSV of this robot's joints")
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
@@ -146,36 +145,27 @@ def read_motions(
         has times that do not increase, or does not contain full cycles of equal steps; the message
         names the line.
     """
-    lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
     where = str(file)
-    try:
-        names = [name if name in known else name.strip() for name in next(lines, [])]
-        joints = _joints(names, known, where)
-        clock = next(
-            (name for name in _CLOCKS if name in names and name not in known), None
-        )
-        columns = [names.index(name) for name in (*joints, *([clock] if clock else []))]
-        groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
-        for row in lines:
-            if not row:
-                continue
-            line = f"{where}, line {lines.line_num}"
-            if len(row) != len(names):
-                raise InputError(
-                    f"{line}: {len(row)} fields, but the header has {len(names)}"
-                )
-            key = row[names.index("strategy")] if "strategy" in names else ""
-            turn = (
-                _number(row[names.index("cycle")], "cycle", line)
-                if "cycle" in names
-                else None
+    rows = csv_rows(file, _LARGEST)
+    _, header = next(rows, (1, []))
+    names = [name if name in known else name.strip() for name in header]
+    joints = _joints(names, known, where)
+    clocks = [name for name in _CLOCKS if name in names and name not in known]
+    columns = [names.index(name) for name in (*joints, *clocks[:1])]
+    groups: dict[str, list[tuple[int, float | None, list[float]]]] = {}
+    for at, row in rows:
+        line = f"{where}, line {at}"
+        if len(row) != len(names):
+            raise InputError(
+                f"{line}: {len(row)} fields, but the header has {len(names)}"
             )
-            values = [_number(row[k], names[k], line) for k in columns]
-            groups.setdefault(key or Path(file).stem, []).append(
-                (lines.line_num, turn, values)
-            )
-    except csv.Error as error:
-        raise InputError(f"{where}, line {lines.line_num}: {error}") from None
+        key, turn = "", None
+        if "strategy" in names:
+            key = row[names.index("strategy")]
+        if "cycle" in names:
+            turn = _number(row[names.index("cycle")], "cycle", line)
+        values = [_number(row[k], names[k], line) for k in columns]
+        groups.setdefault(key or Path(file).stem, []).append((at, turn, values))
     if not groups:
         raise InputError(f"{where} contains no rows", remedy="write one row per sample")
     return [_recorded(key, rows, joints, where, cycles) for key, rows in groups.items()]
@@ -222,7 +212,7 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
     InputError
         If a column is unknown or occurs twice, or there is no joint column.
     """
-    _refuse_twice(names, where)
+    refuse_twice(names, where)
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
     strange = [
@@ -238,14 +228,6 @@ def _joints(names: list[str], known: Sequence[str], where: str) -> tuple[str, ..
         )
         raise InputError(f"{where}: {what}; its joints are {', '.join(known)}")
     return joints
-
-
-def _refuse_twice(names: Sequence[str], where: str) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(
-            f"{where}: two columns are named {twice[0]!r}; rename one of them"
-        )
 
 
 def _number(text: str, name: str, line: str) -> float:

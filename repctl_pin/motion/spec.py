@@ -14,8 +14,9 @@ from ..model.task import Task
 from ..paths.polyline import MOST_POINTS, polygon
 from ..paths.shapes import PLANES, figure_eight, rose
 from ..paths.task_path import TaskPath
-from ..paths.waypoint_file import number, waypoint_path
+from ..paths.waypoint_file import waypoint_path
 from ..plugins import plugin, registered
+from ..tables import number
 from .fitting_circle import circle_at, fitting_circle, planes_of
 
 _PathMaker = Callable[[Task, Array], TaskPath]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ..arguments import file_name
 from ..errors import InputError
-from ..files import read_whole
 from ..model.task import Task
+from ..tables import csv_rows, number
 from .polyline import MOST_POINTS, Waypoints, waypoints
 from .task_path import TaskPath
 
@@ -49,15 +47,8 @@ def read_waypoints(file: str | Path) -> Waypoints:
     (4, 3)
     """
     file = file_name(file)
-    lines = csv.reader(io.StringIO(read_whole(file, _LARGEST), newline=""))
-    try:
-        rows = [
-            (number, row)
-            for number, row in enumerate(lines, 1)
-            if any(map(str.strip, row))
-        ]
-    except csv.Error as error:
-        raise InputError(f"cannot read waypoints from {file}: {error}") from None
+    lines = csv_rows(file, _LARGEST)
+    rows = [(line, row) for line, row in lines if any(map(str.strip, row))]
     names: tuple[str, ...] = _POINT + _TURN if rows and len(rows[0][1]) == 7 else _POINT
     if rows and _is_header(rows[0][1]):
         names = _columns(rows.pop(0)[1], file)
@@ -167,11 +158,3 @@ def _numbers(row: list[str], names: tuple[str, ...], where: str) -> list[float]:
 
 
 _COUNT = {3: "three", 4: "four", 7: "seven", 8: "eight"}
-
-
-def number(text: str) -> float:
-    """Parse a number; nan if it is not one."""
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arguments import Array, read_only
+from ...tables import Column
 from ..cells.monomials import Monomials
 from .recording import blocks
-from .table import Column
 
 _DEGREE = 3
 _RIDGES = 10.0 ** np.arange(-8, 1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arguments import Array, as_numbers, file_name, read_only
 from ...errors import InputError
-from .table import Column, Table, read_table
+from ...tables import Column, Table, read_table
 
 _CLOCKS = (
     "time",

@@ -22,6 +22,7 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...model.task import Task, require_task
+from ...tables import Column, Table, read_table
 from ..cells.kinematics import placed
 from ..cells.targets import homogeneous
 from .checks import (
@@ -31,7 +32,6 @@ from .checks import (
     require_metres,
     require_radians,
 )
-from .table import Column, Table, read_table
 
 _CHUNK = 2**14
 _LENGTH, _ROTATION = 1e-2, 1e-2

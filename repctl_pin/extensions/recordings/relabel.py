@@ -21,6 +21,7 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...fit_options import FitOptions, fit_options
+from ...tables import Column, write_table
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
 from ..cells.targets import homogeneous
@@ -37,7 +38,6 @@ from .recording import (
     forward,
     thinned,
 )
-from .table import Column, write_table
 
 _HELD_OUT = 1024
 _FRAMES = 2**13

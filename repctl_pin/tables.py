@@ -1,4 +1,9 @@
-"""Tables of recorded frames: CSV files, NumPy's .npz, and Parquet if pyarrow is installed."""
+"""Reading and writing of tables: CSV files, NumPy's .npz, and Parquet if pyarrow is installed.
+
+Every file of numbers is read here: waypoints and motions line by line (:func:`csv_rows`), because
+their messages name the value that is wrong; recordings, which can be large, as whole columns
+(:func:`read_table`).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ import csv
 import io
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -15,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import read_only
-from ...errors import InputError, needed
-from ...files import read_bytes, write_whole
+from .arguments import read_only
+from .errors import InputError, needed
+from .files import read_bytes, write_whole
 
 _FORMATS = (".csv", ".npz", ".parquet")
 _LARGEST = 4_000_000_000
@@ -49,9 +54,45 @@ class Table:
         Frames are counted from 0.
         """
         if self.file.suffix.lower() == ".csv":
-            lines = (line for line, _ in _lines(self.file))
-            return f"{self.file}, line {next(islice(lines, frame, None), 0)}"
+            lines = (line for line, _ in csv_rows(self.file))
+            return f"{self.file}, line {next(islice(lines, frame + 1, None), 0)}"
         return f"{self.file}, frame {frame}"
+
+
+def csv_rows(
+    file: str | Path, largest: int = _LARGEST
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the lines of a CSV file that are not empty, the header too, with their numbers.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is larger than ``largest`` bytes, or is not CSV.
+    """
+    data = io.BytesIO(read_bytes(file, largest))
+    lines = csv.reader(io.TextIOWrapper(data, "utf-8-sig", newline=""))
+    try:
+        for row in lines:
+            if row:
+                yield lines.line_num, row
+    except UnicodeDecodeError:
+        raise InputError(f"cannot read {file}: the file is not UTF-8 text") from None
+    except csv.Error as error:
+        raise InputError(f"{file}, line {lines.line_num}: {error}") from None
+
+
+def number(text: str) -> float:
+    """Parse a number; nan if it is not one."""
+    return float(text) if _is_number(text) else np.nan
+
+
+def refuse_twice(names: Sequence[str], where: str | Path) -> None:
+    """Raise InputError if two columns have one name."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"{where}: two columns are named {twice[0]!r}; rename one of them"
+        )
 
 
 def read_table(file: Path) -> Table:
@@ -156,11 +197,7 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
         raise InputError(
             f"{file}: the first line must name the columns, such as time and the joints"
         )
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(
-            f"{file}: two columns are named {twice[0]!r}; rename one of them"
-        )
+    refuse_twice(names, file)
     if not first:
         raise InputError(f"{file} contains no frames", remedy="write one row per frame")
     if len(first) != len(names):
@@ -169,24 +206,12 @@ def _check_header(file: Path, names: list[str], first: list[str]) -> None:
         )
 
 
-def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a CSV file below its header, with their line numbers."""
-    data = read_bytes(file, _LARGEST)
-    lines = csv.reader(
-        io.TextIOWrapper(io.BytesIO(data), "utf-8-sig", "replace", newline="")
-    )
-    next(lines, None)
-    for row in lines:
-        if row:
-            yield lines.line_num, row
-
-
 def _wrong_line(
     file: Path, size: int, first: list[str], error: Exception
 ) -> InputError:
     """Make the error for the first line of a CSV file that cannot be read."""
     try:
-        for line, row in _lines(file):
+        for line, row in islice(csv_rows(file), 1, None):
             if len(row) != size:
                 return InputError(
                     f"{file}, line {line}: {len(row)} fields, but the header has {size}"
@@ -194,8 +219,8 @@ def _wrong_line(
             for cell, like in zip(row, first, strict=True):
                 if _is_number(like) and not _is_number(cell):
                     return InputError(f"{file}, line {line}: {cell!r} is not a number")
-    except csv.Error as other:
-        error = other
+    except InputError as other:
+        return other
     return InputError(f"cannot read {file}: {error}")
 
 
