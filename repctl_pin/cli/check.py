@@ -215,7 +215,7 @@ def _saved(options: Options) -> _Case:
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
     """Convert drift per area, a matrix over the task's axes, to a dict by plane: ``xy``, …."""
-    axes = {"xz": "xz", "yz": "yz"}.get(task.kind, "xyz")
+    axes = task.kind.directions
     return {
         axes[a] + axes[b]: float(drift[a, b])
         for a, b in combinations(range(len(drift)), 2)

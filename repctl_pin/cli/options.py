@@ -9,6 +9,9 @@ from ..errors import printable, unknown
 from ..show.text.lines import fitted
 from .given import Options
 
+KINDS = "pose, axis, position, xy, xz or yz"
+"""Kinds of task, for the help of ``--task``; ``model/kind.py`` takes too long to import."""
+
 _PATHS = (
     "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that "
     "angle from the first axis of the plane; square:SIDE, eight:RADIUS, rose:RADIUS, "
@@ -131,8 +134,7 @@ class Parser(argparse.ArgumentParser):
     def task(self) -> None:
         """Add the options of the task and the start: --frame, --task and --start."""
         kinds = (
-            "pose, axis, position, xy, xz or yz (default: the first redundant one of pose, "
-            "position, xy, xz, yz)"
+            f"{KINDS} (default: the first redundant one of pose, position, xy, xz, yz)"
         )
         self.add_argument("--frame", help="link to move (default: the end of the arm)")
         self.add_argument("--task", metavar="KIND", help=kinds)

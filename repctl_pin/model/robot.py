@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
+from ..arguments import Array, file_name, list_of, list_of_names, require_type
 from ..errors import InputError, UrdfError, unknown
 from .catalogue import (
     READY,
@@ -23,10 +23,11 @@ from .catalogue import (
 )
 from .coupling import couple, limits, pose
 from .end_effectors import arm_ends, is_sensor, task_links
+from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism
 from .model import frame_id, link_frames, lock_joints, path_between
 from .shapes import find_mesh
-from .task import KINDS, Kind, Task
+from .task import Task
 from .validate import Description, check_surroundings, read_urdf
 from .xml import short
 
@@ -232,7 +233,7 @@ class Robot(Mechanism):
     def task(
         self,
         frame: str | None = None,
-        kind: Kind = "pose",
+        kind: KindName | Kind = "pose",
         *,
         joints: Sequence[str] | None = None,
     ) -> Task:
@@ -254,10 +255,7 @@ class Robot(Mechanism):
             If there is no such frame, kind or joint, or no joint moves the frame.
         """
         frame = self.default_frame if frame is None else frame
-        if not isinstance(kind, str) or kind not in KINDS:
-            raise InputError(
-                f"no task kind {shown(kind)}; choose from {', '.join(KINDS)}"
-            )
+        known = task_kind(kind)
         chain = self.chain(frame)
         if joints is not None:
             joints = list_of_names(joints, "joints", "a list of joint names")
@@ -273,7 +271,7 @@ class Robot(Mechanism):
             raise InputError(
                 f"no movable joint moves {frame!r}; choose a frame further along an arm"
             )
-        return Task(self, frame, kind, chain)
+        return Task(self, frame, known, chain)
 
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.

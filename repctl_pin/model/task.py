@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -27,32 +27,14 @@ from .chain_formulas import (
     Placement,
     as_placement,
     as_placements,
-    axis_turn,
     chain_hessians,
     require_rotation,
-    rotation_vectors,
 )
 from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
+from .kind import Kind
 from .mechanism import Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
-
-Kind = Literal["pose", "axis", "position", "xy", "xz", "yz"]
-"""Kind of a task: the coordinates of the frame that it controls."""
-
-KINDS: dict[Kind, tuple[int, ...]] = {
-    "pose": (0, 1, 2, 3, 4, 5),
-    "axis": (0, 1, 2, 3, 4),
-    "position": (0, 1, 2),
-    "xy": (0, 1),
-    "xz": (0, 2),
-    "yz": (1, 2),
-}
-"""Rows of the frame's twist (v, ω) that each kind of task commands.
-
-v and ω are in base axes, v is that of the frame's origin. For ``axis``, rows 3 and 4 are the
-angular velocity along the frame's own x and y, which rotates the tool's z axis.
-"""
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
@@ -119,9 +101,8 @@ class Task:
         ):
             array.setflags(write=False)
         self.coordinates: Coordinates | None = None
-        self.n, self.m = len(self.joint_names), len(KINDS[kind])
+        self.n, self.m, self.rows = len(self.joint_names), kind.m, kind.rows
         self.r = self.n - self.m
-        self.rows = np.array(KINDS[kind])
 
         driven = set(
             (
@@ -244,23 +225,12 @@ class Task:
         target's.
         """
         target = as_placement(target)
-        here = self.placement(q)
-        p = target.translation - here.translation
-        if self.kind in ("pose", "axis"):
-            require_rotation(target.rotation, "the target")
-        if self.kind == "pose":
-            return np.concatenate([p, pin.log3(target.rotation @ here.rotation.T)])
-        if self.kind == "axis":
-            return np.concatenate([p, axis_turn(here.rotation, target.rotation)])
-        return p[self.rows]
+        return self.kind.error(self.placement(q), target)
 
     def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
         """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
-        if self.kind != "axis":
-            return twist[self.rows]
-        local = self.placement(q).rotation.T @ twist[3:]
-        return np.concatenate([twist[:3], local[:2]])
+        return self.kind.rate(twist, self.placement(q).rotation)
 
     # ---- batches -------------------------------------------------------------------------------
 
@@ -287,7 +257,7 @@ class Task:
         """Measure the task error at every row of Q (K, n) to its own target: an array (K, m)."""
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object
-        if self.kind in ("pose", "axis"):
+        if self.kind.turns:
             for goal in goals.values():
                 require_rotation(goal.rotation, "the target")
         Q = self._matrix(Q)
@@ -299,15 +269,7 @@ class Task:
         which = [order[id(target)] for target in targets]
         to = np.array([goal.homogeneous for goal in goals.values()]).reshape(-1, 4, 4)
         p, R = self._placements(Q)
-        errors = np.zeros((len(Q), 6))
-        errors[:, :3] = to[which, :3, 3] - p
-        if self.kind == "pose":
-            turns = to[which, :3, :3] @ np.swapaxes(R, 1, 2)
-            errors[:, 3:] = rotation_vectors(turns)
-        elif self.kind == "axis":
-            for e, here, k in zip(errors, R, which, strict=True):
-                e[3:5] = axis_turn(here, to[k, :3, :3])
-        return errors[:, self.rows]
+        return self.kind.errors(p, R, to[which])
 
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""
@@ -422,7 +384,7 @@ class Task:
 
     def as_dict(self) -> dict[str, Any]:
         """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types."""
-        names = {"robot": self.robot.name, "frame": self.frame, "task": self.kind}
+        names = {"robot": self.robot.name, "frame": self.frame, "task": str(self.kind)}
         return {
             **names,
             "n": self.n,
@@ -485,12 +447,9 @@ class Task:
 
     def _task_rows(self, J: Array) -> Array:
         """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last."""
-        if self.kind == "pose":
+        if self.m == 6:
             return J
-        if self.kind != "axis":
-            return J[self.rows]
-        R = self._data.oMf[self._frame_id].rotation
-        return np.concatenate([J[:3], R[:, :2].T @ J[3:]])
+        return self.kind.rate(J, self._data.oMf[self._frame_id].rotation)
 
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
@@ -500,7 +459,7 @@ class Task:
         """
         Q = self._matrix(Q)
         Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
-        Rs = np.empty((len(Q), 3, 3)) if self.kind == "axis" else None
+        Rs = np.empty((len(Q), 3, 3)) if self.kind.tool_axes else None
         for k, q in enumerate(Q):
             Js[k] = evaluate(q)
             if Rs is not None:

@@ -47,7 +47,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
     lower, upper, _ = task.joint_limits
     numbers = (chain.R, chain.p, chain.axes, chain.S, chain.offset, lower, upper)
     return (
-        task.kind,
+        str(task.kind),
         chain.revolute,
         task.coordinate_matrix,
         *(rounded(each) for each in numbers),

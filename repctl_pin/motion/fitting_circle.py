@@ -52,7 +52,7 @@ def fitting_circle(
         If no such circle is found. Without a radius, circles down to 1 cm are tried, and down to 1
         mm inside a region and for very short arms.
     """
-    planes = (plane,) if plane is not None else planes_of(task)
+    planes = (plane,) if plane is not None else task.kind.planes
     limit = 0.14 * arm_length(task, q0)
     sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
     radii = (
@@ -114,10 +114,3 @@ def dexterity_at(task: Task, q: Array) -> float:
     J = task.jacobian(q).copy()
     J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
     return float(inverse_condition_number(J))
-
-
-def planes_of(task: Task) -> tuple[str, ...]:
-    """List the planes in which a task can follow a path, in the order in which to try them."""
-    if task.kind in ("xy", "xz", "yz"):
-        return (task.kind,)
-    return ("xy", "yz", "xz")

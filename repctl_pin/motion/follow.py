@@ -264,7 +264,7 @@ def _integrated(
     # an axis task, where it depends on the frame's orientation.
     places = sorted(set(nodes))
     sampled = _kept(_twists, path)(path, steps, tuple(places)) / period
-    turning = task.kind == "axis"
+    turning = task.kind.tool_axes
     if not turning:
         sampled = sampled[..., task.rows]
     twists = [list(row) for row in sampled]

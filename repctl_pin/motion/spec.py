@@ -17,7 +17,7 @@ from ..paths.task_path import TaskPath
 from ..paths.waypoint_file import waypoint_path
 from ..plugins import plugin, registered
 from ..tables import number
-from .fitting_circle import circle_at, fitting_circle, planes_of
+from .fitting_circle import circle_at, fitting_circle
 
 _PathMaker = Callable[[Task, Array], TaskPath]
 _Drawn = Callable[[Task, Array, str], TaskPath]
@@ -72,7 +72,7 @@ def parse_path(text: str | None, plane: str | None) -> _PathMaker:
     drawn = _drawn(kind, parts, text, blend)
 
     def make(task: Task, q0: Array) -> TaskPath:
-        flat = plane or planes_of(task)[0]
+        flat = plane or task.kind.planes[0]
         path = require_type(
             drawn(task, q0, flat),
             TaskPath,

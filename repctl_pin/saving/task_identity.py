@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from ..errors import InputError
+from ..model.kind import task_kind
 from ..model.robot import Robot
-from ..model.task import Kind, Task
+from ..model.task import Task
 from ..model.task_parts import check_configurations
 from .changes import ranges_of
 from .schema import Check, TaskFile
@@ -36,7 +35,7 @@ def identity(task: Task) -> TaskFile:
         base=robot.base,
         lock=list(robot.locked),
         frame=task.frame,
-        task=task.kind,
+        task=str(task.kind),
         joints=list(task.robot_joints),
         coordinates=T,
         fingerprint=checks,
@@ -59,7 +58,7 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
             base=made_for.base,
             surroundings=around,
         )
-    task = robot.task(made_for.frame, cast(Kind, made_for.task), joints=made_for.joints)
+    task = robot.task(made_for.frame, task_kind(made_for.task), joints=made_for.joints)
     return (
         task
         if made_for.coordinates is None

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError
+from ..model.kind import KINDS, task_kind
 from ..model.length import arm_length
 from ..model.random_configurations import random_configurations
 from ..model.robot import Robot
-from ..model.task import KINDS, Kind, Task
+from ..model.task import Task
 from ..redundancy.inverses import inverse_condition_number
 
-PREFERRED_KINDS: tuple[Kind, ...] = ("pose", "position", "xy", "xz", "yz")
+_PREFERRED = [KINDS[name] for name in ("pose", "position", "xy", "xz", "yz")]
 """Kinds tried in this order if none is given (``axis`` on request only)."""
 
 _SAMPLES = 32
@@ -33,9 +32,9 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
     """
     frame = robot.default_frame if frame is None else frame
     if kind is not None:
-        return _redundant(robot, robot.task(frame, cast(Kind, kind)))
+        return _redundant(robot, robot.task(frame, task_kind(kind)))
     kinds = redundant_kinds(robot, frame)
-    for preferred in PREFERRED_KINDS:
+    for preferred in _PREFERRED:
         if kinds.get(preferred, 0) >= 1:
             return robot.task(frame, preferred)
     count, other = len(robot.chain(frame)), _redundant_frame(robot)
@@ -50,8 +49,8 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
     """Find the task kinds in which J reaches full row rank at a frame, each with its r."""
     kinds: dict[str, int] = {}
-    for kind, rows in KINDS.items():
-        if len(robot.chain(frame)) < len(rows):
+    for kind in KINDS.values():
+        if len(robot.chain(frame)) < kind.m:
             continue
         task = robot.task(frame, kind)
         if _reaches_full_rank(task):
@@ -61,11 +60,11 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
 def kind_note(task: Task) -> list[str]:
     """Write a note on why the task is not of kind pose, the first choice; empty if it is."""
-    first = PREFERRED_KINDS[0]
+    first = _PREFERRED[0]
     if task.kind == first:
         return []
     using = f"using task {task.kind}, because {task.n} joints"
-    if task.n <= len(KINDS[first]):
+    if task.n <= first.m:
         return [f"{using} are not redundant for a {first} task"]
     return [f"{using} never move {task.frame} in all coordinates of a {first} task"]
 

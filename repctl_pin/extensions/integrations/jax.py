@@ -203,7 +203,7 @@ def _kinematics(
         typed = [a if a.dtype == bool else a.astype(q.dtype) for a in links]
         (p, R), (z, o) = jax.lax.scan(link, base, (theta, *typed))
         v, omega = jnp.where(turns, jnp.cross(z, p - o), z), jnp.where(turns, z, 0)
-        if task.kind == "axis":  # ω along the frame's own x and y
+        if task.kind.tool_axes:  # ω along the frame's own x and y
             J = jnp.concatenate([v, omega @ R[:, :2]], axis=1)
         else:
             J = jnp.concatenate([v, omega], axis=1)[:, task.rows]
@@ -239,8 +239,8 @@ def _reference(F: InverseFunction) -> Callable[[Numbers], tuple[Numbers, Numbers
 def _error(cell: Cell, x: Numbers, p: Numbers, R: Numbers) -> Numbers:
     """Evaluate the task error (m,) from the frame's placement (p, R) to a pose x (4, 4)."""
     away = x[:3, 3] - p
-    if cell.task.kind == "pose":
-        return jnp.concatenate([away, log3(x[:3, :3] @ R.T)])
-    if cell.task.kind == "axis":
-        return jnp.concatenate([away, tilts(R, x[:3, :3])])
-    return away[np.asarray(cell.task.rows)]
+    kind = cell.task.kind
+    if not kind.turns:
+        return away[np.asarray(kind.rows)]
+    turn = tilts(R, x[:3, :3]) if kind.tool_axes else log3(x[:3, :3] @ R.T)
+    return jnp.concatenate([away, turn])

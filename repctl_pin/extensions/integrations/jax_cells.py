@@ -27,7 +27,7 @@ def rigid(task: Task, x: Numbers) -> Numbers:
     The rotation is tested only if the task commands one.
     """
     R, off = x[:3, :3], [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
-    if task.kind in ("pose", "axis"):
+    if task.kind.turns:
         squares = jnp.stack([R[0] @ R[0] - 1, R[1] @ R[1] - 1, R[0] @ R[1]])
         off += [squares, jnp.cross(R[0], R[1]) - R[2]]
     return (jnp.abs(jnp.concatenate(off)) < max(ROTATION, 8 * eps(x))).all()
@@ -63,11 +63,10 @@ def _measured(cell: Cell, x: Numbers) -> Numbers:
     rows = np.asarray(cell.task.rows[: len(cell.half_width)])
     away = (x[:3, 3] - jnp.asarray(placement.translation, x.dtype))[rows]
     R_0 = jnp.asarray(placement.rotation, x.dtype)
-    if kind == "pose":
-        return jnp.concatenate([away, log3(x[:3, :3] @ R_0.T)])
-    if kind == "axis":
-        return jnp.concatenate([away, tilts(R_0, x[:3, :3])])
-    return away
+    if not kind.turns:
+        return away
+    turn = tilts(R_0, x[:3, :3]) if kind.tool_axes else log3(x[:3, :3] @ R_0.T)
+    return jnp.concatenate([away, turn])
 
 
 def _cylindrical(sector: Sector, x: Numbers) -> Numbers:

@@ -139,7 +139,7 @@ def target_of(
         of norm 1, for a task with a rotation; other tasks ignore the quaternion.
     """
     p, x = np.array(position, float), np.array(quaternion, float)
-    turns = task.kind in ("pose", "axis")
+    turns = task.kind.turns
     if not np.isfinite(p).all() or (turns and not np.isfinite(x).all()):
         raise InputError("it must be finite numbers")
     norm = float(np.linalg.norm(x))

@@ -7,7 +7,7 @@ from pathlib import Path
 import repctl_pin as rp
 
 from ...cli.given import Options, positive
-from ...cli.options import Parser
+from ...cli.options import KINDS, Parser
 from ...cli.terminal import page_lines, progress, report
 from ...errors import InputError
 from ...files import written_together
@@ -39,7 +39,7 @@ def add_options(parser: Parser) -> None:
     add(
         "--task",
         metavar="KIND",
-        help="pose, axis, position, xy, xz or yz (default: as in study)",
+        help=f"{KINDS} (default: as in study)",
     )
     add("--degrees", action="store_true", help="the log has revolute joints in degrees")
     add(

@@ -113,7 +113,7 @@ def require_agreement(
     why, remedy = _explanation(task, Q, p, R, quaternions=quaternions)
     if offset is not None and not why:
         why, remedy = offset
-    angle = f" and {by[1]:.2g} rad" if _turns(task) else ""
+    angle = f" and {by[1]:.2g} rad" if task.kind.turns else ""
     raise InputError(
         f"forward kinematics of the joints misses the poses by {by[0]:.2g} m{angle} in the "
         f"median{why}",
@@ -154,7 +154,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     d = np.linalg.lstsq(
         R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6
     )[0]
-    D = _mean_rotation(back @ R) if _turns(task) else np.eye(3)
+    D = _mean_rotation(back @ R) if task.kind.turns else np.eye(3)
     at = row(np.round(d, 3) + 0.0)
     tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
     moved = p_own + R_own @ d
@@ -200,7 +200,7 @@ def _base_rotation(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> Array:
     """Find the rotation B of the base, from the rotations or, if they are free, the positions."""
-    if task.kind == "pose":
+    if task.m == 6:
         return _mean_rotation(R @ np.swapaxes(R_own, 1, 2))
     a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))
     U, _, Vt = np.linalg.svd(b.T @ a)
@@ -244,17 +244,13 @@ def _miss(
     """Compute the median differences between two series of poses, m and rad."""
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
-    if not _turns(task):
+    if not task.kind.turns:
         return distance, 0.0
-    if task.kind == "axis":
+    if task.kind.tool_axes:
         cosine = np.einsum("Ka,Ka->K", R_own[:, :, 2], R[:, :, 2]).clip(-1, 1)
         return distance, float(np.median(np.arccos(cosine)))
     turn = log3(R @ np.swapaxes(R_own, 1, 2))
     return distance, float(np.median(np.linalg.norm(turn, axis=1)))
-
-
-def _turns(task: Task) -> bool:
-    return task.kind in ("pose", "axis")
 
 
 def _alike(by: tuple[float, float]) -> bool:

@@ -169,7 +169,7 @@ def _sector(recording: Recording, share: float) -> Cell:
         point = np.array([rho * np.cos(mean), rho * np.sin(mean), z])
         sizes = {"height": 1.0 if task.m > 2 else 0.0, "angle": np.pi}
         sizes |= {"half_angle": 1.0} if task.m > 3 else {}
-        sizes |= {"spin": np.pi} if task.kind == "pose" else {}
+        sizes |= {"spin": np.pi} if task.m == 6 else {}
         probe = Sector(task, pin.SE3(turned, point), radius=0.5 * rho, **sizes)
         Y = _within(_measured(probe, p, R), share)
         between = (Y.max(axis=0) + Y.min(axis=0)) / 2

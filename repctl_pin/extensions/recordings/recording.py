@@ -236,7 +236,7 @@ def blocks(count: int) -> list[slice]:
 
 def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     X = as_numbers(poses)
-    free = task.kind not in ("pose", "axis")
+    free = not task.kind.turns
     shapes = "(K, 4, 4) or (K, 7)" + (" or (K, 3)" if free else "")
     fits = X is not None and (
         X.shape[1:] in ((4, 4), (7,)) or (free and X.shape[1:] == (3,))
@@ -336,7 +336,7 @@ def _arguments(table: Table, task: Task) -> dict[str, Any]:
         found["joints"] = _first(found["joints"], task)
     if set(POSITION + QUATERNION) <= set(columns):
         found["poses"] = _stacked(columns, POSITION + QUATERNION)
-    elif set(POSITION) <= set(columns) and task.kind not in ("pose", "axis"):
+    elif set(POSITION) <= set(columns) and not task.kind.turns:
         found["poses"] = _stacked(columns, POSITION)
     elif found["poses"] is not None and found["poses"].shape[1:] == (16,):
         found["poses"] = found["poses"].reshape(-1, 4, 4)

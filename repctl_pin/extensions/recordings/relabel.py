@@ -529,7 +529,7 @@ def _poses(relabeled: Relabeled) -> dict[str, Column]:
     from scipy.spatial.transform import Rotation
 
     recording = relabeled.recording
-    if recording.task.kind == "pose":
+    if recording.task.m == 6:
         return {}
     p, R = recording.positions.copy(), recording.rotations.copy()
     p[relabeled.found], R[relabeled.found] = forward(

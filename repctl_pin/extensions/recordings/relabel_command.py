@@ -9,7 +9,7 @@ from typing import Any
 import repctl_pin as rp
 
 from ...cli.given import Options, integer, natural, numbers_of
-from ...cli.options import Parser
+from ...cli.options import KINDS, Parser
 from ...cli.terminal import in_percent, progress, report
 from ...errors import InputError, needed
 from ...files import write_whole, written_together
@@ -37,7 +37,7 @@ def add_options(parser: Parser) -> None:
         "robot, the cell that holds the frames is found"
     )
     add("--frame", help="link that the poses are of (default: the end of the arm)")
-    add("--task", metavar="KIND", help="pose (default), axis, position, xy, xz or yz")
+    add("--task", metavar="KIND", help=KINDS.replace("pose", "pose (default)"))
     parser.set_defaults(start=None)
     add(
         "--leaf",

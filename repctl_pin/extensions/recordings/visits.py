@@ -114,7 +114,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         lengths.
     """
     noise, length = _noise_of(Q), arm_length(task, Q[0]) or 1.0
-    radian = _RADIAN * length if task.kind in ("pose", "axis") else 0.0
+    radian = _RADIAN * length if task.kind.turns else 0.0
     X = _features(task, Q, radian)
     whole = np.diff(t) <= _GAP * np.median(np.diff(t))
     steps = np.linalg.norm(np.diff(X, axis=0), axis=1) * whole
@@ -191,7 +191,7 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
     if not radian:
         return p
     R = np.array([M.rotation for M in placements])
-    turned = R[:, :, 2] if task.kind == "axis" else R.reshape(len(R), 9) / np.sqrt(2)
+    turned = R[:, :, 2] if task.kind.tool_axes else R.reshape(len(R), 9) / np.sqrt(2)
     return np.hstack([p, radian * turned])
 
 

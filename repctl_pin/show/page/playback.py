@@ -25,7 +25,7 @@ from ...motion.joint_motion import JointMotion, cycle_of
 from ...strategies.names import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
-from ..text.parts import controlled, part_name
+from ..text.parts import part_name
 from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift
 from .scene import Arm, FirstViolation, Frames, animation_page, frames_for, is_planar
@@ -210,7 +210,7 @@ def playback_page(
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
         caption="\n".join(
-            f"{one.frame}: {controlled(one.kind)}, {one.n} joints, {one.r} redundant"
+            f"{one.frame}: {one.kind.words}, {one.n} joints, {one.r} redundant"
             for one in (chain.task for chain in chains)
         ),
         planar=is_planar(np.vstack([*origins, *lines])),

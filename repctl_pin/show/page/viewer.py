@@ -44,7 +44,7 @@ from ...motion import elbow
 from ...motion.displacement import farthest
 from ...paths import TaskPath
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
-from ..text.parts import controlled, part_name
+from ..text.parts import part_name
 from .body_points import body_drift
 from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
 
@@ -268,7 +268,7 @@ class Viewer:
             for name, colour in zip(self.names, colours, strict=False)
         ]
         keys = "Drag the target, or move it by arrows, Page Up and Page Down; Home brings it back."
-        caption = f"{task.frame}: {controlled(task.kind)}. {keys}"
+        caption = f"{task.frame}: {task.kind.words}. {keys}"
         lines = [] if path is None else [path.points()]
         flat = is_planar(np.vstack([*map(task.joint_origins, Q), points, *lines]))
         return animation_page(

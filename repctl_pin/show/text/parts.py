@@ -12,17 +12,6 @@ from ...model.task import Task
 _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripper", "hand", "head",
           "torso")  # fmt: skip
 
-_CONTROLLED = {
-    "pose": "position and orientation",
-    "axis": "position and tool axis",
-    "position": "position",
-}
-
-
-def controlled(kind: str) -> str:
-    """Write which coordinates of the frame a kind of task controls."""
-    return _CONTROLLED.get(kind, f"{kind[0]} and {kind[1]}")
-
 
 def part_name(task: Task, q: Array, link: str) -> str:
     """Find a readable name for a link.

@@ -1,0 +1,131 @@
+"""Kinds of task: which coordinates of its frame a task commands, and the task error in them.
+
+A frame moves with the twist (v, ω): v is that of its origin, and both are in base axes. A kind
+selects rows of it. A kind with rows of ω compares rotations, too: a pose task all of the rotation,
+an axis task the direction of the tool's z axis alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ..arguments import Array, shown
+from ..errors import InputError
+from .chain_formulas import axis_turn, require_rotation, rotation_vectors
+
+KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
+"""Names of the kinds."""
+
+
+class Kind(str):
+    """Kind of a task: its name, and all that depends on it.
+
+    Attributes
+    ----------
+    rows : (m,) array of int
+        Rows of the twist (v, ω) of the frame that are commanded.
+    m : int
+        Number of task coordinates.
+    words : str
+        The coordinates in words.
+    turns : bool
+        True if rows of ω are commanded.
+    tool_axes : bool
+        True if these rows are along the frame's own x and y, which tilt the tool's z axis.
+    """
+
+    rows: NDArray[np.intp]
+    m: int
+    words: str
+    turns: bool
+    tool_axes: bool
+
+    def __new__(cls, name: KindName, *rows: int, words: str) -> Kind:
+        """Make a kind from its name, its rows and its words."""
+        kind = super().__new__(cls, name)
+        kind.rows = np.array(rows)
+        kind.rows.setflags(write=False)
+        kind.m = len(rows)
+        kind.words = words
+        kind.turns = max(rows) > 2
+        kind.tool_axes = kind.turns and kind.m < 6
+        return kind
+
+    @property
+    def directions(self) -> str:
+        """Base axes along which the position is commanded: ``xyz``, or two of them."""
+        return "".join("xyz"[row] for row in self.rows if row < 3)
+
+    @property
+    def planes(self) -> tuple[str, ...]:
+        """Planes that a path can lie in, in the order in which to try them."""
+        return (str(self),) if self.m == 2 else ("xy", "yz", "xz")
+
+    def error(self, here: pin.SE3, target: pin.SE3) -> Array:
+        """Evaluate the task error (m,) from a placement (R, p) to a target (R*, p*), m and rad.
+
+        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind; for ``axis``, the
+        shortest rotation from the tool axis to the target's.
+        """
+        p = target.translation - here.translation
+        if not self.turns:
+            return p[self.rows]
+        require_rotation(target.rotation, "the target")
+        if self.tool_axes:
+            turn = axis_turn(here.rotation, target.rotation)
+        else:
+            turn = pin.log3(target.rotation @ here.rotation.T)
+        return np.concatenate([p, turn])
+
+    def errors(self, p: Array, R: Array, goals: Array) -> Array:
+        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to goals (K, 4, 4)."""
+        away = goals[:, :3, 3] - p
+        if not self.turns:
+            return away[:, self.rows]
+        if self.tool_axes:
+            pairs = zip(R, goals[:, :3, :3], strict=True)
+            turns = np.array([axis_turn(*pair) for pair in pairs]).reshape(-1, 2)
+        else:
+            turns = rotation_vectors(goals[:, :3, :3] @ np.swapaxes(R, 1, 2))
+        return np.hstack([away, turns])
+
+    def rate(self, twist: Array, R: Array) -> Array:
+        """Extract ẋ (m,) from a twist (6,), or J (m, n) from the frame's (6, n), at rotation R."""
+        if not self.tool_axes:
+            return twist[self.rows]
+        return np.concatenate([twist[:3], R.T[:2] @ twist[3:]])
+
+    def __reduce__(self) -> tuple[Callable[[str], Kind], tuple[str]]:
+        return task_kind, (str(self),)
+
+
+KINDS: Mapping[str, Kind] = {
+    kind: kind
+    for kind in (
+        Kind("pose", 0, 1, 2, 3, 4, 5, words="position and orientation"),
+        Kind("axis", 0, 1, 2, 3, 4, words="position and tool axis"),
+        Kind("position", 0, 1, 2, words="position"),
+        Kind("xy", 0, 1, words="x and y"),
+        Kind("xz", 0, 2, words="x and z"),
+        Kind("yz", 1, 2, words="y and z"),
+    )
+}
+"""The kinds, by name."""
+
+
+def task_kind(name: str) -> Kind:
+    """Find a kind by its name.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if not isinstance(name, str) or name not in KINDS:
+        raise InputError(f"no task kind {shown(name)}; choose from {', '.join(KINDS)}")
+    return KINDS[name]
