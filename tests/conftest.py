@@ -80,7 +80,7 @@ def driver(chromium: Any) -> Iterator[Any]:
 @pytest.fixture
 def few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
-    for name in ("_LEAST_NODES", "_DEFAULT_NODES", "_HELD_OUT_NODES"):
+    for name in ("_LEAST_NODES", "NODES"):
         monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
+from ..defaults import CYCLES, DEGREE
 from ..errors import InputError
 from ..files import write_whole, written_together
 from .given import Options, integer, positive
@@ -53,11 +54,14 @@ def add_options(parser: Parser) -> None:
     add(
         "--cycles",
         type=integer,
-        help="number of cycles (default 10, or that of the CSV)",
+        help=f"number of cycles (default {CYCLES}, or that of the CSV)",
     )
     add("--steps", type=integer, default=200, help="steps per cycle (default 200)")
     add(
-        "--degree", type=integer, default=2, help="degree of the potentials (default 2)"
+        "--degree",
+        type=integer,
+        default=DEGREE,
+        help="degree of the potentials (default %(default)s)",
     )
     add(
         "--seconds",
@@ -243,7 +247,7 @@ def _from_design(
     say("finding a path")
     problem = options.problem_of(design)
     q0, path = problem.start, problem.cycle
-    cycles = options.cycles or 10
+    cycles = options.cycles or CYCLES
     say(f"following the path for {cycles} cycles")
     controls = zip(
         _names(design),
@@ -270,7 +274,7 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
-    found = _study(options, say, cycles=options.cycles or 10)
+    found = _study(options, say, cycles=options.cycles or CYCLES)
     rows = (found.row("pseudoinverse"), found.row("repeatable"))
     tracks = [
         playback_of(row.label, row.motion, COLOURS[row.key])

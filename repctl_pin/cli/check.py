@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
+from ..defaults import REGION
 from ..errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
 from .given import (
-    REGION,
     Options,
     box_within_limits,
     cut_note,
@@ -27,7 +27,8 @@ from .terminal import in_percent, progress, report
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..integrability import Repeatability, Surfaces
+    from ..integrability.repeatability import Repeatability
+    from ..integrability.stable_surface import Surfaces
     from ..strategies import Inverse
 
 HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift"
@@ -62,8 +63,8 @@ def add_options(parser: Parser) -> None:
         help="describe a planar arm by absolute angles, not by relative ones",
     )
     region = (
-        "half-width of Ω around the start, rad, cut at the joint limits (default 0.4, or that of "
-        "the design)"
+        "half-width of Ω around the start, rad, cut at the joint limits "
+        f"(default {REGION}, or that of the design)"
     )
     add("--region", type=positive, metavar="W", help=region)
     add(

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
+from ..defaults import NODES, REGION
 from ..errors import InputError
 from ..files import write_whole, written_together
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
 from .executors import executor_of
 from .given import (
-    REGION,
     Options,
     box_within_limits,
     cut_note,
@@ -57,7 +57,7 @@ def add_options(parser: Parser) -> None:
         type=positive,
         default=REGION,
         metavar="W",
-        help="half-width of Ω around the start, rad (default 0.4)",
+        help="half-width of Ω around the start, rad (default %(default)s)",
     )
     parser.path("use as Ω a tube of that half-width around the motion on a path: ", "")
     workspace = (
@@ -85,8 +85,8 @@ def add_options(parser: Parser) -> None:
     add(
         "--held-out",
         type=integer,
-        default=16384,
-        help="number of held-out nodes, which evaluate the design (default 16384)",
+        default=NODES,
+        help="number of held-out nodes, which evaluate the design (default %(default)s)",
     )
     add(
         "--restarts",

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
+from ..defaults import REGION, STEPS
 from ..errors import InputError, needed
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import REGION, Options, integer, numbers_of, positive, with_options
+from .given import Options, integer, numbers_of, positive, with_options
 from .options import Parser
 from .terminal import progress, report, say_line
 
@@ -52,13 +53,18 @@ def add_options(parser: Parser) -> None:
         type=positive,
         default=REGION,
         metavar="W",
-        help="with --potentials: half-width of Ω around the start, rad (default 0.4)",
+        help="with --potentials: half-width of Ω around the start, rad (default %(default)s)",
     )
     parser.surroundings()
     parser.task()
     parser.path()
     add("--cycles", type=integer, default=1, help="number of cycles (default 1)")
-    add("--steps", type=integer, default=500, help="points per cycle (default 500)")
+    add(
+        "--steps",
+        type=integer,
+        default=STEPS,
+        help="points per cycle (default %(default)s)",
+    )
     add(
         "--period",
         type=positive,

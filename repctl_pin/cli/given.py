@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 D = TypeVar("D", "rp.Design", "rp.CellDesign")
 
-REGION = 0.4
-"""Default half-width of Ω around a start, rad."""
-
 
 class Options(argparse.Namespace):
     """Parsed options of a command, with methods that make the objects described by them.

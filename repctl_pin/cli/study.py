@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import repctl_pin as rp
 
+from ..defaults import CYCLES, DEGREE, PERIOD, STEPS
 from ..files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
 from .options import Parser
@@ -30,18 +31,28 @@ def add_options(parser: Parser) -> None:
     parser.task()
     parser.path()
     add = parser.add_argument
-    add("--cycles", type=integer, default=10, help="number of cycles (default 10)")
-    add("--steps", type=integer, default=500, help="RK4 steps per cycle (default 500)")
+    add(
+        "--cycles",
+        type=integer,
+        default=CYCLES,
+        help="number of cycles (default %(default)s)",
+    )
+    add(
+        "--steps",
+        type=integer,
+        default=STEPS,
+        help="RK4 steps per cycle (default %(default)s)",
+    )
     period = (
         "time of one cycle, s "
-        "(default: the path's own, else 5, or longer to keep speed limits)"
+        f"(default: the path's own, else {PERIOD:g}, or longer to keep speed limits)"
     )
     add("--period", type=positive, help=period)
     region = "half-width of Ω around the start, rad (default: a tube around the cycle)"
     add("--region", type=positive, metavar="W", help=region)
     degree = (
-        "degree of the potentials (default 2, or 1 for arms with many joints); 3 or 4 may come "
-        "nearer to J⁺, and computation time grows fast"
+        f"degree of the potentials (default {DEGREE}, or 1 for arms with many joints); "
+        "3 or 4 may come nearer to J⁺, and computation time grows fast"
     )
     add("--degree", type=integer, help=degree)
     parser.weight()
@@ -69,7 +80,7 @@ def run(options: Options) -> int:
     from ..show.study_files import run_name, write_study
     from ..show.text.answer import study_answer
     from ..show.text.table import study_table
-    from ..studies.minimum_speed import at_minimum_speed
+    from ..studies.problem import at_minimum_speed
 
     say("loading the robot and finding a start and a path")
     try:

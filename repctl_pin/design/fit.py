@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arguments import Array
+from ..defaults import NODES
 from ..errors import InputError
 from ..model.task import Task
 from ..potentials.basis import PotentialBasis
@@ -23,14 +24,11 @@ from .design_result import Design
 from .evaluation import evaluate_design
 from .independence import Independent, independent
 from .singularity_search import Dexterity, SingularRegionError, refuse_singular, search
-from .workers import hand_out
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _LEAST_NODES = 4096
-_DEFAULT_NODES = 16384
-_HELD_OUT_NODES = 16384
 _NODES_PER_UNKNOWN = 32
 _PENALTY = 1e-3
 _ROUNDS = 4
@@ -65,7 +63,7 @@ def fit(problem: FitProblem) -> Design:
         )
     unknowns = (potentials.size - task.r) * task.r
     few = max(_LEAST_NODES, _NODES_PER_UNKNOWN * unknowns // task.m)
-    count = max(few, _DEFAULT_NODES) if options.samples is None else options.samples
+    count = max(few, NODES) if options.samples is None else options.samples
     if undetermined(potentials, task, count):
         least = -(-potentials.size // task.m)
         raise InputError(
@@ -91,6 +89,8 @@ def fit(problem: FitProblem) -> Design:
             return Local(
                 builder, Q, weights, options.batch, stream=options.stream, tick=tick
             )
+        from .workers import hand_out  # only with an executor
+
         return hand_out(
             builder, Q, weights, options.batch, where, stream=options.stream, tick=tick
         )
@@ -146,7 +146,7 @@ def _judged(
     # gauge: Nᵀ V = I at the center, where J_V then is as well conditioned as J
     A = A @ np.linalg.inv(N[0].T @ D[0] @ A)
     inverse = RepeatableInverse(desired.task, potentials.weighted(A), region=region)
-    held_out = _HELD_OUT_NODES if options.held_out is None else options.held_out
+    held_out = NODES if options.held_out is None else options.held_out
     evaluation = evaluate_design(
         inverse, desired, region, samples=held_out, seed=options.seed + 1
     )

@@ -22,6 +22,7 @@ from ..arguments import (
     require_choice,
     vector,
 )
+from ..defaults import CYCLES, PERIOD, STEPS
 from ..errors import InputError, SingularityError
 from ..model.length import joint_scale
 from ..model.task import Task, require_task
@@ -78,8 +79,8 @@ def follow(
     path: TaskPath | ClosedPath,
     q0: ArrayLike,
     *,
-    cycles: int = 10,
-    steps: int = 500,
+    cycles: int = CYCLES,
+    steps: int = STEPS,
     period: float | None = None,
     integrator: Literal["rk4", "euler"] | LeafLock = "rk4",
     feedback: float = 0.0,
@@ -153,7 +154,7 @@ def follow(
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
     check_length(task, cycles, steps)
     period = positive(
-        (path.period or 5.0) if period is None else period, "the period", "s"
+        (path.period or PERIOD) if period is None else period, "the period", "s"
     )
     feedback = positive(feedback, "the feedback gain", zero=True)
     gap = float(np.linalg.norm(task.error(q, path.placement(0.0))))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array, percentage
+from ..defaults import PERIOD
 from ..design import Design, SingularRegionError, nearest_repeatable
 from ..errors import SingularityError
 from ..fit_options import FitOptions
@@ -20,7 +21,7 @@ from ..regions import Region, Tube
 from ..strategies import Inverse
 from ..strategies.names import LABELS
 from .choose_start import plain_cycle, violations
-from .period import PERIOD, choose_period
+from .period import choose_period
 from .problem import Problem, tube_around
 
 _Make = Callable[[Region], Design]

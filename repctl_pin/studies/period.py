@@ -9,9 +9,6 @@ import numpy as np
 
 from ..motion import Motion
 
-PERIOD = 5.0
-"""Period, s, if none is given and the joints are fast enough."""
-
 _SHARE = 0.9
 """Maximum fraction of a speed limit that a cycle uses, if its period is increased."""
 

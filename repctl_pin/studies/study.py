@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_int, function, positive, require_type
+from ..defaults import CYCLES, PERIOD, STEPS
 from ..design import Design, nearest_repeatable
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
@@ -26,10 +27,9 @@ from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strate
 from ..strategies.names import LABELS
 from .around_motion import design_for, own_failure, shrunk_note
 from .desired import choose_desired
-from .least_motion_notes import least_motion_notes
-from .period import PERIOD, choose_period
+from .period import choose_period
 from .problem import Problem
-from .study_notes import motion_notes, unlimited_speeds
+from .study_notes import least_motion_notes, motion_notes, unlimited_speeds
 from .study_result import Row, Study, evaluated
 from .task_choice import kind_note
 from .work import choose_degree
@@ -53,8 +53,8 @@ _POSTURE_OFFSET = 0.57
 def study(
     robot: str | Robot | Task | Problem,
     *,
-    cycles: int = 10,
-    steps: int = 500,
+    cycles: int = CYCLES,
+    steps: int = STEPS,
     period: float | None = None,
     degree: int | None = None,
     weight: ArrayLike | str | None = None,

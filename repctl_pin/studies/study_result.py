@@ -9,6 +9,7 @@ import numpy as np
 
 from ..arguments import Array, read_only, require_choice
 from ..certificate import proved_words
+from ..defaults import PERIOD
 from ..design import Design
 from ..model.bodies import bodies_of
 from ..model.mechanism import Mechanism
@@ -20,6 +21,7 @@ from ..motion.limits import presumed_acceleration
 from ..paths import TaskPath
 from ..paths.winding import winding
 from ..regions import Region
+from .quantities import finite, values_of
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ class Study:
     design: Design
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
-    period: float = 5.0
+    period: float = PERIOD
 
     def __repr__(self) -> str:
         done = [(row.label, row.motion) for row in self.rows]
@@ -259,9 +261,9 @@ def bodies_dict(motion: Motion) -> dict[str, Any]:
 
 def limits_dict(motion: Motion) -> dict[str, Any]:
     """Collect the minimum limit margin and the first violation in plain Python types."""
-    margin, violation = float(motion.limit_margin.min()), motion.first_violation
+    violation = motion.first_violation
     return {
-        "limit_margin": margin if np.isfinite(margin) else None,
+        **values_of(motion, "limit_margin"),
         "first_violation": None
         if violation is None
         else dict(zip(("cycle", "joint"), violation, strict=True)),
@@ -280,18 +282,16 @@ def _row_dict(row: Row) -> dict[str, Any]:
         "other_ends": {
             end: float(d[-1]) for end, d in end_displacements(motion.task, ends).items()
         },
-        "drift_first": float(motion.drift[0]),
-        "drift_last": float(motion.drift[-1]),
+        **values_of(motion, "drift_first", "drift_last"),
         "drift": motion.drift.tolist(),
         "cycle_drift": motion.cycle_drift.tolist(),
-        "outside": motion.outside,
-        "tracking_error": float(motion.tracking_error.max()),
+        **values_of(motion, "outside", "tracking_error"),
         "turning_error": float(motion.turning_error.max()),
         "path_loss": None
         if loss is None
         else dict(zip(("cycle", "distance", "angle"), loss, strict=True)),
-        **picked(motion, "first_rms_speed", "rms_speed", "peak_speed"),
-        "speed_ratio": motion.speed_ratio if np.isfinite(motion.speed_ratio) else None,
+        **values_of(motion, "first_rms_speed", "rms_speed", "peak_speed"),
+        "speed_ratio": finite(motion.speed_ratio),
         **limits_dict(motion),
         **bodies_dict(motion.coarse),
         "cycle_time": row.cycle_time,

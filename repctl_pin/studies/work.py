@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ..defaults import DEGREE, NODES
 from ..errors import InputError
 from ..model.task import Task
 from ..potentials import Polynomial
@@ -21,7 +22,7 @@ _RATE = 3000.0
 def _design_seconds(task: Task, degree: int) -> float:
     """Estimate the processor time, s, of a design with polynomials, within a factor of 3."""
     N = math.comb(task.n + degree, degree) - 1
-    nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / 16384)
+    nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / NODES)
     return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
 
 
@@ -44,10 +45,10 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
             f"a design of degree {degree} for {task.n} joints takes {_about(seconds)}"
         )
         return degree, [f"{time}; a lower degree takes less"]
-    seconds = _design_seconds(task, 2)
+    seconds = _design_seconds(task, DEGREE)
     if seconds <= _LONG:
-        check_degree(task, 2)
-        return 2, []
+        check_degree(task, DEGREE)
+        return DEGREE, []
     least = _design_seconds(task, 1)
     if least > _TOO_LONG:
         raise InputError(

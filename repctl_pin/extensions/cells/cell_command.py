@@ -382,8 +382,9 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     The period is long enough for the speed limits of the joints. Return also a note if it was
     increased for them, or if a motion failed. Without the function's motion there is none.
     """
+    from ...defaults import PERIOD
     from ...strategies.names import LABELS
-    from ...studies.period import PERIOD, choose_period
+    from ...studies.period import choose_period
     from .sample_path import tour
 
     path, failed = tour(design.cell), {}

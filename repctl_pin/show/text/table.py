@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from ...arguments import percentage, ratio_in_percent
 from ...model.bodies import bodies_of
-from ...motion import Motion
-from ...motion.joint_motion import TOO_FAST
 from ...strategies import Pseudoinverse
+from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity
 from ..page.summaries import study_verdict
 from .lines import fitted, terminal_width, with_options
 from .numbers import number
@@ -107,91 +104,38 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Format the table of a study: each quantity with its unit, and its value for every
     strategy."""
     some = next((row.motion for row in study.rows if row.motion is not None), None)
-    rad, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
-    speed = f"{rad}/s" if rad in ("rad", "m") else "per s"
+    unit, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
+    units = {JOINTS: unit, "joints/s": f"{unit}/s" if unit in ("rad", "m") else "per s"}
+    bodies = any(row.body_distance is not None for row in study.rows)
+    cells = []
+    for quantity in QUANTITIES:
+        if quantity.key == "cycle_time":  # below what was not checked
+            cells += _unchecked(study)
+        if cycles < quantity.cycles > 1 or ("body" in quantity.key and not bodies):
+            continue
+        name = quantity.name.format(cycles=cycles, desired=_desired(study))
+        if quantity.unit not in ("", SHARE):
+            name += f", {units.get(quantity.unit, quantity.unit)}"
+        cells.append((name, [_cell(quantity, row) for row in study.rows]))
+    return cells
 
-    def of_motions(say: Callable[[Motion], str]) -> list[str]:
-        return [
-            "stopped" if row.motion is None else say(row.motion) for row in study.rows
-        ]
 
-    def of_rows(say: Callable[[Row], float | None]) -> list[str]:
-        return [
-            "–" if value is None else ratio_in_percent(value)
-            for value in map(say, study.rows)
-        ]
-
-    later = [
-        (
-            f"drift after {cycles} cycles, {rad}",
-            of_motions(lambda motion: number(motion.drift[-1])),
-        ),
-        (
-            f"drift in cycle {cycles}, {rad}",
-            of_motions(lambda motion: number(motion.cycle_drift[-1])),
-        ),
-    ]
-    distances = [
-        ("body distance, cycle 1, m", of_motions(lambda motion: _apart(motion, 1)))
-    ]
-    distances += [
-        (
-            "body distance, all cycles, m",
-            of_motions(lambda motion: _apart(motion, cycles)),
-        )
-    ] * (cycles > 1)
-    speeds = [
-        (
-            f"joint speed, cycle 1, {speed}",
-            of_motions(lambda motion: number(motion.first_rms_speed)),
-        )
-    ]
-    speeds += [
-        (
-            f"joint speed, all cycles, {speed}",
-            of_motions(lambda motion: number(motion.rms_speed)),
-        )
-    ] * (cycles > 1)
-    return [
-        (
-            f"drift after 1 cycle, {rad}",
-            of_motions(lambda motion: number(motion.drift[0])),
-        ),
-        *(later if cycles > 1 else []),
-        (
-            "tracking error, m",
-            of_motions(
-                lambda motion: _marked(motion.tracking_error.max(), motion.path_loss)
-            ),
-        ),
-        *speeds,
-        (
-            f"peak joint speed, {speed}",
-            of_motions(
-                lambda motion: _marked(motion.peak_speed, motion.speed_ratio > TOO_FAST)
-            ),
-        ),
-        (f"joint-limit margin, {rad}", of_motions(_limit_margin)),
-        *(
-            distances
-            if any(row.body_distance is not None for row in study.rows)
-            else []
-        ),
-        *_unchecked(study),
-        ("fastest first cycle, s", [_time(row) for row in study.rows]),
-        (
-            "leaf margin",
-            [
-                "–" if row.leaf_margin is None else number(row.leaf_margin)
-                for row in study.rows
-            ],
-        ),
-        (f"distance from {_desired(study)}", of_rows(lambda row: row.distance)),
-        (
-            "outside Ω",
-            of_rows(lambda row: None if row.motion is None else row.motion.outside),
-        ),
-    ]
+def _cell(quantity: Quantity, row: Row) -> str:
+    """Format the value of a quantity for one strategy."""
+    motion = row.motion
+    if quantity.of is None:
+        value = getattr(row, quantity.key)
+    elif motion is None:
+        return quantity.stopped
+    else:
+        value = quantity.of(motion)
+    if value is None:
+        return quantity.lacking
+    if quantity.unit == SHARE:
+        return ratio_in_percent(value)
+    if quantity.unit == "s":
+        return f"{value:.3f}{' ≠' if motion and not motion.closes else ''}"
+    return f"{number(value)}{'!' if motion and quantity.bad(motion) else ''}"
 
 
 def study_legend(study: Study) -> str:
@@ -202,13 +146,15 @@ def study_legend(study: Study) -> str:
         "! the frame leaves its path, a position or speed limit is violated, or two bodies collide "
         "(collisions are checked at 100 points per cycle). "
     )
-    opened = "; ≠ means that the joint path does not close"
+    opened = "; ≠ means that the joint path does not close" if "≠" in cells else ""
+    meanings = {
+        quantity.key: quantity.meaning.format(desired=desired)
+        for quantity in QUANTITIES
+        if quantity.meaning
+    }
+    meanings["cycle_time"] += f"{opened}."
     return (
-        f"{bad if '!' in cells else ''}Joint speed: ‖q̇‖, root mean square. "
-        "Fastest first cycle: minimum time from rest to rest within the speed limits and the "
-        f"accelerations above{opened if '≠' in cells else ''}. "
-        "Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular. "
-        f"Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω. "
+        f"{bad if '!' in cells else ''}{' '.join(meanings.values())} "
         "J⁺ + posture: J⁺ with null-space attraction to the start configuration. "
         "J⁺ + other posture: attraction to a different configuration, which the arm reaches first. "
         "Both settle on a closed motion after some cycles; "
@@ -228,30 +174,7 @@ def _desired(study: Study) -> str:
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
 
 
-def _marked(value: float, bad: object) -> str:
-    """Format a number, with an exclamation mark if it is bad."""
-    return f"{number(value)}{'!' if bad else ''}"
-
-
 def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
     """Make a row on the bodies that are not checked for collisions; an empty list without any."""
     count = len(bodies_of(study.task).unchecked)
     return [("bodies without a shape", [f"{count}"] * len(study.rows))] * (count > 0)
-
-
-def _apart(motion: Motion, cycles: int) -> str:
-    least = float(motion.coarse.body_distance[: cycles * motion.coarse.steps + 1].min())
-    if not np.isfinite(least):
-        return "not checked"
-    return _marked(least, least < 0)
-
-
-def _time(row: Row) -> str:
-    if row.motion is None or row.cycle_time is None:
-        return "–"
-    return f"{row.cycle_time:.3f}{'' if row.motion.closes else ' ≠'}"
-
-
-def _limit_margin(motion: Motion) -> str:
-    margin = float(motion.limit_margin.min())
-    return _marked(margin, motion.broken_cycle) if np.isfinite(margin) else "no limits"

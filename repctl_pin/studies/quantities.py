@@ -1,0 +1,170 @@
+"""The quantities of a motion by which strategies are compared: name, unit, value and meaning.
+
+Each is declared here once; the table of a study, its legend and its JSON read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..motion import Motion
+from ..motion.joint_motion import TOO_FAST
+
+JOINTS = "joints"
+"""Unit of a norm over the joints: rad, m, or both."""
+
+SHARE = "share"
+"""Unit of a share, which is written in per cent."""
+
+
+def _never(motion: Motion) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of each strategy in a study.
+
+    Attributes
+    ----------
+    key : str
+        Name in JSON.
+    name : str
+        Name in tables, with ``{cycles}`` for the number of cycles and ``{desired}`` for G_d.
+    unit : str
+        ``m``, ``s``, :data:`JOINTS`, ``joints/s``, :data:`SHARE`, or empty.
+    of : function of a motion, optional
+        Its value, None if it has none; without a function, it is the attribute ``key`` of a row.
+    bad : function of a motion
+        Whether the value is bad; tables mark it.
+    lacking, stopped : str
+        What tables say where there is no value, and where the motion stopped.
+    cycles : int
+        Smallest number of cycles for which tables list it.
+    meaning : str
+        Sentence of the legend.
+    """
+
+    key: str
+    name: str
+    unit: str = ""
+    of: Callable[[Motion], float | None] | None = None
+    bad: Callable[[Motion], object] = _never
+    lacking: str = "–"
+    stopped: str = "stopped"
+    cycles: int = 1
+    meaning: str = ""
+
+
+def finite(value: float) -> float | None:
+    """Return a number, or None in place of an infinite one."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _distance(motion: Motion, cycles: int) -> float:
+    coarse = motion.coarse
+    return float(coarse.body_distance[: cycles * coarse.steps + 1].min())
+
+
+QUANTITIES = (
+    Quantity("drift_first", "drift after 1 cycle", JOINTS, lambda m: m.drift[0]),
+    Quantity(
+        "drift_last",
+        "drift after {cycles} cycles",
+        JOINTS,
+        lambda m: m.drift[-1],
+        cycles=2,
+    ),
+    Quantity(
+        "drift_in_last",
+        "drift in cycle {cycles}",
+        JOINTS,
+        lambda m: m.cycle_drift[-1],
+        cycles=2,
+    ),
+    Quantity(
+        "tracking_error",
+        "tracking error",
+        "m",
+        lambda m: m.tracking_error.max(),
+        bad=lambda m: m.path_loss,
+    ),
+    Quantity(
+        "first_rms_speed",
+        "joint speed, cycle 1",
+        "joints/s",
+        lambda m: m.first_rms_speed,
+        meaning="Joint speed: ‖q̇‖, root mean square.",
+    ),
+    Quantity(
+        "rms_speed",
+        "joint speed, all cycles",
+        "joints/s",
+        lambda m: m.rms_speed,
+        cycles=2,
+    ),
+    Quantity(
+        "peak_speed",
+        "peak joint speed",
+        "joints/s",
+        lambda m: m.peak_speed,
+        bad=lambda m: m.speed_ratio > TOO_FAST,
+    ),
+    Quantity(
+        "limit_margin",
+        "joint-limit margin",
+        JOINTS,
+        lambda m: finite(m.limit_margin.min()),
+        bad=lambda m: m.broken_cycle,
+        lacking="no limits",
+    ),
+    Quantity(
+        "first_body_distance",
+        "body distance, cycle 1",
+        "m",
+        lambda m: finite(_distance(m, 1)),
+        bad=lambda m: _distance(m, 1) < 0,
+        lacking="not checked",
+    ),
+    Quantity(
+        "body_distance",
+        "body distance, all cycles",
+        "m",
+        lambda m: finite(_distance(m, m.cycles)),
+        bad=lambda m: _distance(m, m.cycles) < 0,
+        lacking="not checked",
+        cycles=2,
+    ),
+    Quantity(
+        "cycle_time",
+        "fastest first cycle",
+        "s",
+        meaning="Fastest first cycle: minimum time from rest to rest within the speed limits and "
+        "the accelerations above",
+    ),
+    Quantity(
+        "leaf_margin",
+        "leaf margin",
+        meaning="Leaf margin: the smallest σ_min(Nᵀ V̂) along the path; 1 is best, 0 is singular.",
+    ),
+    Quantity(
+        "distance",
+        "distance from {desired}",
+        SHARE,
+        meaning="Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω.",
+    ),
+    Quantity("outside", "outside Ω", SHARE, lambda m: m.outside, stopped="–"),
+)
+"""The quantities, in the order of a study's table."""
+
+BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
+"""The quantities by their names in JSON."""
+
+
+def values_of(motion: Motion, *keys: str) -> dict[str, float | None]:
+    """Collect quantities of a motion, for JSON."""
+    values = {key: BY_KEY[key].of for key in keys}
+    return {key: value and value(motion) for key, value in values.items()}
