@@ -26,7 +26,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.integrability import Repeatability, measure
+from repctl_pin.integrability import measure
+from repctl_pin.integrability.repeatability import Repeatability
 from repctl_pin.redundancy import null_vector
 from repctl_pin.show.palette import BLUE, INK, VERMILLION
 from repctl_pin.show.text.numbers import number

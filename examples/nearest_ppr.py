@@ -39,7 +39,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 import repctl_pin as rp
-from repctl_pin.design import cost_has_converged
+from repctl_pin.design.compare import cost_has_converged
 from repctl_pin.show.text.table import table
 from repctl_pin.strategies import Inverse
 

@@ -40,7 +40,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import repctl_pin as rp
-from repctl_pin.integrability import Surfaces, brackets
+from repctl_pin.integrability import brackets
+from repctl_pin.integrability.stable_surface import Surfaces
 from repctl_pin.show.palette import BLUE, INK, VERMILLION
 from repctl_pin.show.text.table import table
 

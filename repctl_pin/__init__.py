@@ -27,14 +27,18 @@ _DOOR = {
         "Pseudoinverse RepeatableInverse WeightedInverse"
     ),
     "fit_options": "FitOptions",
-    "design": "Design SingularRegionError compare nearest_repeatable",
+    "design": "Design SingularRegionError nearest_repeatable",
+    "design.compare": "compare",
     "saving": "load load_design save",
-    "integrability": "bracket_defect drift_per_area is_repeatable stable_surface",
-    "paths": "TaskPath Waypoints circle figure_eight polygon read_waypoints waypoints",
-    "motion": (
-        "BestLeaf LeafLock Limits Motion best_leaf "
-        "follow least_closed_motion solve_ik write_motion"
-    ),
+    "integrability": "bracket_defect drift_per_area",
+    "integrability.repeatability": "is_repeatable",
+    "integrability.stable_surface": "stable_surface",
+    "paths": "TaskPath circle figure_eight",
+    "paths.polyline": "Waypoints polygon waypoints",
+    "paths.waypoint_file": "read_waypoints",
+    "motion": "LeafLock Limits Motion follow least_closed_motion solve_ik",
+    "motion.best_leaf": "BestLeaf best_leaf",
+    "motion.write_motion": "write_motion",
     "motion.timed_motion": "TimedMotion",
     "show.page.animation": "Animation animation",
     "show.page.viewer": "Viewer",

@@ -156,6 +156,7 @@ def cost_has_converged(
     --------
     >>> options = rp.FitOptions(samples=512, held_out=512)
     >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, options=options)
+    >>> from repctl_pin.design.compare import cost_has_converged
     >>> cost_has_converged([plain, design])  # a higher degree still pays
     False
     """

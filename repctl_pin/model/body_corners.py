@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from ..arguments import Array
 from ..errors import InputError
-from .surfaces import Surface, Surfaces, read_surfaces
 from .visuals import Shape
+
+if TYPE_CHECKING:
+    from .surfaces import Surface, Surfaces
 
 _RIM = 24
 """Number of corners of the polygon that approximates a circle."""
@@ -43,14 +46,19 @@ def _hull(shape: Shape, surfaces: Surfaces | None) -> Array:
     if key not in _hulls:
         if len(_hulls) >= _KEPT:
             _hulls.clear()
-        read = read_surfaces([shape]) if surfaces is None else surfaces
-        _hulls[key] = _mesh_hull(read[shape.path])
+        if surfaces is None:
+            from .surfaces import (
+                read_surfaces,  # an arm without meshes has no need of it
+            )
+
+            surfaces = read_surfaces([shape])
+        _hulls[key] = _mesh_hull(surfaces[shape.path])
     return _hulls[key]
 
 
 def _mesh_hull(surface: Surface | InputError) -> Array:
     """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
-    if not isinstance(surface, Surface):
+    if isinstance(surface, InputError):
         return np.zeros((1, 3))
     try:
         points = surface.points[ConvexHull(surface.points).vertices]

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
-from .mesh_interior import MeshInterior, MeshParts, mesh_parts
 from .model import link_frames
 from .shapes import Solid, find_mesh
 from .validate import Description
+
+if TYPE_CHECKING:
+    from .mesh_interior import MeshInterior, MeshParts
 
 _LARGEST_FILE = 100_000_000
 """Maximum size of a mesh file, bytes."""
@@ -100,15 +102,17 @@ class BodyShape:
         """
         if self._parts is None or (self.standing and not self._parts.closed.any()):
             return None
+        from .mesh_interior import MeshInterior  # only bodies of meshes need it
+
         return MeshInterior(self._parts, gaps=not self.standing)
 
     @cached_property
     def _parts(self) -> MeshParts | None:
-        return (
-            None
-            if self.points is None or self.faces is None
-            else mesh_parts(self.points, self.faces)
-        )
+        if self.points is None or self.faces is None:
+            return None
+        from .mesh_interior import mesh_parts
+
+        return mesh_parts(self.points, self.faces)
 
 
 def body_shape(

@@ -17,7 +17,6 @@ from ..errors import UrdfError
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
 from .split import split_joints
-from .xacro import expand
 from .xml import line, one_line, parse, short
 
 _MAX_BYTES = 5_000_000
@@ -174,6 +173,8 @@ def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
         if not path.is_file():
             raise UrdfError("is not a regular file; give a .urdf file")
         if path.suffix == ".xacro":
+            from .xacro import expand
+
             data = expand(path, _MAX_BYTES, package_dirs)
         else:
             with path.open("rb") as file:

@@ -1,10 +1,10 @@
-"""Motions of a strategy on closed paths: integration, limits and files."""
+"""Motions of a strategy on closed paths: integration, limits and files.
+
+What a study does not need is not imported here: the best leaf, the start of minimum joint speed,
+and the files.
+"""
 
 from ..model.length import elbow as elbow
-from .best_leaf import BestLeaf as BestLeaf
-from .best_leaf import best_leaf as best_leaf
-from .csv_file import csv_text as csv_text
-from .csv_file import read_motions as read_motions
 from .fitting_circle import fitting_circle as fitting_circle
 from .follow import check_length as check_length
 from .follow import follow as follow
@@ -12,11 +12,9 @@ from .joint_motion import refuse_violations as refuse_violations
 from .joint_motion import violations_of as violations_of
 from .leaf_lock import LeafLock as LeafLock
 from .least_motion import least_closed_motion as least_closed_motion
-from .least_start import least_start as least_start
 from .limits import Limits as Limits
 from .loop import Loop as Loop
 from .motion import Motion as Motion
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik
-from .write_motion import write_motion as write_motion

@@ -29,7 +29,7 @@ _FORMS = (
 )
 
 
-def parse_path(text: str | None, plane: str | None) -> _PathMaker:
+def parse_path(text: str, plane: str | None) -> _PathMaker:
     """Parse the name of a path, and return the function ``(task, q0) → TaskPath`` that creates it.
 
     Parameters
@@ -37,7 +37,7 @@ def parse_path(text: str | None, plane: str | None) -> _PathMaker:
     text
         Name of the path. A circle without DEGREES is turned until the arm can follow it, see
         :func:`fitting_circle`; with DEGREES, the start lies on it at that angle from the first axis
-        of the plane. None is the largest circle that fits.
+        of the plane.
     plane
         ``xy``, ``yz`` or ``xz``; None is the first that fits.
 
@@ -48,8 +48,6 @@ def parse_path(text: str | None, plane: str | None) -> _PathMaker:
     """
     if plane is not None and plane not in PLANES:
         raise InputError(f"no plane {plane!r}; choose from {', '.join(PLANES)}")
-    if text is None:
-        return lambda task, q0: fitting_circle(task, q0, plane=plane)
     words, _, blended = text.partition(":blend=")
     blend = _length(blended, text) if blended or text.endswith(":blend=") else 0.0
     if words.lower().endswith(".csv") or os.path.isfile(words):

@@ -1,4 +1,4 @@
-"""Search for a start from which a closed path can be followed."""
+"""Search for a start from which a closed path can be followed: the default starts, best first."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from ..motion import Motion, check_reach, follow, reach_start
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
 from ..paths import ClosedPath, TaskPath, closed_path
+from ..regions.region import sobol
 from ..strategies import Pseudoinverse
-from . import start_candidates
+from .task_choice import inner_limits
 
 PathOf = Callable[[Task, Array], ClosedPath]
 
@@ -30,6 +31,21 @@ _SINGULAR = 1e-3
 _FAR = 1.0  # rad
 _LOOKS = 12
 """Number of points per cycle at which collisions are checked when a start is chosen."""
+
+_POSES = {
+    "reference": "the reference pose",
+    "ready": "the ready pose",
+    "middle": "mid-range of the joints",
+}
+"""Named poses of a robot, in the order in which they are tried."""
+
+_SEARCHED = ("a dexterous pose near mid-range", "another dexterous pose")
+"""Descriptions of the starts that are searched for, after the named poses."""
+
+_LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
+_LEAST_DEXTERITY_OF_POSITION = 0.2
+_LEAST_MARGIN = 0.15
+_MOST_STARTS, _APART = 8, 0.5
 
 
 class PathStart(NamedTuple):
@@ -82,12 +98,54 @@ def starts(
         else:
             yield from _reachable(task, [(q0, name)], draw, "choose another start")
         return
-    offers = start_candidates.default_starts(task)
+    offers = default_starts(task)
     if draw is None:
         yield from _with_a_circle(task, offers)
     else:
         remedy = "no default start is regular; give one"
         yield from _best_first(task, _reachable(task, offers, draw, remedy))
+
+
+def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
+    """Generate starts: the reference pose, the ready pose, mid-range, and poses around mid-range.
+
+    Poses that are nearly singular or at a limit are left out.
+
+    Yields
+    ------
+    q0 : (n,) array
+    name : str
+        Description of the start.
+    """
+    least = _LEAST_DEXTERITY.get(task.m, _LEAST_DEXTERITY_OF_POSITION)
+    for pose, name in _POSES.items():
+        if pose not in task.robot.poses:
+            continue
+        q = task.from_robot(task.robot.poses[pose])
+        margin = task.limit_margin(q).min()
+        if dexterity_at(task, q) >= least and margin >= _LEAST_MARGIN:
+            yield q, name
+    for k, q in enumerate(_dexterous(task)):
+        yield np.round(q, 3), _SEARCHED[min(k, 1)]
+
+
+def _dexterous(task: Task) -> Iterator[Array]:
+    """Generate dexterous configurations, the nearest to mid-range first.
+
+    Any two of them differ by more than 0.5 rad or m in some joint.
+    """
+    middle = task.from_robot(task.robot.poses["middle"])
+    low, high = inner_limits(task)
+    low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)
+    points = low + (high - low) * sobol(task.n, 512, 0)
+    scores = np.array([dexterity_at(task, q) for q in points])
+    good = points[scores >= 0.5 * scores.max()]
+    good = good[np.argsort(np.linalg.norm(good - middle, axis=1))]
+    for _ in range(_MOST_STARTS):
+        yield good[0]
+        good = good[np.abs(good - good[0]).max(axis=1) > _APART]
+        if not len(good):
+            return
 
 
 def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
@@ -110,7 +168,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
     poses = task.robot.poses
     if start not in poses:
         raise unknown("pose", start, poses)
-    name = start_candidates.POSES.get(start, f"the pose {start!r}")
+    name = _POSES.get(start, f"the pose {start!r}")
     return task.from_robot(poses[start]), name
 
 
@@ -145,7 +203,7 @@ def _reachable(
     failure: RepctlError | None = None
     found = elsewhere = False
     for q0, name in offers:
-        if elsewhere and name in start_candidates.SEARCHED:
+        if elsewhere and name in _SEARCHED:
             break  # the path lies where its author put it, whatever the start
         try:
             _check_regular(task, q0, remedy)

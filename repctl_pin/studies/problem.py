@@ -25,8 +25,7 @@ from ..arguments import (
 from ..errors import InputError
 from ..model.robot import Robot
 from ..model.task import Task
-from ..motion import Motion, follow
-from ..motion.spec import parse_path
+from ..motion import Motion, fitting_circle, follow
 from ..paths import ClosedPath, TaskPath, closed_path
 from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
@@ -232,6 +231,32 @@ def tube_around(motion: Motion, width: float | None = None) -> Tube:
     return Tube(motion.cycle(0), radius)
 
 
+def at_minimum_speed(problem: Problem) -> Problem:
+    """Copy a problem, with the start moved along its self-motion to minimum joint speed.
+
+    The path does not change. The new start has at least half of the largest joint-limit margin
+    found, and no bodies collide; see :func:`repctl_pin.motion.least_start.least_start`.
+
+    Raises
+    ------
+    InputError, SingularityError
+        If there is no closed motion from the problem's start.
+    """
+    from ..motion.least_start import least_start  # only on request
+
+    task, path, q0 = problem.task, problem.cycle, problem.start
+    found = least_start(task, path, q0)
+    saved = 1 - found.best.rms_speed / found.given.rms_speed
+    note = "no other start tried needs less joint speed"
+    if saved > 0:
+        note = f"the start was moved along the self-motion, to {100 * saved:.0f} % less joint speed"
+    return problem._with(
+        start=found.best.q[0],
+        given=problem.given | {"start"},
+        moved=(*problem.moved, note),
+    )
+
+
 def _task_of(robot: Robot | Task, frame: str | None, kind: str | None) -> Task:
     """Choose the task of a robot; a given task has its own frame and kind, and is returned."""
     if isinstance(robot, Robot):
@@ -256,7 +281,11 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
             )
     if path is False:
         return None
-    if path is None or isinstance(path, str):
+    if path is None:
+        return lambda task, q0: fitting_circle(task, q0, plane=plane)
+    if isinstance(path, str):
+        from ..motion.spec import parse_path  # with the readers of files
+
         return parse_path(path, plane)
     if isinstance(path, ClosedPath):
         given = closed_path(path)

@@ -12,7 +12,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin import redundancy
-from repctl_pin.design import cost_has_converged
+from repctl_pin.design.compare import cost_has_converged
 
 PI = np.pi
 BELOW_PI = [(-0.5, 0.5), (0.2, 1.0), (-3.0, -1.1)]

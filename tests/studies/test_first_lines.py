@@ -18,7 +18,7 @@ import repctl_pin as rp
 from repctl_pin.studies.study import edge_warning
 
 NO_BETTER = "none of the default starts keeps the joint limits"
-STARTS = "repctl_pin.studies.start_candidates.default_starts"
+STARTS = "repctl_pin.studies.choose_start.default_starts"
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 

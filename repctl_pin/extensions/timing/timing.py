@@ -15,8 +15,6 @@ from ...model.bodies import bodies_of
 from ...motion.limits import JointLimits, Limits, joint_limits
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
-from .jerk import fastest_with_jerk
-from .own_times import with_own_times
 from .profile import SHARP, STAGES, Profile, Segment, Trajectory, corners_of, fastest
 
 _MOMENT = 1e-3
@@ -174,6 +172,8 @@ def _profile(
                 continue
             key = part.tobytes()
             if key not in known:
+                from .jerk import fastest_with_jerk  # most motions have no such limit
+
                 known[key] = fastest_with_jerk(part, limits, stages, seams, steady)
             runs.append(known[key])
     count = sum(0 < k < ends[1] for k in stops)
@@ -200,6 +200,8 @@ def _in_own_times(
         float(motion.t[motion.steps] - motion.t[0]),
         motion.task.robot_joints,
     )
+
+    from .own_times import with_own_times  # only paths with a clock need it
 
     def segment(a: int, b: int) -> Segment:
         own = clock[a : b + 1].copy()
@@ -382,9 +384,12 @@ def approach(
             )
     line = begin + share * (end - begin)
     rate = positive(rate, "rate", "samples per second")
-    segment = (
-        fastest(line, kept) if kept.jerk is None else fastest_with_jerk(line, kept)
-    )
+    if kept.jerk is None:
+        segment = fastest(line, kept)
+    else:
+        from .jerk import fastest_with_jerk
+
+        segment = fastest_with_jerk(line, kept)
     ends_of_line = [0, len(line) - 1]
     profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
     return _sampled(profile, task.robot_joints, 0, rate, kept, 0)
