@@ -53,7 +53,9 @@ class RepctlError(Exception):
         self, fact: str = "", *, argument: str = "", remedy: str = "", at: Any = None
     ) -> None:
         super().__init__(fact)
-        self.argument, self.remedy, self.at = argument, remedy, at
+        self.argument = argument
+        self.remedy = remedy
+        self.at = at
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle and copy all parts, whatever arguments a subclass's constructor takes."""
@@ -190,7 +192,8 @@ def unknown(
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
     """Find up to four known names that contain a name, begin with it, or are spelled alike."""
-    written, folded = name.strip().lower(), {k.lower(): v for k, v in names.items()}
+    written = name.strip().lower()
+    folded = {k.lower(): v for k, v in names.items()}
     holding = [
         k
         for k in folded

@@ -143,7 +143,9 @@ def _run_live(
 
     if design is None:
         found = _study(options, say, cycles=1)
-        design, q0, path = found.design, found.q0, found.path
+        design = found.design
+        q0 = found.q0
+        path = found.path
     else:
         say("finding a path")
         problem = options.problem_of(design)

@@ -102,10 +102,8 @@ def run(options: Options) -> int:
     surfaces = None
     if task.n <= _SMALL and not verdict.repeatable:
         say("searching for stable surfaces")
-        low, high = (
-            np.maximum(task.lower, q0 - np.pi),
-            np.minimum(task.upper, q0 + np.pi),
-        )
+        low = np.maximum(task.lower, q0 - np.pi)
+        high = np.minimum(task.upper, q0 + np.pi)
         box = rp.Box.between(low, high)
         surfaces = rp.stable_surface(case.strategy, box, seed=options.seed)
     absolute = ", in absolute angles" if options.absolute else ""

@@ -179,7 +179,8 @@ def run(options: Options) -> int:
         refuse_violations(
             slowed, f"{remedy}, or write it anyway with --allow-violations"
         )
-    written, contents = slowed if rest is None else rest, dict[str, str | bytes]()
+    written = slowed if rest is None else rest
+    contents = dict[str, str | bytes]()
     if options.csv is not None:
         contents[options.csv] = csv_text(written)
     if options.yaml is not None:

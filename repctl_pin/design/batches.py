@@ -63,13 +63,11 @@ class Local:
         stream: bool = False,
         tick: Tick = _silent,
     ) -> None:
-        self._builder, self._Q, self._weights, self._batch, self._tick = (
-            builder,
-            Q,
-            weights,
-            batch,
-            tick,
-        )
+        self._builder = builder
+        self._Q = Q
+        self._weights = weights
+        self._batch = batch
+        self._tick = tick
         self._kept: list[Batch] | None = None if stream else list(self._build())
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
@@ -116,7 +114,9 @@ class BarrierCost:
         weight: float,
         guards: Sequence[Array] = (),
     ) -> None:
-        self.batches, self._builder, self._weight = batches, builder, weight
+        self.batches = batches
+        self._builder = builder
+        self._weight = weight
         self.guards: list[Array] = []
         self._built: list[Batch] = []
         for Q in guards:

@@ -83,7 +83,9 @@ class Continuation:
     def __init__(
         self, problem: FitProblem, chosen: Independent, coarse: BarrierCost
     ) -> None:
-        self.problem, self.chosen, self.coarse = problem, chosen, coarse
+        self.problem = problem
+        self.chosen = chosen
+        self.coarse = coarse
         self.tolerance = max(problem.options.tolerance, _COARSE_TOLERANCE)
         self.moments = coarse.total(criterion.linear)
         self._starts: dict[int, Start] = {}
@@ -105,7 +107,9 @@ class Continuation:
         design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
         degree step by step follow, the highest degree first.
         """
-        whole, warm, kept = len(self.chosen.kept), self.problem.warm, self.chosen.kept
+        whole = len(self.chosen.kept)
+        warm = self.problem.warm
+        kept = self.chosen.kept
         below = None if warm is None else warm[kept[kept < len(warm)]]
         best = self.fit_degree(whole, below)
         if best is not None:
@@ -153,7 +157,8 @@ class Continuation:
         barrier points, and the descent is repeated from A. Return None if V is singular at A
         itself, or if every descent ends in a singular V.
         """
-        basis, begin = self.chosen.basis[: len(A), : len(A)], self._start(len(A))
+        basis = self.chosen.basis[: len(A), : len(A)]
+        begin = self._start(len(A))
         for _ in range(_ROUNDS):
             found = descend(
                 batches,

@@ -203,10 +203,8 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
     """Evaluate this batch's terms of ``mean EᵀE`` and ``mean FᵀF``, (N, N), and of
     ``mean Eᵀ NᵀN(center)`` (N, r)."""
     root = np.sqrt(b.weights)[:, None, None]
-    E, F = (
-        (b.E * root).reshape(-1, b.EF.shape[-1]),
-        (b.F * root).reshape(-1, b.EF.shape[-1]),
-    )
+    E = (b.E * root).reshape(-1, b.EF.shape[-1])
+    F = (b.F * root).reshape(-1, b.EF.shape[-1])
     return E.T @ E, F.T @ F, E.T @ (b.null_alignment * root).reshape(-1, b.r)
 
 

@@ -105,11 +105,9 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
         The sums of :func:`criterion.linear` for all potentials.
     """
     size = len(basis)
-    EE, FF, null_alignment = (
-        moments[0][:size, :size],
-        moments[1][:size, :size],
-        moments[2][:size],
-    )
+    EE = moments[0][:size, :size]
+    FF = moments[1][:size, :size]
+    null_alignment = moments[2][:size]
     found = None
     for emphasis in _EMPHASIS:
         A = basis @ _solve(

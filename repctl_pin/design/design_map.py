@@ -55,7 +55,9 @@ def design_map(
     points
         Number of grid points along each joint.
     """
-    box, center, n = design.region.bounds, design.region.center, design.task.n
+    box = design.region.bounds
+    center = design.region.center
+    n = design.task.n
     first, second = _liveliest(design) if joints is None else joints
     if not (0 <= first < n and 0 <= second < n and first != second):
         raise InputError(
@@ -126,7 +128,9 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
     Each joint is moved alone through its range in Ω, from the centre of Ω.
     """
-    box, center, n = design.region.bounds, design.region.center, design.task.n
+    box = design.region.bounds
+    center = design.region.center
+    n = design.task.n
     steps = np.linspace(-1, 1, 17)
     Q = (
         center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width

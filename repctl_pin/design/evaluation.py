@@ -86,7 +86,9 @@ def evaluate_design(
         If an algorithmic singularity lies in Ω.
     """
     task = inverse.task
-    costs, norms, inside = [], [], []
+    costs = []
+    norms = []
+    inside = []
     points, values = [], []
     measure = LeafMargin(task, inverse.potentials, region.center)
 

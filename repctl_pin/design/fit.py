@@ -140,7 +140,9 @@ def _judged(
     finds an algorithmic singularity.
     """
     options = problem.options
-    desired, potentials, region = problem.desired, problem.potentials, problem.region
+    desired = problem.desired
+    potentials = problem.potentials
+    region = problem.region
     A = chosen.spread(result.A)
     N, _, D = evaluate(desired, potentials, region.center[None])
     # gauge: Nᵀ V = I at the center, where J_V then is as well conditioned as J

@@ -77,7 +77,9 @@ def independent(
         If fewer than r potentials are left; the message gives the reasons.
     """
     r = desired.task.r
-    triangle, square, in_null = np.zeros((0, potentials.size)), 0.0, 0.0
+    triangle = np.zeros((0, potentials.size))
+    square = 0.0
+    in_null = 0.0
     for i in range(0, len(Q), 1024):
         N, _, D = evaluate(desired, potentials, Q[i : i + 1024])
         D = D * np.sqrt(weights[i : i + 1024])[:, None, None]

@@ -158,7 +158,8 @@ class LeafMargin:
 
     def _augmented(self, Q: Array) -> tuple[Array, Array]:
         """Evaluate J_V (K, n, n) and V (K, n, r)."""
-        J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
+        J = self.task.jacobians(Q)
+        V = self.potentials.gradients(Q)
         return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V
 
     def _size(self, J_V: Array, V: Array) -> Array:
@@ -256,7 +257,8 @@ def _corners(region: Region, Q: Array) -> Array:
     them for n ≤ 7, else to every combination of the first seven joints. The other half are a tenth
     of the half-widths along random diagonals, because a tube is narrow. Return at most 256 rows.
     """
-    rng, start = np.random.default_rng(0), np.resize(Q, (_CORNERS, Q.shape[1]))
+    rng = np.random.default_rng(0)
+    start = np.resize(Q, (_CORNERS, Q.shape[1]))
     far = np.resize([2.0, 0.1], (_CORNERS, 1)) * region.bounds.half_width
     up = rng.integers(2, size=start.shape)
     every = np.arange(_CORNERS // 2)[:, None] >> np.arange(_ALL) & 1
@@ -321,7 +323,8 @@ def refuse_singular(
     The message names the first of them, and the largest singularity-free region with the same
     centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω".
     """
-    at, largest = bad[0], largest_free(measure, region, bad)
+    at = bad[0]
+    largest = largest_free(measure, region, bad)
     where = f"{what} near {named(task, at)}"
     if largest is None:
         return SingularRegionError(

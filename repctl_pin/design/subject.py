@@ -25,7 +25,8 @@ def subject_of(
     It covers the joint chain with its limits, the potentials, their coefficients and the region.
     The text is empty for user-defined potentials and regions, of which nothing can be proved.
     """
-    basis, shape = _basis_parts(potentials), _region_parts(region)
+    basis = _basis_parts(potentials)
+    shape = _region_parts(region)
     if basis is None or shape is None:
         return ""
     return fingerprint("region", task_parts(task), basis, coefficients, shape)

@@ -106,21 +106,17 @@ class _InExecutor:
     def __init__(
         self, pieces: list[_Piece], executor: Executor, stream: bool, tick: Tick
     ) -> None:
-        self._pieces, self._executor, self._stream, self._tick = (
-            pieces,
-            executor,
-            stream,
-            tick,
-        )
+        self._pieces = pieces
+        self._executor = executor
+        self._stream = stream
+        self._tick = tick
         self._run = uuid.uuid4().hex
         self._owners: dict[str, list[int]] = {}
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
-        work, submit = (
-            partial(over, function=function, arguments=arguments),
-            self._executor.submit,
-        )
+        work = partial(over, function=function, arguments=arguments)
+        submit = self._executor.submit
         found: dict[int, Sums] = {}
         key = self._run, uuid.uuid4().hex
         self._collect(
@@ -203,7 +199,9 @@ def _evaluate_piece(
     if stream:
         return _me(), {number: work(piece)}
     if getattr(_held, "run", None) != run:
-        _held.run, _held.batches, _held.answered = run, {}, None
+        _held.run = run
+        _held.batches = {}
+        _held.answered = None
     if number not in _held.batches:
         _held.batches[number] = list(piece)
     return _me(), {number: work(_held.batches[number])}

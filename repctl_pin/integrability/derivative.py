@@ -172,7 +172,8 @@ def differentiate(
     """
     slope: Array | None = None
     scale = np.broadcast_to(scale, Q.shape)
-    error, open_rows = np.full(Q.shape, np.inf), np.arange(len(Q))
+    error = np.full(Q.shape, np.inf)
+    open_rows = np.arange(len(Q))
     for narrower in _NARROWER:
         try:
             found, doubt = _extrapolate(
@@ -219,10 +220,13 @@ def _extrapolate(
         for j in range(_LEVELS)
     ]  # (K, n, size)
 
-    best, error, level = rows[-1], np.full((K, n), np.inf), np.zeros((K, n), int)
+    best = rows[-1]
+    error = np.full((K, n), np.inf)
+    level = np.zeros((K, n), int)
     table = [[rows[0]]]
     for j in range(1, _LEVELS):
-        previous, current = table[-1], [rows[j]]
+        previous = table[-1]
+        current = [rows[j]]
         for i in range(1, j + 1):
             entry = current[i - 1] + (current[i - 1] - previous[i - 1]) / (4.0**i - 1)
             parents = np.array([current[i - 1], previous[i - 1]])

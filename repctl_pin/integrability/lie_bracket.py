@@ -150,7 +150,8 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     >>> bool(np.abs(rp.bracket_defect(design.inverse, q0)).max() < 1e-9)
     True
     """
-    relative, found = flag(relative, "relative"), measure(strategy, _one(strategy, q))
+    relative = flag(relative, "relative")
+    found = measure(strategy, _one(strategy, q))
     a, b = np.triu_indices(strategy.task.m, 1)
     return (found.relative if relative else found.delta)[0, a, b]
 

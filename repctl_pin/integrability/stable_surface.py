@@ -192,7 +192,8 @@ def stable_surface(
     seeds = points_of(region, strategy, samples, seed)
     function = _in_units_of_itself(strategy, seeds)
     Q, singular = _search(strategy, function, region, seeds)
-    points, on = np.vstack([Q, singular]), slice(len(Q))
+    points = np.vstack([Q, singular])
+    on = slice(len(Q))
     rate, tolerance, residual = np.full((3, len(points)), np.nan)
     kind = np.full(len(points), SINGULAR, dtype="U9")
     if len(Q):
@@ -233,7 +234,9 @@ def _search(
         size = np.linalg.norm(s, axis=1)
         reached = size <= np.maximum(_ON_SURFACE, error)
         found.append(Q[reached])
-        Q, s, size = Q[~reached], s[~reached], size[~reached]
+        Q = Q[~reached]
+        s = s[~reached]
+        size = size[~reached]
         if not len(Q):
             break
         step = _newton_step(strategy, function, Q, s, L)
@@ -246,10 +249,8 @@ def _search(
         best = norms.argmin(axis=1)
         improved = norms[np.arange(len(Q)), best] < size
         Q = trials[np.arange(len(Q)), best][improved]
-    points, stuck = (
-        np.vstack([np.empty((0, task.n)), *found]),
-        np.vstack([np.empty((0, task.n)), *singular]),
-    )
+    points = np.vstack([np.empty((0, task.n)), *found])
+    stuck = np.vstack([np.empty((0, task.n)), *singular])
     return points[region.ratio(points) <= 1 + 1e-9], stuck[
         region.ratio(stuck) <= 1 + 1e-9
     ]
@@ -311,7 +312,8 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
     G, dG = found.G / L[:, None], found.dG / L[:, None, None] * L
     turns = np.sqrt(np.sum(dG**2, axis=(1, 2, 3)) / np.sum(G**2, axis=(1, 2)))
     h = (_WALK / _WALK_STEPS / np.maximum(1.0, turns))[:, None]
-    largest, least = np.zeros(len(Q)), np.full(len(Q), np.inf)
+    largest = np.zeros(len(Q))
+    least = np.full(len(Q), np.inf)
     mixed = np.ones(task.m) / np.sqrt(task.m)
     for direction in (*np.eye(task.m), *-np.eye(task.m), mixed):
 

@@ -19,7 +19,9 @@ def arm_links(task: Task) -> frozenset[str]:
     The links of other branches, such as those of a second arm on the same waist, are not among
     them.
     """
-    robot, model, frame = task.robot, task.robot.model, _joint(task, task.frame)
+    robot = task.robot
+    model = task.robot.model
+    frame = _joint(task, task.frame)
     up, down = path_between(model, robot.base_id, frame_id(model, task.frame))
     on_the_way = {*up, *down, *(int(model.parents[j]) for j in up[-1:])}
     joints = {
@@ -37,7 +39,8 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
     Sensors do not count.
     """
-    model, own = task.robot.model, arm_links(task)
+    model = task.robot.model
+    own = arm_links(task)
     driven = set((np.flatnonzero(_driven(task)) + 1).tolist())
     ends = [task_links(body)[0] for body in arm_ends(task.robot.description)]
     return tuple(
@@ -64,7 +67,8 @@ def _joint(task: Task, link: str) -> int:
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
     """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes."""
     robot, model = task.robot, task.robot.model
-    data, ids = model.createData(), [frame_id(model, link) for link in links]
+    data = model.createData()
+    ids = [frame_id(model, link) for link in links]
     out = np.empty((len(Q), len(links), 3))
     for q, row in zip(robot.coupling.joints(task.to_robot(Q)), out, strict=True):
         pin.framesForwardKinematics(model, data, q)

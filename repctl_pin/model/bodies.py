@@ -108,11 +108,9 @@ class Bodies:
         _, self._drive = task.bodies_model()
         model = self._model = collision_model(task)
         self.pairs, self.only_contact = model.measured, model.only_contact
-        self.adjacent, self.disabled, self.touching = (
-            model.adjacent,
-            model.disabled,
-            model.touching,
-        )
+        self.adjacent = model.adjacent
+        self.disabled = model.disabled
+        self.touching = model.touching
         self.standing = model.standing
         self.missing = tuple(model.unusable)
         self.unchecked = _without_shape(task, set(model.links))
@@ -209,7 +207,8 @@ class Bodies:
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
     """List the links that should have a body and have none, see :attr:`Bodies.unchecked`."""
-    description, frames = task.robot.description, link_frames(task.robot.model)
+    description = task.robot.description
+    frames = link_frames(task.robot.model)
     joint = {link: frames[link].parentJoint for link in description.links}
     found = {joint[link] for link in with_body if link in joint}
     meant = [solid.link for solid in (*description.collisions, *description.shapes)]

@@ -32,10 +32,8 @@ class _JointPlacements:
     """
 
     def __init__(self, model: pin.Model) -> None:
-        data, self._parents = (
-            model.createData(),
-            [int(parent) for parent in model.parents],
-        )
+        data = model.createData()
+        self._parents = [int(parent) for parent in model.parents]
         here = model.jointPlacements
         pin.forwardKinematics(model, data, np.ones(model.nq))
         moved = [
@@ -57,15 +55,14 @@ class _JointPlacements:
         Returns rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m; index 0 is the root.
         """
         K, N = Q.shape
-        R, p = np.empty((K, N + 1, 3, 3)), np.zeros((K, N + 1, 3))
+        R = np.empty((K, N + 1, 3, 3))
+        p = np.zeros((K, N + 1, 3))
         R[:, 0] = np.eye(3)
         sin, versine = np.sin(Q)[:, :, None, None], (1 - np.cos(Q))[:, :, None, None]
         for j in range(1, N + 1):
-            parent, P, o = (
-                self._parents[j],
-                self._fixed[j, :3, :3],
-                self._fixed[j, :3, 3],
-            )
+            parent = self._parents[j]
+            P = self._fixed[j, :3, :3]
+            o = self._fixed[j, :3, 3]
             turn = P + sin[:, j - 1] * self._sin[j] + versine[:, j - 1] * self._cos[j]
             step = o + Q[:, j - 1, None] * (P @ self._slides[j])
             np.matmul(R[:, parent], turn, out=R[:, j])
@@ -110,7 +107,8 @@ class BodyBounds:
         bodies: Sequence[coal.CollisionGeometry],
         pairs: _Index,
     ) -> None:
-        self._joints, self._joint = _JointPlacements(model), np.array(joint, np.intp)
+        self._joints = _JointPlacements(model)
+        self._joint = np.array(joint, np.intp)
         centers = [
             at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)
         ]

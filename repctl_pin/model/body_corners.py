@@ -73,7 +73,8 @@ def _primitive(shape: Shape) -> Array:
     if shape.kind == "box":
         return np.array(list(product(*(edge * ends for edge in shape.size))))
     angles = 2 * np.pi * np.arange(_RIM) / _RIM
-    radius, length = shape.size[0], shape.size[1] if len(shape.size) > 1 else 0.0
+    radius = shape.size[0]
+    length = shape.size[1] if len(shape.size) > 1 else 0.0
     tilts = np.zeros(1) if shape.kind == "cylinder" else np.linspace(0, np.pi / 2, 7)
     rings = [
         np.c_[

@@ -48,7 +48,8 @@ def bodies_at(task: Task, Q: ArrayLike) -> Array:
     """
     robot = task.robot
     model, drive = task.bodies_model()
-    data, frames = model.createData(), link_frames(model)
+    data = model.createData()
+    frames = link_frames(model)
     links = dict.fromkeys(solid.link for solid in robot.description.collisions)
     standing = []
     if robot.surroundings is not None:

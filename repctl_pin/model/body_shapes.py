@@ -65,7 +65,8 @@ class BodyShape:
         """The exact geometry: the mesh itself if it is not convex."""
         if self.points is None or self.faces is None:
             return self.hull
-        mesh, triangles = coal.BVHModelOBBRSS(), coal.StdVec_Triangle()
+        mesh = coal.BVHModelOBBRSS()
+        triangles = coal.StdVec_Triangle()
         triangles.extend([coal.Triangle(*face) for face in self.faces.tolist()])
         mesh.beginModel(len(self.faces), len(self.points))
         mesh.addSubModel(_cloud(self.points), triangles)
@@ -146,10 +147,8 @@ def _primitive(solid: Solid) -> BodyShape:
 
     One edge of a box and the length of a cylinder or capsule can be 0.
     """
-    size, allowed = (
-        solid.size,
-        {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0),
-    )
+    size = solid.size
+    allowed = {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
     empty = size.count(0.0) > allowed or (
         solid.kind in ("cylinder", "capsule") and size[0] == 0
     )
@@ -183,7 +182,8 @@ def collide(
 
     ``one`` is placed at ``here``, ``other`` at ``there``.
     """
-    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request = coal.CollisionRequest()
+    result = coal.CollisionResult()
     if coal.collide(one.exact, here, other.exact, there, request, result):
         return True
     return contains(one, here, other, there) or contains(other, there, one, here)
@@ -265,10 +265,8 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
-        vertices, faces = (
-            np.asarray(mesh.vertices, float) * scale,
-            np.asarray(mesh.faces, np.intp),
-        )
+        vertices = np.asarray(mesh.vertices, float) * scale
+        faces = np.asarray(mesh.faces, np.intp)
     except Exception as error:  # trimesh's readers raise errors of many kinds
         raise UnusableShape(
             "cannot be read; export it again, as STL for example"
@@ -287,7 +285,8 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
             "cannot be read: a vertex is missing or not finite; export it again"
         )
     if len(used) < len(vertices):
-        vertices, faces = vertices[used], np.searchsorted(used, faces)
+        vertices = vertices[used]
+        faces = np.searchsorted(used, faces)
     return vertices, faces
 
 
@@ -336,7 +335,8 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
             corners = np.unique(np.round((points + grid * out) / grid), axis=0) * grid
         with suppress(RuntimeError):
             return coal.ConvexBase.convexHull(_cloud(corners), True, "Qt"), bool(grid)
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     box = np.array([[(low, high)[k >> i & 1][i] for i in range(3)] for k in range(8)])
     return coal.ConvexBase.convexHull(_cloud(box), True, "Qt"), True
 

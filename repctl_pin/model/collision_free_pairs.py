@@ -49,7 +49,9 @@ class CollisionFreePairs:
         shapes: pin.GeometryModel,
         distance: Callable[[int, Array], float],
     ) -> None:
-        self._model, self._shapes, self._distance = model, shapes, distance
+        self._model = model
+        self._shapes = shapes
+        self._distance = distance
         self._bodies = list(shapes.geometryObjects)
         kinds = [joints[name] for name in tuple(model.names)[1:]]
         self._slides = [False, *(joint.kind == "prismatic" for joint in kinds)]
@@ -82,11 +84,9 @@ class CollisionFreePairs:
     def _free(
         self, pair: int, moving: NDArray[np.intp], low: Array, high: Array, reach: Array
     ) -> bool:
-        q, boxes, looked = (
-            pin.neutral(self._model),
-            [((low + high) / 2, (high - low) / 2)],
-            0,
-        )
+        q = pin.neutral(self._model)
+        boxes = [((low + high) / 2, (high - low) / 2)]
+        looked = 0
         while boxes:
             middle, half = boxes.pop()
             looked += 1
@@ -112,7 +112,8 @@ class CollisionFreePairs:
         ``way`` lists the ids of the joints from the common ancestor of both bodies outwards to this
         one. Returns the bounds by joint id.
         """
-        shape, found = self._bodies[body], {}
+        shape = self._bodies[body]
+        found = {}
         far = float(
             np.linalg.norm(shape.placement.act(shape.geometry.aabb_center))
             + shape.geometry.aabb_radius

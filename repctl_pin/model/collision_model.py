@@ -106,7 +106,8 @@ class _CollisionModel:
                 f"{k}", self._joint[k], self._place[k], self._bodies[k].hull
             )
             self._shapes.addGeometryObject(body)
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._request = coal.DistanceRequest()
+        self._result = coal.DistanceResult()
         self._transforms: dict[int, coal.Transform3s] = {}
         self._standing_transforms = [
             transform(place) for place in self._place[self._own :]
@@ -127,7 +128,9 @@ class _CollisionModel:
             Return the signed distance of convex hulls, minus their penetration depth where they
             overlap. Otherwise it is 0 where hulls overlap but the bodies do not collide.
         """
-        found, which, last = np.full(len(Q), np.inf), np.full(len(Q), -1), 0
+        found = np.full(len(Q), np.inf)
+        which = np.full(len(Q), -1)
+        last = 0
         measure = self._of_hulls if hulls else self._exact
         if not len(self.pairs):
             return found, which
@@ -215,7 +218,9 @@ class _CollisionModel:
                 pin.computeDistance(self._shapes, self._placed, k).min_distance
             )
         a, b = self._both[k]
-        here, there, other = self._transform(a), self._transform(b), self._bodies[b]
+        here = self._transform(a)
+        there = self._transform(b)
+        other = self._bodies[b]
         self._result.clear()
         hull = self._bodies[a].hull
         distance = float(
@@ -271,11 +276,9 @@ class _CollisionModel:
 
     def _add_robot(self, task: Task) -> dict[str, Pair]:
         """Add the robot's bodies; return its unusable shapes: link and cause, by name."""
-        description, links, unusable = (
-            task.robot.description,
-            link_frames(self._model),
-            {},
-        )
+        description = task.robot.description
+        links = link_frames(self._model)
+        unusable = {}
         for solid in description.collisions:
             link = links[solid.link]
             try:
@@ -290,7 +293,8 @@ class _CollisionModel:
 
     def _add_surroundings(self, task: Task) -> None:
         """Add the bodies of the surroundings, placed relative to the robot's root."""
-        around, own = task.robot.surroundings, set(task.robot.description.links)
+        around = task.robot.surroundings
+        own = set(task.robot.description.links)
         if around is None:
             return
         places = fixed_placements(around)
@@ -333,7 +337,8 @@ class _CollisionModel:
         )
         near = ruled_out | self._one_joint_between()
         at_reference, share, hulls_always = self._sampled_collisions(task, near)
-        fused, always = near & (at_reference | (share >= _FUSED)), share == 1
+        fused = near & (at_reference | (share >= _FUSED))
+        always = share == 1
         self.disabled = self.named(ruled_out & fused)
         self.adjacent += self.named(near & ~ruled_out & fused)
         self.touching = self.named(always & ~near)
@@ -454,7 +459,8 @@ def _sample_configurations(task: Task) -> Array:
     """
     lower, upper, _ = task.joint_limits  # of the robot's own joints, also with ψ
     q0 = task.joints(task.reference)
-    low, high = np.maximum(lower, q0 - _FREE), np.minimum(upper, q0 + _FREE)
+    low = np.maximum(lower, q0 - _FREE)
+    high = np.minimum(upper, q0 + _FREE)
     Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
     Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
     _, drive = task.bodies_model()

@@ -64,13 +64,16 @@ def limits(
     joint satisfies the limits of a mimic joint (``followers``), these are ignored, and a sentence
     about it is appended to ``notes``.
     """
-    lower, upper, velocity = joint.lower, joint.upper, joint.velocity
+    lower = joint.lower
+    upper = joint.upper
+    velocity = joint.velocity
     for follower in followers:
         ends = [
             (end - follower.offset) / follower.multiplier
             for end in (follower.lower, follower.upper)
         ]
-        low, high = max(lower, min(ends)), min(upper, max(ends))
+        low = max(lower, min(ends))
+        high = min(upper, max(ends))
         if low < high:
             lower, upper = low, high
         else:

@@ -80,7 +80,8 @@ def joint_axes(
     model: pin.Model, joints: Sequence[int]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute."""
-    data, neutral = model.createData(), pin.neutral(model)
+    data = model.createData()
+    neutral = pin.neutral(model)
     screws = np.array(
         [
             pin.computeJointJacobian(model, data, neutral, j)[:, model.idx_vs[j]]

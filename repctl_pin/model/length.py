@@ -93,7 +93,8 @@ def elbow(task: Task, q: Array) -> int:
         Configuration.
     """
     step = 1e-4
-    here, share = task.joint_origins(q), _along_arm(task, q)
+    here = task.joint_origins(q)
+    share = _along_arm(task, q)
     moved = [task.joint_origins(q + step * n) for n in nullspace(task.jacobian(q)).T]
     speed = np.sum([np.linalg.norm(p - here, axis=1) ** 2 for p in moved], axis=0)
     middle = in_the_middle(task, q)

@@ -59,7 +59,8 @@ def mesh_parts(points: Array, faces: _Index) -> MeshParts:
     thin = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     if not thin.all():
         faces = faces[~thin]
-    tails, heads = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    tails = faces.reshape(-1)
+    heads = np.roll(faces, -1, axis=1).reshape(-1)
     size = (len(points), len(points))
     passed: Any = coo_array((np.ones(len(tails)), (tails, heads)), shape=size).tocsr()
     _, label = connected_components(passed, directed=False)
@@ -123,7 +124,8 @@ class _Ray:
         self._turn = turn
         corners = (points @ turn)[faces]
         low, high = corners.min(axis=1), corners.max(axis=1)  # (F, 3)
-        self._bottom, self._top = low.min(axis=0), high.max(axis=0)
+        self._bottom = low.min(axis=0)
+        self._top = high.max(axis=0)
         self._edges = np.linspace(
             self._bottom[0], self._top[0], int(np.sqrt(len(faces))) + 1
         )
@@ -158,7 +160,9 @@ def _looks_up(corners: list[list[float]]) -> int:
     """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the signed areas of the triangles formed by the origin and each edge
-    bc, ca, ab = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+    bc = bx * cy - by * cx
+    ca = cx * ay - cy * ax
+    ab = ax * by - ay * bx
     height = bc * az + ca * bz + ab * cz
     if bc > 0 and ca > 0 and ab > 0:
         return int(height > 0)

@@ -112,7 +112,9 @@ def chain_between(
     A model without masses, and the id of the frame in it.
     """
     up, down = path_between(model, base, frame)
-    chain, at, here = pin.Model(), 0, model.frames[base].placement.inverse()
+    chain = pin.Model()
+    at = 0
+    here = model.frames[base].placement.inverse()
     chain.name = model.name
     for j in up:
         at = _append(chain, at, here, joints[model.names[j]], -1.0)

@@ -131,11 +131,9 @@ class Robot(Mechanism):
         self.joint_names = tuple(name for name in free if name not in still)
         self.coupling = couple(tuple(model.names)[1:], self.joint_names, self.joints)
         mine = [free.index(name) for name in self.joint_names]
-        self.lower, self.upper, self.velocity_limit = (
-            _frozen(lower[mine]),
-            _frozen(upper[mine]),
-            _frozen(velocity[mine]),
-        )
+        self.lower = _frozen(lower[mine])
+        self.upper = _frozen(upper[mine])
+        self.velocity_limit = _frozen(velocity[mine])
         self.revolute = turns[mine]
         self.poses = {name: _frozen(q[mine]) for name, q in poses.items()}
         self.reference = self.poses["reference"]

@@ -128,7 +128,8 @@ def numbers(element: etree._Element, attribute: str) -> list[float] | None:
     text = element.get(attribute)
     if text is None:
         return None
-    words, expected = text.split(), _NUMBERS[element.tag][attribute]
+    words = text.split()
+    expected = _NUMBERS[element.tag][attribute]
     if len(words) != expected:
         meant = "one number" if expected == 1 else f"{expected} numbers"
         raise bad(element, f"{attribute} = {short(text)} is not {meant}; correct it")
@@ -278,7 +279,8 @@ def _freedom(joint: etree._Element) -> int:
 
 
 def _check_mimic(joint: etree._Element, joints: dict[str, etree._Element]) -> None:
-    mimic, name = joint.find("mimic"), joint.get("name")
+    mimic = joint.find("mimic")
+    name = joint.get("name")
     if mimic is None:
         return
     if mimic.get("joint") in (None, "", name):
@@ -355,10 +357,8 @@ def _check_tree(
     above: dict[str, etree._Element] = {}
     below: dict[str, list[etree._Element]] = {}
     for joint in joints:
-        parent, child = (
-            joint.find("parent").get("link"),
-            joint.find("child").get("link"),
-        )
+        parent = joint.find("parent").get("link")
+        child = joint.find("child").get("link")
         if child in above:
             other = f"{label(above[child])} ({line(above[child])})"
             raise bad(

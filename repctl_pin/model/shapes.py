@@ -65,7 +65,8 @@ def shapes_of(robot: etree._Element, tag: str) -> list[Solid]:
 def _solid(
     link: str, k: int, element: etree._Element, colors: dict[str, Color]
 ) -> Solid:
-    shape, origin = element.find("geometry")[0], element.find("origin")
+    shape = element.find("geometry")[0]
+    origin = element.find("origin")
     sizes = {"box": ("size",), "sphere": ("radius",)}.get(
         shape.tag, ("radius", "length")
     )
@@ -100,7 +101,8 @@ def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | 
     """
     if material is None:
         return None
-    name, color = material.get("name", ""), material.find("color")
+    name = material.get("name", "")
+    color = material.find("color")
     values = None if color is None else numbers(color, "rgba")
     if values is not None and name not in known:
         r, g, b, a = values

@@ -73,10 +73,12 @@ def _replace(
     names: list[str],
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them."""
-    at, parent = robot.index(joint), joint.find("parent").get("link")
+    at = robot.index(joint)
+    parent = joint.find("parent").get("link")
     robot.remove(joint)
     for name, (_, kind, axis) in zip(names, steps, strict=True):
-        new, last = etree.Element("joint", name=name, type=kind), name == names[-1]
+        new = etree.Element("joint", name=name, type=kind)
+        last = name == names[-1]
         child = joint.find("child").get("link") if last else f"{name}_link"
         etree.SubElement(new, "parent", link=parent)
         etree.SubElement(new, "child", link=child)

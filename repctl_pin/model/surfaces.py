@@ -422,11 +422,13 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
     firsts = order[starts]
     kept = np.zeros(len(rows), bool)
     kept[firsts] = True
-    first, number = np.flatnonzero(kept), np.cumsum(kept) - 1
+    first = np.flatnonzero(kept)
+    number = np.cumsum(kept) - 1
     same = np.empty_like(order)
     same[order] = np.repeat(number[firsts], np.diff(starts, append=len(order)))
     at = np.round(points.take(first, 0) / lattice) * lattice * scale
-    faces, shown_uv = same.reshape(-1, 3), uv[first] if textured else None
+    faces = same.reshape(-1, 3)
+    shown_uv = uv[first] if textured else None
     return Surface(
         at,
         normals.take(first, 0),

@@ -85,7 +85,9 @@ class Task:
     def __init__(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
     ) -> None:
-        self.robot, self.frame, self.kind = robot, frame, kind
+        self.robot = robot
+        self.frame = frame
+        self.kind = kind
         self.joint_names = tuple(joint_names)
         self._columns = np.array([robot.joint_names.index(j) for j in joint_names])
         self.lower, self.upper = robot.lower[self._columns], robot.upper[self._columns]
@@ -101,7 +103,9 @@ class Task:
         ):
             array.setflags(write=False)
         self.coordinates: Coordinates | None = None
-        self.n, self.m, self.rows = len(self.joint_names), kind.m, kind.rows
+        self.n = len(self.joint_names)
+        self.m = kind.m
+        self.rows = kind.rows
         self.r = self.n - self.m
 
         driven = set(
@@ -146,10 +150,10 @@ class Task:
 
     def _drive(self, model: pin.Model) -> Coupling | None:
         """Create the map from q to the joints of a model; None if it is the identity."""
-        rows, all_ = (
-            [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]],
-            self.robot.coupling,
-        )
+        rows = [
+            self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]
+        ]
+        all_ = self.robot.coupling
         S, offset = all_.S[np.ix_(rows, self._columns)], all_.offset[rows]
         if self.coordinates is not None:
             S = S @ self.coordinates.T
@@ -186,11 +190,9 @@ class Task:
         task.coordinates = change
         task._couple()
         task.joint_names, task.revolute = change.names, change.revolute
-        task.lower, task.upper, task.velocity_limit = (
-            change.lower,
-            change.upper,
-            change.velocity_limit,
-        )
+        task.lower = change.lower
+        task.upper = change.upper
+        task.velocity_limit = change.velocity_limit
         task.reference = change.coordinates(self.reference)
         task.reference.setflags(write=False)
         return task
@@ -303,7 +305,9 @@ class Task:
         """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg.
 
         The root of the tree is fixed."""
-        model, data, drive = self._bodies, self._scratch.own.body_data, self._body_drive
+        model = self._bodies
+        data = self._scratch.own.body_data
+        drive = self._body_drive
         Q = as_configurations(Q, self.n, repr(self))
         Ms = np.empty((len(Q), model.nv, model.nv))
         for q, M in zip(Q if drive is None else drive.joints(Q), Ms, strict=True):
@@ -458,7 +462,8 @@ class Task:
         None.
         """
         Q = self._matrix(Q)
-        Js, evaluate = np.empty((len(Q), 6, self.model.nv)), self._scratch.own.jacobian
+        Js = np.empty((len(Q), 6, self.model.nv))
+        evaluate = self._scratch.own.jacobian
         Rs = np.empty((len(Q), 3, 3)) if self.kind.tool_axes else None
         for k, q in enumerate(Q):
             Js[k] = evaluate(q)

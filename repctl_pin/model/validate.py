@@ -195,8 +195,12 @@ def _joint(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> Joint:
     """Read a joint; a missing range or speed limit counts as unlimited, with a note."""
-    name, kind, limit = element.get("name"), element.get("type"), element.find("limit")
-    lower, upper, velocity = -math.inf, math.inf, math.inf
+    name = element.get("name")
+    kind = element.get("type")
+    limit = element.find("limit")
+    lower = -math.inf
+    upper = math.inf
+    velocity = math.inf
     if kind in ("revolute", "prismatic"):
         lower, upper = number(limit, "lower"), number(limit, "upper")
         if lower == upper == 0.0:  # exporters write this if no range was given
@@ -239,9 +243,13 @@ def _mimicked(
 
     Returns its name, multiplier and offset; None, 1 and 0 for an independent joint.
     """
-    following, multiplier, offset, name = None, 1.0, 0.0, element.get("name")
+    following = None
+    multiplier = 1.0
+    offset = 0.0
+    name = element.get("name")
     while (mimic := element.find("mimic")) is not None:
-        written, follower = mimic.get("joint"), element.get("name")
+        written = mimic.get("joint")
+        follower = element.get("name")
         leading = leader(follower, written, joints)
         assert leading is not None, "checked before"
         if leading != written and following is None:

@@ -136,11 +136,9 @@ class Visuals:
             raise InputError(
                 f"Q has shape {Q.shape}, but this robot has {n} joints; give Q as (T, {n})"
             )
-        model, data, base = (
-            self._model,
-            self._model.createData(),
-            self._model.frames[self._base],
-        )
+        model = self._model
+        data = self._model.createData()
+        base = self._model.frames[self._base]
         joints, which = np.unique(self._joint, return_inverse=True)
         oMi = np.empty((len(Q), len(joints), 4, 4))
         for q, rows in zip(self._coupling.joints(Q), oMi, strict=True):
@@ -195,7 +193,8 @@ def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
             else None
         )
         if path is not None or solid.kind != "mesh":
-            name, M = f"surroundings/{solid.name}", places[solid.link] * origin(solid)
+            name = f"surroundings/{solid.name}"
+            M = places[solid.link] * origin(solid)
             yield (
                 Shape(
                     name,
@@ -262,9 +261,11 @@ def _joint_bones(
             along,
         )
         return
-    size, reach = (3.4 * thick, 3.4 * thick, 5 * thick), 50 * thick
+    size = (3.4 * thick, 3.4 * thick, 5 * thick)
+    reach = 50 * thick
     yield Shape(f"{name}_slider", "box", joint.child, size=size, color=JOINT), along
-    low, high = max(joint.lower, -reach), min(joint.upper, reach)
+    low = max(joint.lower, -reach)
+    high = min(joint.upper, reach)
     if rail and high > low:
         middle = (
             place * pin.SE3(np.eye(3), (low + high) / 2 * np.array(joint.axis)) * along

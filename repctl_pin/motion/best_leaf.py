@@ -309,7 +309,8 @@ def _around(
     task: Task, q: Array, target: Placement, size: float
 ) -> Iterator[Array | None]:
     """Generate configurations one step from q along ± each null vector; None beyond limits."""
-    N, L = nullspace(task.jacobian(q)), joint_scale(task, q)
+    N = nullspace(task.jacobian(q))
+    L = joint_scale(task, q)
     for n in N.T:
         for sign in (1, -1):
             yield self_moved(task, q, size * sign * n / np.linalg.norm(n / L), target)
@@ -331,7 +332,8 @@ def _evaluated(
             region=region,
         )
         N = nullspace(task.jacobians(motion.q))
-        G, G_d = inverse.batch(motion.q), desired.batch(motion.q)
+        G = inverse.batch(motion.q)
+        G_d = desired.batch(motion.q)
     except SingularityError:
         return None
     gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))

@@ -102,7 +102,8 @@ def csv_text(
             for cells in _cells(motion, most)
         )
     if run:
-        header, rows = [*header, _RUN], ([*row, run] for row in rows)
+        header = [*header, _RUN]
+        rows = ([*row, run] for row in rows)
     refuse_twice(header, "a CSV of this robot's joints")
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

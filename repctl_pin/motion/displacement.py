@@ -117,7 +117,8 @@ class LinkPoints:
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
         """Choose the points that are displaced most from the first to any other of Q (K, n)."""
-        visuals, own = Visuals.of(task.robot), arm_links(task)
+        visuals = Visuals.of(task.robot)
+        own = arm_links(task)
         bodies = corners(visuals.shapes)
         placements = visuals.placements(task.to_robot(Q))
         off, which = displacements(placements[:1], placements, bodies)

@@ -72,7 +72,8 @@ def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
     """Move configurations Q (K, n) towards a target by Newton steps with J⁺."""
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
-        J, e = task.jacobians(Q), task.errors(Q, [target] * len(Q))
+        J = task.jacobians(Q)
+        e = task.errors(Q, [target] * len(Q))
         with np.errstate(all="ignore"):
             return np.einsum("Knm,Km->Kn", np.linalg.pinv(J, rcond=1e-6), e)
 

@@ -364,7 +364,9 @@ def _locked(
         most = limit / corrections
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
-        start, h, used = q, float(times[k]), 0.0
+        start = q
+        h = float(times[k])
+        used = 0.0
         for _ in range(corrections):
             if damping:
                 step = strategy.damped_step(

@@ -254,7 +254,8 @@ class Violation:
     names: tuple[str, ...]
 
     def __str__(self) -> str:
-        names, share = " and ".join(self.names), self.moment - self.cycle + 1
+        names = " and ".join(self.names)
+        share = self.moment - self.cycle + 1
         into = f"{100 * share:.0f} % into cycle {self.cycle}"
         verb = "exceeds its limits" if len(self.names) == 1 else "collide"
         return f"{names} {verb} {into if self.moment else 'at the start'}"

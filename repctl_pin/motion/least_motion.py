@@ -99,7 +99,8 @@ def least_closed_motion(
             cost, require_type(guess, Motion, "guess", "a motion"), start, grid
         )
     Q = within_limits(cost, Q)
-    Q, t = np.vstack([Q, Q[:1]]), grid * period
+    Q = np.vstack([Q, Q[:1]])
+    t = grid * period
     qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]  # means over the steps
     targets = [*cost.targets, path.placement(1.0)]
     return motion_along(path, task, t, Q, np.vstack([qdot, qdot[:1]]), targets)
@@ -136,7 +137,8 @@ def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
 
 def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -> Array:
     """Sample the first cycle of a motion at the points of the path: (K, n)."""
-    cycle, t = guess.cycle(0), guess.t[: guess.steps + 1]
+    cycle = guess.cycle(0)
+    t = guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
         raise InputError(
             f"has {cycle.shape[1]} joints, not {cost.task.n}", argument="guess"

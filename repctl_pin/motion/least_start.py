@@ -117,7 +117,8 @@ def _along_self_motions(
     ``turn`` (r, r) rotates the directions. The walks go on beyond joint limits: other parts of a
     self-motion can be inside them again.
     """
-    start, target = given.q[0], path.placement(0.0)
+    start = given.q[0]
+    target = path.placement(0.0)
     directions = turn @ nullspace(task.jacobian(start)).T
     for walk in self_motions(task, start, target, directions, _STRIDE, limits=False):
         guess: Motion | None = given

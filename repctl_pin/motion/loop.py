@@ -66,7 +66,8 @@ class Loop:
         *,
         period: float,
     ) -> None:
-        self.strategies, self.task = tuple(strategies), strategies[0].task
+        self.strategies = tuple(strategies)
+        self.task = strategies[0].task
         self.steps = max(round(period / self.tick), 8)
         self.dt = period / self.steps
         self._targets = [path.placement(k / self.steps) for k in range(self.steps)]
@@ -86,7 +87,9 @@ class Loop:
     def _begin(self, start: Array) -> None:
         self._start = start
         self.q = [start.copy() for _ in self.strategies]
-        self.offset, self._at, self._rest = np.zeros(3), 0, 0.0
+        self.offset = np.zeros(3)
+        self._at = 0
+        self._rest = 0.0
         self._trail: deque[tuple[list[Array], Array, int]] = deque(
             maxlen=4 * self.steps
         )
@@ -164,12 +167,16 @@ class Loop:
         if len(found) < len(self.strategies):
             return False
         self._trail.append((self.q, self.offset, self._at))
-        self.q, self.offset, self._at = found, offset, ahead
+        self.q = found
+        self.offset = offset
+        self._at = ahead
         return True
 
     def _next(self, k: int, target: pin.SE3) -> Array | None:
         """Compute the next configuration of controller k; None if the controller fails."""
-        control, q, leaf = self.strategies[k], self.q[k], self._leaves[k]
+        control = self.strategies[k]
+        q = self.q[k]
+        leaf = self._leaves[k]
         try:
             if isinstance(control, RepeatableInverse):
                 new = control.step(

@@ -68,10 +68,8 @@ class Motion(JointMotion):
     region: Bounded | None = None
 
     def __repr__(self) -> str:
-        task, cycles = (
-            self.task,
-            "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles",
-        )
+        task = self.task
+        cycles = "1 cycle" if self.cycles == 1 else f"{self.cycles} cycles"
         drift = " … ".join(
             f"{value:.3g}" for value in dict.fromkeys((self.drift[0], self.drift[-1]))
         )

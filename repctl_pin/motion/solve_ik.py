@@ -270,7 +270,8 @@ def _with_corner(
         return error
     knots = (0.0, *path.breaks, 1.0)
     corner = int(np.searchsorted(knots, s))
-    where, what = path.corners[corner], str(error)
+    where = path.corners[corner]
+    what = str(error)
     if corner > 0:
         shortfalls = [
             _shortfall(task, near, path.placement(knots[corner])) for near in (q, start)

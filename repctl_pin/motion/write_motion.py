@@ -99,7 +99,8 @@ def yaml_text(motion: Motion | TimedMotion) -> str:
             "accelerations": motion.qddot,
         }
     else:
-        names, t = motion.task.robot_joints, motion.t - motion.t[0]
+        names = motion.task.robot_joints
+        t = motion.t - motion.t[0]
         rows = {
             "positions": motion.joints(motion.q),
             "velocities": motion.joints(motion.qdot),

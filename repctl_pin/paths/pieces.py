@@ -156,7 +156,8 @@ def _fitted(
             float
         )
         between = np.cos(np.pi * (np.arange(degree + 3) + 0.31) / (degree + 3))
-        fit, true = chebyshev.chebval(between, C).T, values(between)
+        fit = chebyshev.chebval(between, C).T
+        true = values(between)
         true[:, 3:] *= np.sign(
             (fit[:, 3:] * true[:, 3:]).sum(axis=1, keepdims=True)
         )  # q and −q are the same rotation

@@ -213,10 +213,8 @@ def waypoints(
             f"not {len(corners)}"
         )
     size = max(float(np.ptp(corners, axis=0).max()), 1e-3)
-    gap, turned = (
-        float(np.linalg.norm(corners[-1] - corners[0])),
-        pin.log3(turns[0].T @ turns[-1]),
-    )
+    gap = float(np.linalg.norm(corners[-1] - corners[0]))
+    turned = pin.log3(turns[0].T @ turns[-1])
     if gap > 1e-6 * size or np.linalg.norm(turned) > 1e-6:
         by = (
             f"{gap:.3g} m" if gap > 1e-6 * size else f"{np.linalg.norm(turned):.3g} rad"
@@ -428,7 +426,8 @@ def _rounded(
     def half(i: int, begin: float) -> None:
         bend = bends[i]
         if bend is not None:
-            start, length = corners[i] - cut[i] * before[i], bend.length(cut[i])
+            start = corners[i] - cut[i] * before[i]
+            length = bend.length(cut[i])
             pieces.append(
                 _bend(bend, start, before[i], inward[i] / across[i], length, begin)
             )

@@ -222,10 +222,8 @@ def rose(
 
     def slope(s: float) -> Array:
         phase = petals * np.pi * s
-        outward, across = (
-            petals * np.cos(phase) * ray(np.pi * s),
-            np.sin(phase) * ray(np.pi * (s + 0.5)),
-        )
+        outward = petals * np.cos(phase) * ray(np.pi * s)
+        across = np.sin(phase) * ray(np.pi * (s + 0.5))
         return radius * np.pi * (outward + across)
 
     return TaskPath(

@@ -146,7 +146,8 @@ def row_factor(
     Q = Q if mode == "complete" else Q[..., :, :m]
     # |R_jj| / ‖R_:j‖ is the sine of the angle between row j of J and the span of the rows before:
     # independent of the units of the rows.
-    diagonal, size = np.diagonal(R, axis1=-2, axis2=-1), np.linalg.norm(R, axis=-2)
+    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    size = np.linalg.norm(R, axis=-2)
     lost = ~(np.abs(diagonal) > RANK_TOLERANCE * size).all(axis=-1)
     if np.any(lost):
         where = (

@@ -107,10 +107,8 @@ def span(widths: Array, sign: str = "") -> str:
 
 def sobol(n: int, count: int, seed: int) -> Array:
     """Draw scrambled Sobol points of the unit cube: (K, n), K the power of two from count up."""
-    count, seed = (
-        as_int(count, "the number of nodes", 1, MOST_NODES),
-        as_int(seed, "seed"),
-    )
+    count = as_int(count, "the number of nodes", 1, MOST_NODES)
+    seed = as_int(seed, "seed")
     return scrambled_points(n, int(np.ceil(np.log2(max(count, 2)))), seed)
 
 

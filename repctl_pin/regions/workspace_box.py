@@ -126,12 +126,12 @@ class WorkspaceBox(Region):
         InputError
             If too few of the points lie in the workspace box.
         """
-        count, seed = (
-            as_int(count, "the number of nodes", 1, MOST_NODES),
-            as_int(seed, "seed"),
-        )
+        count = as_int(count, "the number of nodes", 1, MOST_NODES)
+        seed = as_int(seed, "seed")
         found: list[Array] = []
-        size, drawn, part = max(1024, count), 0, 0
+        size = max(1024, count)
+        drawn = 0
+        part = 0
         while sum(map(len, found)) < count:
             if drawn >= max(_MOST_DRAWS, 64 * count):
                 reached = sum(map(len, found))

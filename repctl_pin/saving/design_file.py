@@ -72,7 +72,8 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
         If the file is not a design file, has another schema version, or was changed after it was
         written.
     """
-    where, text = str(path), read_whole(path, _LARGEST)
+    where = str(path)
+    text = read_whole(path, _LARGEST)
     try:
         head = msgspec.json.decode(text, type=_Head)
         if head.format not in kinds:
@@ -140,10 +141,8 @@ def _design_file(design: Design) -> DesignFile:
         if isinstance(value, float) and not np.isfinite(value):
             raise InputError(f"design.{name} = {value!r} cannot be saved")
     cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
-    desired, potentials = (
-        schema.desired_file(design.desired),
-        schema.basis_file(design.potentials),
-    )
+    desired = schema.desired_file(design.desired)
+    potentials = schema.basis_file(design.potentials)
     region = schema.region_file(design.region)
     return described(
         DesignFile,
@@ -166,10 +165,8 @@ def _design_of(content: DesignFile, task: Task) -> Design:
     InputError
         If the content does not describe a valid design for this task.
     """
-    potentials, A = (
-        schema.basis_of(content.potentials, task),
-        np.array(content.coefficients, dtype=float),
-    )
+    potentials = schema.basis_of(content.potentials, task)
+    A = np.array(content.coefficients, dtype=float)
     if A.shape != (potentials.size, task.r):
         raise InputError(
             f"the coefficients must be {potentials.size} × {task.r} numbers; "

@@ -113,7 +113,8 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     path = file_name(path)
     if task is not None:
         require_task(task)
-    where, content = str(path), read_design(path)
+    where = str(path)
+    content = read_design(path)
     made_for = content.task
     if task is None and not made_for.catalogue:
         raise InputError(

@@ -103,7 +103,8 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
             raise InputError(f"{where} has a damaged fingerprint; design again")
         away = task.placement(q).homogeneous[:3] - expected
         if not np.abs(away).max() < _TOLERANCE:
-            shift, turn = np.abs(away[:, 3]).max(), np.abs(away[:, :3]).max()
+            shift = np.abs(away[:, 3]).max()
+            turn = np.abs(away[:, :3]).max()
             raise InputError(
                 f"{where} is for another {made_for.robot}: at its check configurations the frame "
                 f"{made_for.frame!r} lies {shift:.3g} m and {turn:.3g} rad elsewhere; "

@@ -61,7 +61,8 @@ def newton(
         The solution; None if the method did not converge. With ``residual``, the last q is
         returned even then.
     """
-    q, n = start.copy(), len(start)
+    q = start.copy()
+    n = len(start)
     last = float_info.max if contraction is None else longest
     left = inf if residual is None else residual(q)
     for _ in range(iterations):

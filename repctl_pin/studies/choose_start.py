@@ -136,7 +136,8 @@ def _dexterous(task: Task) -> Iterator[Array]:
     """
     middle = task.from_robot(task.robot.poses["middle"])
     low, high = inner_limits(task)
-    low, high = np.maximum(middle - 2.0, low), np.minimum(middle + 2.0, high)
+    low = np.maximum(middle - 2.0, low)
+    high = np.minimum(middle + 2.0, high)
     points = low + (high - low) * sobol(task.n, 512, 0)
     scores = np.array([dexterity_at(task, q) for q in points])
     good = points[scores >= 0.5 * scores.max()]

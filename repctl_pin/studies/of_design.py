@@ -44,7 +44,9 @@ def problem_of(
     if not isinstance(design, Design):
         kinds = dict(parts("problem"))
         return kinds[type(design)](design, start, path, plane)
-    task, region, cycle = design.task, design.region, design.cycle
+    task = design.task
+    region = design.region
+    cycle = design.cycle
     if path is False:
         begin = region.center if start is None else start
         problem = Problem(task, start=begin, path=False, region=region)

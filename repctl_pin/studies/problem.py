@@ -244,7 +244,9 @@ def at_minimum_speed(problem: Problem) -> Problem:
     """
     from ..motion.least_start import least_start  # only on request
 
-    task, path, q0 = problem.task, problem.cycle, problem.start
+    task = problem.task
+    path = problem.cycle
+    q0 = problem.start
     found = least_start(task, path, q0)
     saved = 1 - found.best.rms_speed / found.given.rms_speed
     note = "no other start tried needs less joint speed"

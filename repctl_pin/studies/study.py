@@ -198,7 +198,9 @@ def _followed(
 
     Returns the rows, the period, s, and the notes on the period and on a start on an edge.
     """
-    q0, path, task = problem.start, problem.cycle, design.inverse.task
+    q0 = problem.start
+    path = problem.cycle
+    task = design.inverse.task
     plain = Pseudoinverse(task)
     usual = period or path.period or PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}

@@ -37,7 +37,8 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
     for preferred in _PREFERRED:
         if kinds.get(preferred, 0) >= 1:
             return robot.task(frame, preferred)
-    count, other = len(robot.chain(frame)), _redundant_frame(robot)
+    count = len(robot.chain(frame))
+    other = _redundant_frame(robot)
     joints = f"{count} joint{'s' * (count != 1)}"
     none = f"{robot.name} {frame!r} is moved by {joints}: no kind of task is redundant there"
     if other is None:

@@ -26,7 +26,8 @@ def rigid(task: Task, x: Numbers) -> Numbers:
 
     The rotation is tested only if the task commands one.
     """
-    R, off = x[:3, :3], [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
+    R = x[:3, :3]
+    off = [x[3] - jnp.asarray([0.0, 0.0, 0.0, 1.0], x.dtype)]
     if task.kind.turns:
         squares = jnp.stack([R[0] @ R[0] - 1, R[1] @ R[1] - 1, R[0] @ R[1]])
         off += [squares, jnp.cross(R[0], R[1]) - R[2]]
@@ -35,7 +36,9 @@ def rigid(task: Task, x: Numbers) -> Numbers:
 
 def inside(cell: Cell, x: Numbers) -> Numbers:
     """Test whether a pose lies in a cell, which must have all its coordinates (``cell.whole``)."""
-    y, held, most = _measured(cell, x), np.flatnonzero(cell.widths == 0), cell._bounds
+    y = _measured(cell, x)
+    held = np.flatnonzero(cell.widths == 0)
+    most = cell._bounds
     near = jnp.abs(coordinates(cell, x)) <= jnp.asarray(
         most + max(EDGE, 8 * eps(x)), x.dtype
     )
@@ -81,8 +84,10 @@ def _cylindrical(sector: Sector, x: Numbers) -> Numbers:
     y = jnp.stack([jnp.hypot(a, b) - rho, angle, height - z])[: sector.task.m]
     if sector.task.m <= 3:
         return y
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    one, none = jnp.ones_like(c), jnp.zeros_like(c)
+    c = jnp.cos(angle)
+    s = jnp.sin(angle)
+    one = jnp.ones_like(c)
+    none = jnp.zeros_like(c)
     back = jnp.stack([c, s, none, -s, c, none, none, none, one]).reshape(
         3, 3
     )  # R_a(-φ)

@@ -74,7 +74,8 @@ class FunctionKinematics:
         return joints
 
     def _arm(self, joints: ArrayLike) -> Array:
-        n, given = len(self.joint_names), np.atleast_1d(np.asarray(joints, float))
+        n = len(self.joint_names)
+        given = np.atleast_1d(np.asarray(joints, float))
         if len(given) < n:
             raise InputError(
                 f"needs {n} joint positions ({', '.join(self.joint_names)}); got {len(given)}",

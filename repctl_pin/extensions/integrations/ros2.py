@@ -213,13 +213,15 @@ class ArmNode(Node):
 
     def _on_pose(self, message: PoseStamped) -> None:
         p, x = message.pose.position, message.pose.orientation
-        frame, age = message.header.frame_id, self._age(message.header.stamp)
+        frame = message.header.frame_id
+        age = self._age(message.header.stamp)
         position, quaternion = (p.x, p.y, p.z), (x.x, x.y, x.z, x.w)
         self.servo.pose(position, quaternion, frame=frame, age=age)
 
     def _on_twist(self, message: TwistStamped) -> None:
         v, w = message.twist.linear, message.twist.angular
-        frame, age = message.header.frame_id, self._age(message.header.stamp)
+        frame = message.header.frame_id
+        age = self._age(message.header.stamp)
         self.servo.twist(
             (v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age
         )

@@ -94,11 +94,9 @@ class Servo:
         self._limits = joint_limits(self.task, limits)
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name
-        self.state, self.reason, self.status = (
-            State.WAITING,
-            "no joint states yet",
-            Status.OK,
-        )
+        self.state = State.WAITING
+        self.reason = "no joint states yet"
+        self.status = Status.OK
         self._time = SteadyTime(self.dt)
         self._readings = JointReadings(self.task.joint_names)
         self._commands: list[Array] = []
@@ -325,10 +323,8 @@ class Servo:
         if off.max() > self.tolerance and not self._fault:
             j = int(np.argmax(off))
             self._fault = True
-            name, unit = (
-                self.task.joint_names[j],
-                "rad" if self.task.revolute[j] else "m",
-            )
+            name = self.task.joint_names[j]
+            unit = "rad" if self.task.revolute[j] else "m"
             away = abs(float(q[j] - self._commands[-1][j]))
             self._stop(
                 f"the arm does not follow: {name} is {away:.3g} {unit} from its command"

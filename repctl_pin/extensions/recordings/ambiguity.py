@@ -78,7 +78,8 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
     degree = _DEGREE
     while degree > 1 and Monomials(U.shape[1], degree).size * _FRAMES_PER_TERM > least:
         degree -= 1
-    misfit, n = np.zeros_like(Q), labels[0].shape[1]
+    misfit = np.zeros_like(Q)
+    n = labels[0].shape[1]
     parts = [slice(i, i + n) for i in range(0, Q.shape[1], n)]
     if least:
         misfit = _misfit(Monomials(U.shape[1], degree), U, fold, Q, parts)
@@ -104,7 +105,8 @@ def _scaled(U: Array) -> Array:
     """Scale coordinates U (K, k) to [−1, 1], and leave out the columns that do not vary."""
     if not len(U):
         return U
-    low, high = U.min(axis=0), U.max(axis=0)
+    low = U.min(axis=0)
+    high = U.max(axis=0)
     on = high - low > 1e-9
     return np.asarray((2 * U - (low + high))[:, on] / (high - low)[on], float)
 
@@ -142,7 +144,9 @@ def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Arra
     configurations Q. Each labelling has the λ with the smallest misfit on the left-out folds. The
     part of the squared misfit on a fold that depends on W is ``tr(Wᵀ G W − 2 Wᵀ B)``.
     """
-    K, total, all_right = counts.sum(), gram.sum(axis=0), right.sum(axis=0)
+    K = counts.sum()
+    total = gram.sum(axis=0)
+    all_right = right.sum(axis=0)
     made = np.empty((len(_RIDGES), *right.shape))
     cost = np.zeros((len(_RIDGES), len(parts)))
     for f in range(len(gram)):

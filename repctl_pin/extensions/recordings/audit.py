@@ -184,7 +184,8 @@ class Audit:
 
     def summary(self) -> str:
         """Summarise in one line whether the arm repeats, and how it differs if not."""
-        name, times = self.log.name, f"{self.returns} returns to one hand pose"
+        name = self.log.name
+        times = f"{self.returns} returns to one hand pose"
         if self.found is None:
             return (
                 f"{name}: the hand does not return to a pose often enough for a verdict"

@@ -115,10 +115,12 @@ def _farthest(audit: Audit) -> tuple[str, str]:
     """
     joint = int(np.argmax(audit.differences))
     value = float(audit.differences[joint])
-    name, off = f"the {part_of(audit)}", metres(audit.difference)
+    name = f"the {part_of(audit)}"
+    off = metres(audit.difference)
     if audit.difference < _STILL * value:
         unit = unit_of([audit.task.revolute[joint]])
-        name, off = audit.task.joint_names[joint], f"{_number(value)} {unit}"
+        name = audit.task.joint_names[joint]
+        off = f"{_number(value)} {unit}"
     return name, off.replace(" ", "\u00a0")
 
 

@@ -98,7 +98,9 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 def _audit_figure(audit: Audit) -> Figure:
     """Draw ``audit.png``: creep of the part that is off most, and of the joints, over time."""
-    task, visits, joints = audit.task, audit.visits, audit.joints
+    task = audit.task
+    visits = audit.visits
+    joints = audit.joints
     assert joints is not None
     seconds, unit = audit.clock
     order = np.argsort(-np.abs(joints.rate))[: len(_STYLES)]
@@ -109,7 +111,8 @@ def _audit_figure(audit: Audit) -> Figure:
     _line(first, time, 100 * audit.along, 100 * audit.rate * seconds, VERMILLION, "o")
     first.set_ylabel(f"{plain(part_of(audit))} (cm)")
     for i, (colour, marker) in zip(order, _STYLES, strict=False):
-        values, rate = visits.q[:, i] - visits.q[0, i], float(joints.rate[i])
+        values = visits.q[:, i] - visits.q[0, i]
+        rate = float(joints.rate[i])
         name = plain(task.joint_names[i])
         _line(second, time, values, rate * seconds, colour, marker, name)
     second.set_ylabel(f"joints, since the first visit ({task.unit})")

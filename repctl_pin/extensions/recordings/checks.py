@@ -106,8 +106,11 @@ def require_agreement(
         True if R comes from quaternions, whose order may be wrong.
     """
     some = np.linspace(0, len(Q) - 1, min(_SOME, len(Q))).astype(int)
-    Q, p, R = Q[some], p[some], R[some]
-    by, offset = _distance(task, Q, p, R), _offset(task, Q, p, R)
+    Q = Q[some]
+    p = p[some]
+    R = R[some]
+    by = _distance(task, Q, p, R)
+    offset = _offset(task, Q, p, R)
     if by[0] <= _APART_M and by[1] <= _APART_RAD and offset is None:
         return
     why, remedy = _explanation(task, Q, p, R, quaternions=quaternions)

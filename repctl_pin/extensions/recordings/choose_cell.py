@@ -141,8 +141,11 @@ def _cells(recording: Recording, share: float) -> Iterator[Cell]:
 
 
 def _box(recording: Recording, share: float) -> Cell:
-    task, p, R = recording.task, recording.positions, recording.rotations
-    positions, turns = min(3, task.m), task.m - min(3, task.m)
+    task = recording.task
+    p = recording.positions
+    R = recording.rotations
+    positions = min(3, task.m)
+    turns = task.m - min(3, task.m)
     middle = pin.SE3(_mean_rotation(R), np.median(p, axis=0))
     probe = Cell(task, middle, 1.0, 0.5 if turns else 0.0)
     Y = _within(_measured(probe, p, R), share)
@@ -159,8 +162,11 @@ def _box(recording: Recording, share: float) -> Cell:
 
 
 def _sector(recording: Recording, share: float) -> Cell:
-    task, p, R = recording.task, recording.positions, recording.rotations
-    away, mean = np.hypot(p[:, 0], p[:, 1]), _mean_angle(np.arctan2(p[:, 1], p[:, 0]))
+    task = recording.task
+    p = recording.positions
+    R = recording.rotations
+    away = np.hypot(p[:, 0], p[:, 1])
+    mean = _mean_angle(np.arctan2(p[:, 1], p[:, 0]))
     angle = np.angle(np.exp(1j * (np.arctan2(p[:, 1], p[:, 0]) - mean)))
     back = Rotation.from_rotvec(np.outer(-angle, [0.0, 0.0, 1.0])).as_matrix()
     turned = _mean_rotation(back @ R)

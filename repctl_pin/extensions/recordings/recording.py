@@ -185,7 +185,8 @@ class Recording:
             If the file cannot be read, has no such columns, or its numbers are refused; the message
             names the line.
         """
-        task, path = require_task(task), file_name(file)
+        task = require_task(task)
+        path = file_name(file)
         table = read_table(path)
         try:
             made = cls(task, **_arguments(table, task))
@@ -213,7 +214,8 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order."""
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
-    other, values = object.__new__(Recording), vars(recording)
+    other = object.__new__(Recording)
+    values = vars(recording)
     arrays = {
         n: value[some] for n, value in values.items() if isinstance(value, np.ndarray)
     }

@@ -162,7 +162,8 @@ class Relabeled:
 
     def figures(self) -> dict[str, str]:
         """Return the figures of merit as text, by name."""
-        unit, count = self.recording.task.unit, len(self.recording)
+        unit = self.recording.task.unit
+        count = len(self.recording)
         sessions = len(self.recording.names)
         frames = f"{count:,} in {sessions} session{'s' * (sessions > 1)}: "
         frames += f"{int(self.found.sum()):,} relabelled"
@@ -188,7 +189,8 @@ class Relabeled:
 
     def summary(self) -> str:
         """Return the figures of merit as text, one per line."""
-        task, lines = self.recording.task, []
+        task = self.recording.task
+        lines = []
         for name, text in self.figures().items():
             first, *more = text.split("\n")
             lines.append(f"  {name:14}  {first}")
@@ -219,7 +221,8 @@ class Relabeled:
         return _columns(self)[1].recomputed
 
     def _moved(self) -> str:
-        task, away = self.recording.task, np.abs(self.moved[self.found])
+        task = self.recording.task
+        away = np.abs(self.moved[self.found])
         joint = int(np.argmax(away.max(axis=0)))
         mean = float(np.sqrt((away**2).sum(axis=1).mean()))
         return (
@@ -405,7 +408,8 @@ def _nearest_leaf(
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
         return zero
-    c, few = np.nanmedian(recorded, axis=0), thinned(recording, _FRAMES)
+    c = np.nanmedian(recorded, axis=0)
+    few = thinned(recording, _FRAMES)
     found, margin = _kept(F, few, zero)
     for share in np.linspace(1.0, 0.0, 11)[:-1]:
         count, least = _kept(F, few, share * c)
@@ -425,7 +429,9 @@ def _result(
     recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
 ) -> Relabeled:
     """Make the result from new configurations Q (K, n), with gaps, ambiguity and limit margins."""
-    task, before, found = recording.task, recording.joints, np.isfinite(Q[:, 0])
+    task = recording.task
+    before = recording.joints
+    found = np.isfinite(Q[:, 0])
     cell, parts = design.cell, blocks(len(recording))
     places = [
         cell.coordinates(recording.positions[part], recording.rotations[part])
@@ -477,12 +483,15 @@ def _gaps(
 def _columns(relabeled: Relabeled) -> tuple[dict[str, Column], _Changes]:
     """Make the columns of the file with the new configurations, by name; list what changed."""
     recording, Q = relabeled.recording, relabeled.joints
-    task, old, n = recording.task, recording.joints, relabeled.joints.shape[1]
+    task = recording.task
+    old = recording.joints
+    n = relabeled.joints.shape[1]
     joints = dict(zip(task.joint_names, Q.T, strict=True))
     poses = _poses(relabeled)
     if recording.source is None:
         return _own_columns(recording) | poses | joints, _Changes()
-    source, made = recording.source.columns, dict[str, Column]()
+    source = recording.source.columns
+    made = dict[str, Column]()
     removed, recomputed = list[str](), list[str]()
     for name, values in source.items():
         array = values.ndim == 2 and values.shape[1] >= n
@@ -531,7 +540,8 @@ def _poses(relabeled: Relabeled) -> dict[str, Column]:
     recording = relabeled.recording
     if recording.task.m == 6:
         return {}
-    p, R = recording.positions.copy(), recording.rotations.copy()
+    p = recording.positions.copy()
+    R = recording.rotations.copy()
     p[relabeled.found], R[relabeled.found] = forward(
         recording.task, relabeled.joints[relabeled.found]
     )

@@ -15,11 +15,9 @@ from .relabel_plots import labels_figure, shares_figure
 
 def relabel_sentence(relabeled: Relabeled) -> str:
     """Write the ambiguity before and after in one sentence."""
-    unit, before, after = (
-        relabeled.recording.task.unit,
-        relabeled.residual_before,
-        relabeled.residual_after,
-    )
+    unit = relabeled.recording.task.unit
+    before = relabeled.residual_before
+    after = relabeled.residual_after
     if np.isnan(before):
         return f"Ambiguity of the joints: {after:.2g} {unit} (relabelled)."
     return f"Ambiguity of the joints: {before:.2g} {unit} (recorded) → {after:.2g} (relabelled)."

@@ -113,7 +113,8 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         distance between two poses, plus the sagitta of the path between two rows, plus 1e-4 arm
         lengths.
     """
-    noise, length = _noise_of(Q), arm_length(task, Q[0]) or 1.0
+    noise = _noise_of(Q)
+    length = arm_length(task, Q[0]) or 1.0
     radian = _RADIAN * length if task.kind.turns else 0.0
     X = _features(task, Q, radian)
     whole = np.diff(t) <= _GAP * np.median(np.diff(t))
@@ -123,7 +124,9 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
     best: list[_Pass] = []
-    chosen, rank, nearest = 0, (0.0, 0.0), np.inf
+    chosen = 0
+    rank = (0.0, 0.0)
+    nearest = np.inf
     each = float(np.median(np.diff(t)))
     for row in _candidates(t, steps):
         runs = _runs(np.sort(tree.query_ball_point(X[row], _LEFT * radius)))
@@ -135,7 +138,9 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         sure = sum(one.distance <= _AT * tolerance for one in there)
         score = sure * (1.0 + rests), float(stays.sum())
         if score > rank:
-            best, chosen, rank = there, int(row), score
+            best = there
+            chosen = int(row)
+            rank = score
     target = task.placement(Q[chosen])
     made = [_configuration(task, t, Q, one, target, noise) for one in best]
     times = np.array([float(_at(t, one.at)) for one in best])
@@ -348,7 +353,8 @@ def _average(
     U, sizes, Vt = np.linalg.svd(E - E.mean(axis=0), full_matrices=False)
     used = sizes > max(_MOVES * sizes[0], _EXACT)
     used[len(Q) // _AVERAGED :] = False
-    S, Vt = U[:, used] / sizes[used], Vt[used]
+    S = U[:, used] / sizes[used]
+    Vt = Vt[used]
     weights = 1 / len(Q) - S @ (Vt @ E.mean(axis=0))
     slopes = (S.T @ Q).T @ Vt  # dq/de, (n, m)
     q = weights @ Q
@@ -382,8 +388,11 @@ def _interpolated(
     u = (t[few] - t[low]) / step
     powers = np.arange(len(few))
     c = np.linalg.solve(u[:, None] ** powers, Q[few])
-    x, J, slope = at - low, task.jacobian(Q[low]), c[1]
-    first, last = max(x - 0.5, u[0]), min(x + 0.5, u[-1])
+    x = at - low
+    J = task.jacobian(Q[low])
+    slope = c[1]
+    first = max(x - 0.5, u[0])
+    last = min(x + 0.5, u[-1])
     for _ in range(3):
         q, slope = x**powers @ c, powers[1:] * x ** powers[:-1] @ c[1:]
         J = task.jacobian(q)

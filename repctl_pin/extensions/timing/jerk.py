@@ -87,7 +87,8 @@ class _JerkSegment(Segment):
         a sum of exponentials.
         """
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
-        h, tau = np.diff(self.s)[i], t - self.t[i]
+        h = np.diff(self.s)[i]
+        tau = t - self.t[i]
         slope = (
             (self.x[i + 1] - self.x[i]) - self.bend[i] * h**2 / 2
         ) / h  # x′ where the interval begins
@@ -102,7 +103,8 @@ class _JerkSegment(Segment):
             self.bend[i] * rate / 2,
         )
         for k, rest, sign in ((0, 0.0, 1.0), (len(self.s) - 2, self.s[-1], -1.0)):
-            rows, T = i == k, self.t[k + 1] - self.t[k]
+            rows = i == k
+            T = self.t[k + 1] - self.t[k]
             since = np.clip(
                 (tau if sign > 0 else T - tau)[rows], 0.0, T
             )  # since rest, or until it
@@ -350,7 +352,8 @@ def _times(s: Array, x: Array, slope: Array) -> Array:
     It is ``2h/(v₀+v₁) artanh(y)/y`` with ``y² = x″ h² / 2 (v₀+v₁)²``, where h is the length of the
     interval and v₀, v₁ are ṡ at its ends.
     """
-    h, v = np.diff(s), np.sqrt(np.maximum(x, 0.0))
+    h = np.diff(s)
+    v = np.sqrt(np.maximum(x, 0.0))
     mean = v[1:] + v[:-1]
     z = np.diff(slope) * h / 2 / np.maximum(mean, 1e-300) ** 2
     z[[0, -1]] = 0.0

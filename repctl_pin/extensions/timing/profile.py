@@ -177,7 +177,8 @@ class Profile:
         )
         Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
         for j in np.unique(which):
-            rows, run = which == j, self.runs[j]
+            rows = which == j
+            run = self.runs[j]
             s, *_ = run.law(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
             Q[rows] = run.curve(s)
         return Q
@@ -192,7 +193,8 @@ class Profile:
         )
         found = np.zeros((4, len(clock), self.runs[0].curve(0.0).size))
         for j in np.unique(which):
-            rows, run = which == j, self.runs[j]
+            rows = which == j
+            run = self.runs[j]
             t = clock[rows] - self.starts[j]
             found[:, rows] = run.derivatives(np.clip(t, 0.0, run.t[-1]))
             found[1:, np.flatnonzero(rows)[(t < 0) | (t > run.t[-1])]] = 0.0
@@ -247,10 +249,8 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list
     found = set((np.flatnonzero(cosine < 0.5) + 1).tolist())  # cusps
     marks = sorted({0, len(Q) - 1, *candidates})
     for before, at, after in zip(marks[:-2], marks[1:-1], marks[2:], strict=True):
-        into, out = (
-            _tangent(Q[max(before, at - 3) : at + 1][::-1]),
-            _tangent(Q[at : min(after, at + 3) + 1]),
-        )
+        into = _tangent(Q[max(before, at - 3) : at + 1][::-1])
+        out = _tangent(Q[at : min(after, at + 3) + 1])
         if np.arccos(np.clip(-into @ out, -1, 1)) > bend:
             found.add(at)
     return sorted(found)

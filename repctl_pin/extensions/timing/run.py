@@ -68,7 +68,9 @@ class _Change:
         """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning."""
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
-        o, r, d = self.override, self.rate * W, self.goal - self.override
+        o = self.override
+        r = self.rate * W
+        d = self.goal - self.override
         inside = t < self.time
         way = W * (
             o * u + r * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4) + d * (u**3 - u**4 / 2)
@@ -134,7 +136,10 @@ class Run:
         self._timed, self._trajectory = timed, timed.trajectory
         self._end = float(timed.t[-1])
         begin = 0.0 if q is None else self._nearest(vector(q, len(timed.joints), "q"))
-        self._t, self._override, self._rate, self._since = begin, 0.0, 0.0, 0.0
+        self._t = begin
+        self._override = 0.0
+        self._rate = 0.0
+        self._since = 0.0
         self._change = _Change(begin, 0.0, 0.0, np.zeros(1), np.zeros(1))
         self._wish, self._looked = 0.0, 0.0
 
@@ -171,7 +176,8 @@ class Run:
         InputError
             If dt is not above 0 or the override is beyond ±1.
         """
-        dt, override = positive(dt, "dt", "s"), finite(override, "override")
+        dt = positive(dt, "dt", "s")
+        override = finite(override, "override")
         if not -1 <= override <= 1:
             raise InputError(
                 f"override must be from -1 to 1, not {shown(override)}; "
@@ -191,7 +197,10 @@ class Run:
 
     def _hold(self, t: float, override: float) -> None:
         """Set the override at a time of the motion's clock, and keep it constant."""
-        self._t, self._override, self._rate, self._since = t, override, 0.0, 0.0
+        self._t = t
+        self._override = override
+        self._rate = 0.0
+        self._since = 0.0
         self._change = _Change(t, override, 0.0, np.array([override]), np.zeros(1))
         self._wish, self._looked = override, 0.0
 
@@ -215,7 +224,9 @@ class Run:
         if found is not None and not (
             change.goal[0] == wish and found.time[0] > 0.95 * left
         ):
-            self._change, self._since, self._looked = found, 0.0, 0.0
+            self._change = found
+            self._since = 0.0
+            self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
         """Find the shortest change to the first of several goals that the limits allow.

@@ -69,10 +69,8 @@ def timed(
     """
     require_type(motion, Motion, "motion", "a motion, such as rp.follow makes")
     kept = joint_limits(motion.task, limits)
-    rate, keep_times = (
-        positive(rate, "rate", "samples per second"),
-        flag(keep_times, "keep_times"),
-    )
+    rate = positive(rate, "rate", "samples per second")
+    keep_times = flag(keep_times, "keep_times")
     Q, steps = motion.joints(motion.q), motion.steps
     once = Q[: steps + 1]
     if (kept.jerk is not None or keep_times) and np.linalg.norm(
@@ -145,7 +143,8 @@ def _profile(
     marks = [
         int(place[k + cycle * steps]) for k in (0, *breaks) for cycle in range(cycles)
     ]
-    corners, stays_at = corners_of(Q[kept], marks), np.flatnonzero(stays).tolist()
+    corners = corners_of(Q[kept], marks)
+    stays_at = np.flatnonzero(stays).tolist()
     last = int(place[-1])
     ends = [int(place[cycle * steps]) for cycle in range(cycles + 1)]
     if keep_times:
@@ -166,7 +165,8 @@ def _profile(
         known: dict[bytes, Segment] = {}  # cycles have the same parts
         runs = []
         for a, b in pairwise(stops):
-            part, stages = Q[kept][a : b + 1], density * (way[b] - way[a])
+            part = Q[kept][a : b + 1]
+            stages = density * (way[b] - way[a])
             if steady < 0:
                 runs.append(fastest(part, limits, stages))
                 continue
@@ -260,10 +260,8 @@ def _sampled(
     back, before, q, after, beyond = (
         profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2)
     )
-    qdot, qddot = (
-        (after - before) / (2 * moment),
-        (beyond - 2 * q + back) / (4 * moment**2),
-    )
+    qdot = (after - before) / (2 * moment)
+    qddot = (beyond - 2 * q + back) / (4 * moment**2)
     begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
     steady_rows = np.tile(np.arange(begin, begin + period), more)
     rows = np.concatenate(
@@ -349,7 +347,8 @@ def approach(
     ).task
     bodies = flag(bodies, "bodies")
     kept = joint_limits(task, limits)
-    now, goal = task.check(q_now, "q_now"), motion.q[0]
+    now = task.check(q_now, "q_now")
+    goal = motion.q[0]
     if require_choice(to, ("start", "nearest"), "goal") == "nearest":
         goal = motion.q[
             np.argmin(

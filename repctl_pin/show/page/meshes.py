@@ -260,12 +260,10 @@ def _round(radius: float, length: float) -> _Element:
     z = np.broadcast_to(height[:, None], (n, n))
     points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], -1).reshape(-1, 3)
     i, j = (a.ravel() for a in np.indices((n - 1, n)))
-    a, b, c, d = (
-        i * n + j,
-        i * n + (j + 1) % n,
-        (i + 1) * n + j,
-        (i + 1) * n + (j + 1) % n,
-    )
+    a = i * n + j
+    b = i * n + (j + 1) % n
+    c = (i + 1) * n + j
+    d = (i + 1) * n + (j + 1) % n
     faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
     position = _array("Float32Array", points, 3)
     index = _array("Uint32Array", faces, 3)

@@ -128,10 +128,8 @@ def read_playbacks(
         steps = (len(found.q) - 1) // found.cycles
         drift = np.linalg.norm(found.q[steps::steps] - found.q[0], axis=1)
         color = COLOURS.get(found.strategy, _OTHERS[k % len(_OTHERS)])
-        label, unit = (
-            LABELS.get(found.strategy, found.strategy),
-            unit_of(turns[name] for name in found.joints),
-        )
+        label = LABELS.get(found.strategy, found.strategy)
+        unit = unit_of(turns[name] for name in found.joints)
         tracks.append(Playback(label, color, Q, found.cycles, drift, unit, found.t))
     return tracks
 
@@ -173,10 +171,8 @@ def playback_page(
             remedy="follow them with equal cycles and steps",
         )
     ((cycles, _),) = sizes
-    visuals, frames = (
-        Visuals.of(chains[0].task.robot),
-        frames_for([track.Q for track in tracks], cycles),
-    )
+    visuals = Visuals.of(chains[0].task.robot)
+    frames = frames_for([track.Q for track in tracks], cycles)
     played = [[_played(chain, track) for chain in chains] for track in tracks]
     surfaces = read_surfaces(visuals.shapes)
     bodies = corners(visuals.shapes, surfaces)
@@ -185,7 +181,8 @@ def playback_page(
         _arm(chains, track, done, (visuals, bodies, own), frames)
         for track, done in zip(tracks, played, strict=True)
     ]
-    task, start = chains[0].task, chains[0].task.from_robot(tracks[0].Q[0])
+    task = chains[0].task
+    start = chains[0].task.from_robot(tracks[0].Q[0])
     most = np.max([arm.off[-1] for arm in arms], axis=0)
     link, _ = farthest(visuals.shapes, most, own)
     if headline is None:
@@ -265,10 +262,8 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
     """Extract the motion of a chain's joints; if times are unknown, rows are 1 s apart."""
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
-    q, t = (
-        chain.task.from_robot(track.Q),
-        np.arange(float(len(track.Q))) if track.t is None else track.t,
-    )
+    q = chain.task.from_robot(track.Q)
+    t = np.arange(float(len(track.Q))) if track.t is None else track.t
     return JointMotion(
         chain.task,
         t,
@@ -308,7 +303,8 @@ def _broken(
     if touch is not None and (found is None or touch[0] < found[0]):
         at, links = touch
         link = next(name for name in links if name in robot.description.links)
-        data, frame = robot.model.createData(), frame_id(robot.model, link)
+        data = robot.model.createData()
+        frame = frame_id(robot.model, link)
         origin = np.empty((len(rows), 3))
         for q, place in zip(robot.coupling.joints(rows), origin, strict=True):
             pin.framesForwardKinematics(robot.model, data, q)

@@ -107,7 +107,8 @@ def _same_room(axes: list[Any], flat: bool) -> None:
     ends = np.array(
         [[getattr(ax, f"get_{name}lim")() for ax in axes] for name in names]
     )  # (d, axes, 2)
-    low, high = ends[..., 0].min(axis=1), ends[..., 1].max(axis=1)
+    low = ends[..., 0].min(axis=1)
+    high = ends[..., 1].max(axis=1)
     narrow = np.maximum(
         0.0, 0.2 * (high - low).max() - (high - low)
     )  # a flat motion still needs room for its numbers
@@ -128,5 +129,6 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 
 def _azimuth(stations: NDArray[np.float64]) -> float:
     """Choose the azimuth of the view, degrees, from the side on which the arm works."""
-    tip, middle = stations[-1], stations.mean(axis=0)
+    tip = stations[-1]
+    middle = stations.mean(axis=0)
     return float(np.degrees(np.arctan2(tip[1] - middle[1], tip[0] - middle[0]))) - 50.0

@@ -114,7 +114,9 @@ class Viewer:
             raise InputError(
                 "a viewer needs the controls' names, one per pane, such as ['J⁺', 'ours']"
             )
-        self.task, self.names, self.offset = task, listed, np.zeros(3)
+        self.task = task
+        self.names = listed
+        self.offset = np.zeros(3)
         self._visuals = Visuals.of(task.robot)
         self._first: Array | None = None
         q0 = vector(task.reference if start is None else start, task.n, "the start")
@@ -246,7 +248,8 @@ class Viewer:
         shapes = self._visuals.shapes
         placements = self._visuals.placements(task.to_robot(Q))
         self._moving = moving_of(placements)
-        surfaces, frames = read_surfaces(shapes), Frames(np.arange(3), (1,), 3)
+        surfaces = read_surfaces(shapes)
+        frames = Frames(np.arange(3), (1,), 3)
         outer, off = body_drift(corners(shapes, surfaces), placements, frames.per_cycle)
         link, _ = farthest(shapes, off[-1], arm_links(task))
         points = task.positions(Q)
@@ -341,7 +344,9 @@ class _Poses(WebSocketHandler):
     prepare = _only_this_host
 
     def initialize(self, viewer: Viewer) -> None:
-        self.viewer, self.busy, self.sent = viewer, False, b""
+        self.viewer = viewer
+        self.busy = False
+        self.sent = b""
 
     def check_origin(self, origin: str) -> bool:
         return origin in (

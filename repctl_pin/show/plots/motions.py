@@ -194,7 +194,8 @@ def _end_words(label: str, motion: Motion, high: float) -> str:
 
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
     """Shift the rising heights of labels so that no label covers another or leaves the axes."""
-    places, floor = [], -np.inf
+    places = []
+    floor = -np.inf
     for own, height in zip(rising, heights, strict=True):
         places.append(max(own, floor + height / 2))
         floor = places[-1] + height / 2
@@ -274,7 +275,8 @@ def _free_corner(
 
     Return its lower left corner, as fractions of the axes; None if there is no such place.
     """
-    to_axes, shares = ax.transData + ax.transAxes.inverted(), np.linspace(0, 1, 101)
+    to_axes = ax.transData + ax.transAxes.inverted()
+    shares = np.linspace(0, 1, 101)
     lines = [
         to_axes.transform(np.c_[1 : m.cycles + 1, np.maximum(m.drift, _LEAST)]).T
         for _, m, _ in motions

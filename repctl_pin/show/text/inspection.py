@@ -121,7 +121,9 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
     These are the chain of the default frame, and others with as many joints.
     """
-    frames, lines, listed = found["frames"], [], []
+    frames = found["frames"]
+    lines = []
+    listed = []
     most = len(frames[found["default_frame"]]["chain"])
     for name, frame in frames.items():
         chain = frame["chain"]

@@ -58,13 +58,18 @@ def wrapped(spans: Sequence[Span]) -> list[Span]:
     A no-break space keeps two words on one line.
     """
     text = "".join(span.text for span in spans).rstrip(" ")
-    letters, begin, last, width = list(text), 0, 0, terminal_width()
+    letters = list(text)
+    begin = 0
+    last = 0
+    width = terminal_width()
     for i, letter in enumerate(f"{text} "):
         if letter == " ":
             if i - begin > width and last > begin:
                 letters[last], begin = "\n", last + 1
             last = i
-    lines, at, out = "".join(letters).replace("\u00a0", " "), 0, []
+    lines = "".join(letters).replace("\u00a0", " ")
+    at = 0
+    out = []
     for span in spans:
         out.append(span._replace(text=lines[at : at + len(span.text)]))
         at += len(span.text)

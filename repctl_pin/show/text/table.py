@@ -33,7 +33,8 @@ def table(
     names = [("\n" * (high - cell.count("\n")) + cell).split("\n") for cell in header]
     lines = [*zip(*names, strict=True), *rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-    blocks, width = [[0]], terminal_width()
+    blocks = [[0]]
+    width = terminal_width()
     for i in range(1, len(header)):
         if (
             sum(widths[k] + 2 for k in (*blocks[-1], i)) - 2 > width
@@ -83,7 +84,8 @@ def _two_norms(study: Study) -> dict[str, str]:
     """Write the design's cost in the Frobenius and the spectral norm, which differ for r > 1."""
     if study.task.r == 1:
         return {}
-    cost, spectral = study.design.cost, study.design.spectral_cost()
+    cost = study.design.cost
+    spectral = study.design.spectral_cost()
     label = f"mean ‖G − {_desired(study)}‖²"
     return {label: f"{cost:.3g} (Frobenius), {spectral:.3g} (spectral norm)"}
 
