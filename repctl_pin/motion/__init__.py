@@ -14,7 +14,6 @@ from .leaf_lock import LeafLock as LeafLock
 from .least_motion import least_closed_motion as least_closed_motion
 from .least_start import least_start as least_start
 from .limits import Limits as Limits
-from .loop import Loop as Loop
 from .motion import Motion as Motion
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start

@@ -8,9 +8,8 @@ from pathlib import Path
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
-from ..strategies import Pseudoinverse, Strategy
 from ..studies.study_result import Study
-from .page.own_loop import own_loop
+from .page.own_loop import study_loop
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
@@ -100,14 +99,6 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
     stopped = [
         stopped_words(row.label, row.stopped) for row in rows if row.motion is None
     ]
-    laws: dict[str, Strategy] = {
-        "pseudoinverse": Pseudoinverse(study.task),
-        "repeatable": study.design.inverse,
-    }
-    kept = [row for row in rows if row.motion is not None]
-    own = None
-    if kept and all(row.key in laws for row in kept):
-        own = own_loop(kept[0].motion, [laws[row.key] for row in kept])
     if not tracks:
         raise InputError(
             f"there is no motion to show: {' '.join(stopped)}".removesuffix("."),
@@ -120,5 +111,5 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
         name=study.path.name,
         stopped=stopped,
         seconds=seconds,
-        own=own,
+        own=study_loop(study),
     )

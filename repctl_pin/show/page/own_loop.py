@@ -23,6 +23,7 @@ from ...potentials.fourier import FourierMap
 from ...potentials.maps import PartialMap, SumMap
 from ...potentials.polynomial import PolynomialMap
 from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
+from ...studies.study_result import Study
 from ..text.parts import part_name
 
 _MOST_TERMS = 2000
@@ -94,6 +95,26 @@ def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
             for shape in shapes
         ],
     }
+
+
+def study_loop(study: Study) -> _Numbers | None:
+    """Collect the numbers for a visitor's own loop on the page of a study.
+
+    None also if a user-defined controller has a pane.
+    """
+    laws: dict[str, Strategy] = {
+        "pseudoinverse": Pseudoinverse(study.task),
+        "repeatable": study.design.inverse,
+    }
+    hidden = ("posture", "posture_off")
+    moved = {
+        row.key: row.motion
+        for row in study.rows
+        if row.motion is not None and row.key not in hidden
+    }
+    if not moved or not moved.keys() <= laws.keys():
+        return None
+    return own_loop(next(iter(moved.values())), [laws[key] for key in moved])
 
 
 def _finite(values: Array) -> list[float | None]:

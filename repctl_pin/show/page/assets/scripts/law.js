@@ -112,6 +112,14 @@ export class Law {
     return leastSolution(A, rows, n, b, L, x) > RANK;
   }
 
+  // The smallest sine of the angle between a row of J and those before it, where A was last solved; 0 where J loses rank.
+  sine() {
+    const { rows, L, chain: { m } } = this;
+    let least = 1;
+    for (let i = 0; i < m; i++) least = Math.min(least, L[i * rows + i] / Math.hypot(...L.subarray(i * rows, i * rows + i + 1)));
+    return least;
+  }
+
   // The leaf margin σ_min(Nᵀ V̂) where A was last solved: with A = L Q, the rows of V are C and D in Q's first and last rows.
   margin() {
     const { r, rows, L, chain: { m } } = this;

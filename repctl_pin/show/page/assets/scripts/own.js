@@ -15,6 +15,7 @@ const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
 const HOW = [["The dashed line closes the loop."]];
 const RACE = 4; // times the joint speed at the start, or times the limit at the study's speed, at which it stops
+const FLAT = 0.35; // part of the smallest sine between the rows of J at the start, below which it stops
 const BUDGET = 5; // ms of steps between two pictures
 
 export class Own {
@@ -23,7 +24,7 @@ export class Own {
     Object.assign(this, { arms, panes, scene, clock, extent, player, chain: new Chain(data), state: "study", points: null, lead: null, keys: false });
     this.laws = data.laws.map((parts) => Object.assign(new Law(this.chain, parts), { start: Float64Array.from(data.start) }));
     this.stride = this.chain.size / 250;
-    this.calm = this.laws.map((law) => quickest(law, data.start));
+    this.calm = this.laws.map((law) => ({ speed: quickest(law, data.start), sine: law.sine() }));
     this.texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
     this.rings = panes.frames.map((frame, k) => this.ring(frame, k));
     window.addEventListener("pointermove", (event) => this.move(event));
@@ -155,13 +156,13 @@ export class Own {
     const found = laws.map((law, k) => {
       const q = stepped(law, from.qs[k], next);
       if (!q) return { why: "That is out of reach." };
-      const { joint, margin } = chain.nearest(q), moved = q.map((v, i) => v - from.qs[k][i]), fast = chain.hurried(moved.map((v) => (v * chain.speed) / way)), leaf = law.margin(), { limit = Infinity, room = 1 } = from.worst[k];
+      const { joint, margin } = chain.nearest(q), moved = q.map((v, i) => v - from.qs[k][i]), fast = chain.hurried(moved.map((v) => (v * chain.speed) / way)), leaf = law.margin(), sine = law.sine(), { limit = Infinity, room = 1, sine: before = 1 } = from.worst[k];
       const why = margin < NEAR_LIMIT && margin < limit ? `${chain.names[joint]} is at its limit.` : fast.share > RACE ? `${chain.names[fast.joint]} would have to be faster than it can.`
-        : Math.hypot(...moved) > RACE * this.calm[k] * way ? "The arm comes near a singularity, where its joints would race."
+        : Math.hypot(...moved) > RACE * this.calm[k].speed * way || (sine < FLAT * this.calm[k].sine && sine < before) ? "The arm comes near a singularity, where its joints would race."
         : leaf < LEAST_MARGIN && leaf < room ? "The repeatable control is near a singularity." : "";
       chain.place(q);
       const off = Math.hypot(...law.chain.error(next, new Float64Array(chain.m)));
-      return { q, limit: margin, room: leaf, why: why || (off > 0.2 * this.stride + 1e-5 ? "That is out of reach." : "") };
+      return { q, limit: margin, room: leaf, sine, why: why || (off > 0.2 * this.stride + 1e-5 ? "That is out of reach." : "") };
     });
     const why = found.map((one) => one.why).find(Boolean) || "";
     if (!why) Object.assign(from, { qs: found.map(({ q }) => q), worst: found });
