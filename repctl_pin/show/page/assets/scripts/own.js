@@ -28,7 +28,7 @@ export class Own {
     this.texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
     this.rings = panes.frames.map((frame, k) => this.ring(frame, k));
     window.addEventListener("pointermove", (event) => this.move(event));
-    for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, (event) => { if (this.lead && event.pointerId === this.lead.id) this.letGo(); });
+    for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, (event) => { if (this.lead && event.pointerId === this.lead.id) { document.activeElement.blur(); this.letGo(); } });
     byId("again").addEventListener("click", () => this.repeat());
     byId("back").addEventListener("click", () => this.leave());
     byId("loop-csv").addEventListener("click", () => download(new Blob([this.csv()], { type: "text/csv" }), "loop.csv"));
@@ -45,7 +45,6 @@ export class Own {
     ring.addEventListener("pointerdown", (event) => {
       if (event.button) return;
       event.preventDefault();
-      ring.focus({ preventScroll: true });
       this.take(k, event.pointerId, this.at(k, event));
     });
     ring.addEventListener("keydown", (event) => this.key(k, event));
