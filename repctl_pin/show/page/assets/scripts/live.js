@@ -3,7 +3,7 @@
 import { tint } from "./chart.js";
 import { byId, element } from "./dom.js";
 import { inMetres, inWords } from "./numbers.js";
-import { Marker, Trail } from "./traces.js";
+import { cleared, Marker, Trail } from "./traces.js";
 
 const STEP = 0.01; // m a key press
 const MOST = 0.1; // m a message
@@ -11,6 +11,7 @@ const MOST = 0.1; // m a message
 // `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go by
 export function follow(arms, panes, scene, extent, shown) {
   const { camera } = panes.viewer, goals = arms.map((arm) => new Goal(arm, extent));
+  for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
   const trails = arms.map((arm) => ["tip", "elbow"].map(() => new Trail(arm.traces, arm.data.color)));
   const socket = new WebSocket(`ws://${location.host}/poses`), api = window.repctl;
   socket.binaryType = "arraybuffer";
