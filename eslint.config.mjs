@@ -1,6 +1,7 @@
 // The page's scripts: npx eslint repctl_pin/show/page/assets/scripts
 const browser = ["window", "document", "location", "performance", "MeshCat", "atob", "Blob", "Response", "TextDecoder",
-  "DecompressionStream", "ResizeObserver", "requestAnimationFrame", "getComputedStyle", "setTimeout", "WebSocket"];
+  "DecompressionStream", "ResizeObserver", "requestAnimationFrame", "getComputedStyle", "setTimeout", "WebSocket",
+  "cancelAnimationFrame", "navigator"];
 
 export default [{
   files: ["repctl_pin/show/page/assets/scripts/*.js"],

@@ -85,8 +85,7 @@ def parts(place: str) -> list[Any]:
     place
         ``study_design``: functions (design, seconds spent, say) → design, for a study's design;
         ``study_row``: functions row → row, for each strategy of a study;
-        ``problem``: a kind of design, and the function (design, start, path, plane) → problem;
-        ``live``: the class of the simulation that ``animate --live`` runs.
+        ``problem``: a kind of design, and the function (design, start, path, plane) → problem.
     """
     found = []
     for extension in all_extensions():

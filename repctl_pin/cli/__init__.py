@@ -43,7 +43,7 @@ _EXAMPLES = """examples:
   repctl audit joints.csv --robot my_arm.urdf   does a log creep?
   repctl check panda --weight inertia           is it repeatable? its drift
   repctl follow design.json --csv motion.csv    one cycle, ready for a robot
-  repctl animate panda --live                   both arms in the browser
+  repctl animate panda --path circle:0.1        both arms in the browser
   repctl export design.json --out folder        the same in C
   repctl relabel demos.csv panda                one configuration per pose
   repctl ros2 control.json --ros-args …         the same as a ROS 2 node

@@ -1,8 +1,7 @@
-"""``repctl animate``: write motions to an animation page, or show running controllers live."""
+"""``repctl animate``: write motions to an animation page."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from ..errors import InputError
 from ..files import write_whole, written_together
 from .given import Options, integer, positive
 from .options import Parser
-from .terminal import as_json, clear_line, progress, report, until_stopped
+from .terminal import progress, report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,10 +25,7 @@ HELP = (
 )
 EXAMPLE = """examples:
   repctl animate panda --motion motion.csv --only pseudoinverse,repeatable
-  repctl animate panda --live"""
-
-_RATE = 60.0
-"""Rate at which a live view is updated, Hz."""
+  repctl animate panda --path circle:0.1"""
 
 _Shown = tuple["rp.Task", "list[Playback]", "dict[str, Any]"]
 
@@ -66,30 +62,21 @@ def add_options(parser: Parser) -> None:
     add(
         "--seconds",
         type=positive,
-        help="time of one cycle, s (default: real time; with --live 4)",
+        help="time of one cycle, s (default: real time)",
     )
     add(
         "--out",
         metavar="FOLDER",
         help="folder of animation.html (default repctl-out/ROBOT)",
     )
-    live = (
-        "run both controllers in real time, in the browser of this machine, where keys move the "
-        "target"
-    )
-    add("--live", action="store_true", help=live)
-    add("--port", type=int, help="with --live: port of the page (default: a free one)")
-    add("--no-browser", action="store_true", help="with --live: only print the address")
     add("--json", action="store_true", help="print JSON instead of text")
 
 
 def run(options: Options) -> int:
-    """Write the animation page of motions; or run the controllers live until Ctrl-C."""
+    """Write the animation page of motions."""
     _check(options)
     say = progress(options.json)
     design = options.load_design() if options.saved else None
-    if options.live:
-        return _run_live(options, design, say)
     if design is None:
         folder = options.output_folder(Path(options.what).stem)
         task, tracks, more = (_from_study if options.motion is None else _from_csv)(
@@ -127,71 +114,6 @@ def _check(options: Options) -> None:
         raise InputError("--motion requires a robot, not a saved design")
     if options.motion is None and options.only is not None:
         raise InputError("--only requires --motion")
-    if not options.live and (options.port is not None or options.no_browser):
-        raise InputError("--port and --no-browser require --live")
-    for name in ("motion", "out", "cycles"):
-        if options.live and getattr(options, name) is not None:
-            raise InputError(f"--live and --{name} are mutually exclusive")
-
-
-def _run_live(
-    options: Options, design: rp.Design | None, say: Callable[[str], None]
-) -> int:
-    """Run both controllers of a design in real time, in the browser, until Ctrl-C or SIGTERM."""
-    from ..motion.loop import Loop
-    from ..plugins import parts
-
-    if design is None:
-        found = _study(options, say, cycles=1)
-        design = found.design
-        q0 = found.q0
-        path = found.path
-    else:
-        say("finding a path")
-        problem = options.problem_of(design)
-        q0, path = problem.start, problem.cycle
-    governed = parts("live") if design.task.coordinates is None else []
-    kind = (governed or [Loop])[0]
-    loop = kind(
-        [design.desired, design.inverse], path, q0, period=options.seconds or 4.0
-    )
-    with (
-        until_stopped() as stop,
-        rp.Viewer(
-            design.task, _names(design), path=path, start=q0, port=options.port or 0
-        ) as view,
-    ):
-        clear_line()
-        shown = {
-            "robot": design.task.robot.name,
-            "frame": design.task.frame,
-            "url": view.url,
-        }
-        print(
-            as_json(shown) if options.json else f"showing at {view.url} until Ctrl-C",
-            flush=True,
-        )
-        if not options.no_browser:
-            view.open()
-        before = due = time.monotonic()
-        cycles, phase = 0, loop.phase
-        while not stop.wait(max(0.0, due - time.monotonic())):
-            now = time.monotonic()
-            due = max(due + 1 / _RATE, now)
-            loop.run(min(now - before, 0.25), view.offset)
-            before = now
-            cycles = max(
-                0, cycles + round(phase - loop.phase)
-            )  # a whole one at the path's start
-            phase = loop.phase
-            view.show(
-                *loop.q,
-                before=loop.before,
-                out_of_reach=loop.out_of_reach,
-                target=loop.path_point + view.offset,
-                cycles=cycles,
-            )
-    return 0
 
 
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
@@ -243,6 +165,7 @@ def _from_design(
 
     Return the task, the two motions, and further arguments of :func:`playback_page`.
     """
+    from ..show.page.own_loop import own_loop
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
@@ -265,7 +188,12 @@ def _from_design(
         )
         for label, key, strategy in controls
     ]
-    return design.task, tracks, {"name": path.name, "paths": [path.points()]}
+    own = own_loop(tracks[0].motion, [design.desired, design.inverse])
+    return (
+        design.task,
+        tracks,
+        {"name": path.name, "paths": [path.points()], "own": own},
+    )
 
 
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
@@ -273,6 +201,7 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
 
     Return the task, the motions, and further arguments of :func:`playback_page`.
     """
+    from ..show.page.own_loop import study_loop
     from ..show.page.playback import playback_of
     from ..show.palette import COLOURS
 
@@ -283,7 +212,8 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
         for row in rows
         if row.motion is not None
     ]
-    return found.task, tracks, {"name": found.path.name, "paths": [found.path.points()]}
+    more = {"paths": [found.path.points()], "own": study_loop(found)}
+    return found.task, tracks, {"name": found.path.name, **more}
 
 
 def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..native import CHAIN, filled_struct
+from .model import frame_id, link_frames
 from .task import Task
 
 _MOST = 64
@@ -55,6 +56,63 @@ def joint_chain(task: Task) -> _JointChain:
         np.array([place.translation for place in places]),
         *joint_axes(model, joints),
         *joint_coupling(task, joints),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _JointTree:
+    """All N joints that a task moves, those beside its chain included, from the base outward.
+
+    Attributes
+    ----------
+    parents : (N,) array of int
+        Number of the joint before each, from 0; −1 if it is on the base.
+    R, p, axes, revolute, S, offset
+        As of :class:`_JointChain`, with N joints; R and p are relative to the joint before.
+    chain : (P,) array of int
+        Joints between base and frame.
+    R_frame, p_frame : (3, 3) and (3,) arrays
+        Placement of the frame on the last joint of the chain.
+    first : (n,) array of int
+        First joint of the chain that each entry of q drives.
+    riding : dict of str to int
+        Number of the joint on which each link rides; −1 if it is fixed to the base.
+    """
+
+    parents: NDArray[np.intp]
+    R: Array
+    p: Array
+    axes: Array
+    revolute: NDArray[np.bool_]
+    S: Array
+    offset: Array
+    chain: NDArray[np.intp]
+    R_frame: Array
+    p_frame: Array
+    first: NDArray[np.intp]
+    riding: dict[str, int]
+
+
+def joint_tree(task: Task) -> _JointTree:
+    """Extract the tree of the joints that a task moves; the robot's base is its root."""
+    model, drive = task.bodies_model()
+    frame = model.frames[frame_id(model, task.frame)]
+    joints = list(range(1, model.njoints))
+    places = [model.jointPlacements[j] for j in joints]
+    S = np.eye(task.n) if drive is None else drive.S
+    return _JointTree(
+        np.array([model.parents[j] - 1 for j in joints]),
+        np.array([place.rotation for place in places]),
+        np.array([place.translation for place in places]),
+        *joint_axes(model, joints),
+        S,
+        np.zeros(len(joints)) if drive is None else drive.offset,
+        np.array([j - 1 for j in model.supports[frame.parentJoint] if j > 0]),
+        frame.placement.rotation,
+        frame.placement.translation,
+        np.array([model.getJointId(task.model.names[j]) - 1 for j in task._first]),
+        {name: one.parentJoint - 1 for name, one in link_frames(model).items()},
     )
 
 

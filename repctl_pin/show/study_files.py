@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
 from ..studies.study_result import Study
+from .page.own_loop import study_loop
 from .page.playback import TracedChain, playback_of, playback_page
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
@@ -110,4 +111,5 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
         name=study.path.name,
         stopped=stopped,
         seconds=seconds,
+        own=study_loop(study),
     )

@@ -192,15 +192,6 @@ def test_cycles_are_counted_in_whole_numbers() -> None:
 # ---- animate -------------------------------------------------------------------------------------
 
 
-def test_live_options_need_live(tmp_path, monkeypatch, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    for option in (["--port", "8000"], ["--port", "0"], ["--no-browser"]):
-        assert "--port and --no-browser require --live" in refused(
-            capsys, "animate", "ppr", *option
-        )
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_strategies_are_chosen_by_key_or_by_label(
     tmp_path, monkeypatch, capsys
 ) -> None:

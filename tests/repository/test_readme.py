@@ -9,11 +9,9 @@ import json
 import re
 import shlex
 import shutil
-import urllib.request
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -66,7 +64,6 @@ WRITES = {
     "cell my_arm.urdf --half-width 0.05": {
         f"repctl-out/my_arm/cell.{end}" for end in ("html", "json", "png")
     },
-    "animate my_arm.urdf --live": set(),
     "robots": set(),
 }
 """The commands of "Your own arm", and the files that each should write."""
@@ -147,13 +144,10 @@ def run_in(
     printed = []
     for command in chain:
         before = stamps(folder)
-        if "--live" in command:
-            printed.append(serve_once(command, capsys))
-        else:
-            assert main(shlex.split(command)) == 0, command
-            text, complaints = capsys.readouterr()
-            assert complaints == "", command
-            printed.append(text)
+        assert main(shlex.split(command)) == 0, command
+        text, complaints = capsys.readouterr()
+        assert complaints == "", command
+        printed.append(text)
         after = stamps(folder)
         made = {name for name in after if after[name] != before.get(name)}
         assert made == written(printed[-1]) == WRITES[command], command
@@ -305,37 +299,6 @@ def stamps(folder: Path) -> dict[str, int]:
         for f in folder.rglob("*")
         if f.is_file()
     }
-
-
-def serve_once(command: str, capsys: pytest.CaptureFixture[str]) -> str:
-    """Run a ``--live`` command until its page was looked at; tests/show/test_live.py runs one in a
-    process of its own, and presses Ctrl-C."""
-    said: list[str] = []
-
-    def looked_at(_: float) -> bool:
-        """What the command waits for between two pictures: nothing, and then its end."""
-        if said:
-            return True
-        said.append(capsys.readouterr().out)
-        (url,) = re.findall(
-            r"^showing at (http://127\.0\.0\.1:\d+/) until Ctrl-C$",
-            said[0],
-            re.MULTILINE,
-        )
-        opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-        with opener.open(url, timeout=20) as answer:
-            page = answer.read().decode("utf-8")
-        assert page.startswith("<!DOCTYPE html>") and "my_arm" in page
-        assert page.rstrip().endswith("</html>")
-        return False
-
-    waiting = contextlib.nullcontext(SimpleNamespace(wait=looked_at))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("repctl_pin.cli.animate.until_stopped", lambda: waiting)
-        patch.setattr(rp.Viewer, "open", lambda _: None)  # where there is a screen
-        assert main(shlex.split(command)) == 0
-    assert tuple(capsys.readouterr()) == ("", "")
-    return said[0]
 
 
 def test_the_main_jobs_table_is_what_the_command_prints(

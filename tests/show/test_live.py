@@ -5,16 +5,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import signal
 import socket
-import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +22,6 @@ from browser import (
     picture_now,
     wait_until_drawn,
 )
-from commands import main, refused
 from page_file import Drawn, matrices, read
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketHandler, websocket_connect
@@ -62,24 +56,6 @@ def fetch(url: str, host: str | None = None) -> int:
             return answer.status
     except urllib.error.HTTPError as error:
         return error.code
-
-
-def listening(pid: int) -> set[str]:
-    """Local addresses on which a process listens, as Linux tells."""
-    links = [
-        os.readlink(link)
-        for link in Path(f"/proc/{pid}/fd").iterdir()
-        if link.is_symlink()
-    ]
-    sockets = {target[8:-1] for target in links if target.startswith("socket:[")}
-    rows = [
-        line.split()
-        for table in ("tcp", "tcp6")
-        for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]
-    ]
-    return {
-        row[1].partition(":")[0] for row in rows if row[3] == "0A" and row[9] in sockets
-    }
 
 
 async def connect(
@@ -246,164 +222,7 @@ def test_strangers_are_refused(task: rp.Task) -> None:
                 asyncio.run(connect(view, **stranger))
 
 
-# ---- the command --------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def design(task: rp.Task, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    potentials, region = rp.Polynomial(Q0, 1, 0.3), rp.Box(Q0, 0.3)
-    found = rp.nearest_repeatable(
-        rp.Pseudoinverse(task),
-        potentials,
-        region,
-        options=rp.FitOptions(samples=256, held_out=64),
-    )
-    return rp.save(found, tmp_path_factory.mktemp("live") / "design.json")
-
-
-LIVE = ("--path", "circle:0.15", "--plane", "xy", "--live")
-
-
-def test_the_command_leaves_nothing_behind(design: Path) -> None:
-    """A service manager's end, under nohup and with nobody who reads, a browser's connection
-    open; and no process of its own, which a SIGKILL would leave."""
-    command = [
-        sys.executable,
-        "-m",
-        "repctl_pin",
-        "animate",
-        design.name,
-        *LIVE,
-        "--json",
-        "--no-browser",
-    ]
-
-    process = subprocess.Popen(
-        command,
-        cwd=design.parent,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
-    )
-    try:
-        assert process.stdout is not None and process.stderr is not None
-        line = process.stdout.readline()
-        assert line, process.stderr.read()
-        port = port_of(json.loads(line)["url"])
-        if Path("/proc/self/net/tcp").exists():
-            assert listening(process.pid) == {"0100007F"}  # 127.0.0.1, and nothing else
-        if Path(f"/proc/self/task/{os.getpid()}/children").exists():
-            for thread in Path(f"/proc/{process.pid}/task").iterdir():
-                assert (thread / "children").read_text() == ""
-        process.stdout.close()
-        with socket.create_connection(("127.0.0.1", port)):
-            process.send_signal(signal.SIGHUP)
-            assert fetch(f"http://127.0.0.1:{port}/") == 200
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(timeout=20) == 0
-            assert process.stderr.read() == ""
-        assert not is_open(port)
-    finally:
-        process.kill()
-        process.wait()
-    assert [p.name for p in design.parent.iterdir()] == [
-        "design.json"
-    ]  # live writes no files
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="terminals are POSIX's")
-def test_nothing_is_left_when_its_terminal_is_closed(design: Path) -> None:
-    """A terminal of its own: when the window goes, its shell's programs are hung up on."""
-    import fcntl
-    import termios
-
-    def hung_up_on() -> None:
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
-        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-
-    window, terminal = os.openpty()
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "repctl_pin",
-            "animate",
-            design.name,
-            *LIVE,
-            "--json",
-            "--no-browser",
-        ],
-        cwd=design.parent,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        stdin=terminal,
-        stdout=subprocess.PIPE,
-        stderr=terminal,
-        text=True,
-        start_new_session=True,
-        preexec_fn=hung_up_on,
-    )
-    try:
-        os.close(terminal)
-        assert process.stdout is not None
-        port = port_of(json.loads(process.stdout.readline())["url"])
-        assert fetch(f"http://127.0.0.1:{port}/") == 200
-        os.close(window)
-        assert process.wait(timeout=20) == 0
-        assert not is_open(port)
-    finally:
-        process.kill()
-        process.wait()
-
-
-def test_ctrl_c_ends_the_loop(
-    design: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """As the signals above do; twice is once."""
-    number = signal.SIGINT
-    shown = rp.Viewer.show
-
-    def stopped(*given: Any, **more: Any) -> None:
-        shown(*given, **more)
-        signal.raise_signal(number)
-        signal.raise_signal(number)
-
-    monkeypatch.setattr(rp.Viewer, "show", stopped)
-    before = signal.signal(number, signal.SIG_DFL)
-    try:
-        assert main(["animate", str(design), *LIVE, "--no-browser", "--json"]) == 0
-        assert signal.getsignal(number) == signal.SIG_DFL
-    finally:
-        signal.signal(number, before)
-    captured = capsys.readouterr()
-    assert captured.err == "" and not is_open(port_of(json.loads(captured.out)["url"]))
-
-
-def test_what_does_not_go_with_live_is_refused(
-    design: Path, task: rp.Task, tmp_path: Path, monkeypatch, capsys
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for option in (["--motion", "m.csv"], ["--out", "there"], ["--cycles", "3"]):
-        why = f"--live and {option[0]} are mutually exclusive"
-        assert why in refused(capsys, "animate", "ppr", "--live", *option)
-    with rp.Viewer(task, ["a"]) as view:
-        port = str(port_of(view.url))
-        assert f"port {port}" in refused(
-            capsys, "animate", str(design), *LIVE, "--port", port
-        )
-    os.mkfifo(
-        tmp_path / "motion.csv"
-    )  # nobody writes to it: reading it would last for ever
-    assert "a device or a pipe" in refused(
-        capsys, "animate", "ppr", "--motion", "motion.csv"
-    )
-    assert [p.name for p in tmp_path.iterdir()] == ["motion.csv"]
-
-
-def test_a_real_browser_follows_the_loop(task: rp.Task, driver: Any) -> None:
+def test_a_real_browser_shows_the_poses(task: rp.Task, driver: Any) -> None:
     from selenium.webdriver.common.keys import Keys
 
     path = rp.circle(task, Q0, 0.15)

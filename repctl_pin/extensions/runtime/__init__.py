@@ -12,5 +12,4 @@ EXTENSION = Extension(
         "status": "Status",
     },
     commands={"export": "export_command"},
-    parts={"live": "governed_loop:GovernedLoop"},
 )

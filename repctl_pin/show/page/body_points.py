@@ -13,7 +13,11 @@ from ...motion.displacement import displacements
 
 
 def body_drift(
-    bodies: Sequence[Array], placements: Array, per_cycle: int
+    bodies: Sequence[Array],
+    placements: Array,
+    per_cycle: int,
+    *,
+    directions: int = 8,
 ) -> tuple[tuple[Array, ...], Array]:
     """Compute how far each body is displaced since the same moment of cycle 1.
 
@@ -25,6 +29,9 @@ def body_drift(
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle
         Number of samples of one cycle, including both ends.
+    directions
+        Number of directions in which the outermost corners are kept: 8, or 64, with which
+        displacements of other motions are within 1 %.
 
     Returns
     -------
@@ -39,13 +46,21 @@ def body_drift(
     first[per_cycle - 1 :: per_cycle] = 0
     off, which = displacements(placements[first], placements, bodies)
     kept = [
-        body[np.union1d(np.unique(which[:, s]), _outermost(body))]
+        body[np.union1d(np.unique(which[:, s]), _outermost(body, directions))]
         for s, body in enumerate(bodies)
     ]
     return tuple(kept), off
 
 
-def _outermost(body: Array) -> NDArray[np.intp]:
-    """Find the corners of a body, by index, that lie farthest in the eight diagonal directions."""
+def _outermost(body: Array, directions: int) -> NDArray[np.intp]:
+    """Find the corners of a body, by index, that lie farthest in some directions.
+
+    These are the eight diagonals, or as many points of Fibonacci's spiral on the sphere.
+    """
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
+    if directions > 8:
+        k = np.arange(directions) + 0.5
+        z, turn = 1 - 2 * k / directions, np.pi * (1 + 5**0.5) * k
+        ring = np.sqrt(1 - z**2)
+        ways = np.vstack([ways, np.c_[ring * np.cos(turn), ring * np.sin(turn), z]])
     return np.unique(np.argmax(body @ ways.T, axis=0))

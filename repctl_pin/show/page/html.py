@@ -43,7 +43,7 @@ from ..text.headline import Headline
 _SCRIPTS = (
     *("dom", "numbers", "viewer", "eye", "panes", "arm", "traces", "stage"),
     *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
-    *("live", "console", "main"),
+    *("law", "run", "sentence", "own", "live", "console", "main"),
 )
 """The modules of the page's script, each after the modules that it imports."""
 
@@ -103,12 +103,11 @@ def _templates() -> Environment:
 
 @cache
 def _script() -> str:
-    """Join the page's JavaScript modules into one script with one scope."""
+    """Join the page's JavaScript modules into one script with one scope, without comments."""
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
-    return '"use strict";\n' + re.sub(
-        r"(?m)^(import .*\n|export )", "", "\n".join(texts)
-    )
+    left_out = r"(?m)^(import .*\n|export |\s*//.*\n| +)"
+    return '"use strict";\n' + re.sub(left_out, "", "\n".join(texts))
 
 
 def _as_script(value: Any) -> str:

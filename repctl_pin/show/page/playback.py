@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -143,6 +144,7 @@ def playback_page(
     stopped: Sequence[str] = (),
     seconds: float | None = None,
     headline: Headline | None = None,
+    own: dict[str, Any] | None = None,
 ) -> str:
     """Write the HTML page of several motions, side by side.
 
@@ -163,6 +165,8 @@ def playback_page(
         unknown.
     headline
         Headline of the page; by default, which part has drifted, and how far.
+    own
+        Numbers for a visitor's own loop, see :func:`.own_loop.own_loop`.
     """
     sizes = {(track.cycles, len(track.Q)) for track in tracks}
     if len(sizes) != 1:
@@ -176,18 +180,18 @@ def playback_page(
     played = [[_played(chain, track) for chain in chains] for track in tracks]
     surfaces = read_surfaces(visuals.shapes)
     bodies = corners(visuals.shapes, surfaces)
-    own = frozenset().union(*(arm_links(chain.task) for chain in chains))
+    links = frozenset().union(*(arm_links(chain.task) for chain in chains))
     arms = [
-        _arm(chains, track, done, (visuals, bodies, own), frames)
+        _arm(chains, track, done, (visuals, bodies, links), frames, bool(own))
         for track, done in zip(tracks, played, strict=True)
     ]
     task = chains[0].task
     start = chains[0].task.from_robot(tracks[0].Q[0])
     most = np.max([arm.off[-1] for arm in arms], axis=0)
-    link, _ = farthest(visuals.shapes, most, own)
+    link, _ = farthest(visuals.shapes, most, links)
     if headline is None:
         summaries = [
-            _summary(chains, done, track, farthest(arm.shapes, arm.off[-1], own))
+            _summary(chains, done, track, farthest(arm.shapes, arm.off[-1], links))
             for done, track, arm in zip(played, tracks, arms, strict=True)
         ]
         headline = headline_of(summaries, cycles, stopped, hands=len(chains))
@@ -215,6 +219,7 @@ def playback_page(
         headline=headline,
         part=(link, part_name(task, start, link)),
         surfaces=surfaces,
+        own=own,
     )
 
 
@@ -230,10 +235,12 @@ def _arm(
     played: Sequence[JointMotion],
     drawn: tuple[Visuals, Sequence[Array], frozenset[str]],
     frames: Frames,
+    any_way: bool,
 ) -> Arm:
     """Make the arm of the page that shows one motion.
 
     ``drawn`` are the visuals, their corners, and the links of the arm, whose displacement counts.
+    ``any_way``: True if the page measures the displacement of other motions, too.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
@@ -241,7 +248,9 @@ def _arm(
         np.stack(points, axis=1)
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
     )
-    points, off = body_drift(bodies, placements, frames.per_cycle)
+    points, off = body_drift(
+        bodies, placements, frames.per_cycle, directions=64 if any_way else 8
+    )
     counts = [shape.link in own for shape in visuals.shapes]
     return Arm(
         track.label,

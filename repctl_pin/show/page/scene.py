@@ -195,6 +195,7 @@ def animation_page(
     headline: Headline = NO_HEADLINE,
     live: bool = False,
     names: Mapping[str, str] | None = None,
+    own: dict[str, Any] | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
 
@@ -224,6 +225,8 @@ def animation_page(
     names
         Display name of the part that each shape belongs to, by the name of the shape; only for live
         poses.
+    own
+        Numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; None without.
 
     Returns
     -------
@@ -233,7 +236,8 @@ def animation_page(
     commands, library, problems = record(shapes, surfaces)
     parts: list[Array] = []
     link, name = part
-    described = [_describe(arm, frames, library, link, parts) for arm in arms]
+    rides = np.array([bool(own and on and on[0] >= 0) for on in _links(own, arms[0])])
+    described = [_describe(arm, frames, library, link, rides, parts) for arm in arms]
     scene = {
         "title": title,
         "caption": caption,
@@ -247,6 +251,7 @@ def animation_page(
         "part": name,
         "names": dict(names or {}),
         "arms": described,
+        "own": own,
     }
     motion = [
         np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]
@@ -254,21 +259,29 @@ def animation_page(
     return page(scene, commands, motion, headline)
 
 
+def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
+    """List, for each shape, the joint on which its link rides; all None without a loop."""
+    return [None] * len(arm.shapes) if own is None else own["links"]
+
+
 def _describe(
     arm: Arm,
     frames: Frames,
     library: dict[Key, int],
     link: str,
+    rides: NDArray[np.bool_],
     parts: list[Array],
 ) -> dict[str, Any]:
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
+
+    Shapes that ``rides`` marks (S,) can move, although they may not in this motion.
 
     The arrays are the poses of M moving bodies (T, M, 7), tips and elbows (T, K, 3), the origin of
     a violation (T, 3), if there is one, and the points (P, 3) of each moving body.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
-    moving = moving_of(arm.placements)
+    moving = moving_of(arm.placements) | rides
     parts += [poses[:, moving], arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
     parts += [points for points, moves in zip(arm.points, moving, strict=True) if moves]

@@ -9,12 +9,12 @@ const SAME = 1e-4; // m, within which a body covers its ghost
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
     const T = MeshCat.THREE;
-    Object.assign(this, { data, motion, frames, perCycle, chains: data.chains, rows: [], moving: [], still: [], meshes: [], gain: 1 });
+    Object.assign(this, { data, chains: data.chains, rows: [], moving: [], still: [], meshes: [], gain: 1 });
     this.group = new T.Group();
     this.group.name = data.label;
-    for (const shape of data.shapes) {
+    data.shapes.forEach((shape, s) => {
       const body = shape.body === null ? {} : viewer.scene_tree.find(["library", String(shape.body), "<object>"]).object;
-      if (!body.isMesh) { if (!shape.pose) this.rows.push(null); continue; } // it could not be read
+      if (!body.isMesh) { if (!shape.pose) this.rows.push(null); return; } // it could not be read
       const mesh = new T.Mesh(body.geometry, shape.color === null ? copied(body.material) : paint(shape.color));
       mesh.quaternion.copy(body.quaternion);
       mesh.scale.fromArray(shape.scale); // its own node: the placement above it stays rigid
@@ -23,19 +23,16 @@ export class ArmView {
       mesh.plain = mesh.material;
       mesh.grey = shape.standing ? mesh.plain : paint([1, 1, 1, 1]);
       const place = new T.Group();
-      place.name = shape.name;
+      Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
       this.group.add(place);
       this.meshes.push(mesh);
       if (shape.pose) { setPose(place, shape.pose, 0); this.still.push(place); } else { this.moving.push(place); this.rows.push(place); }
-    }
+    });
     // where in the motion each series of numbers is
     this.stride = this.rows.length * 7;
-    let at = start;
-    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.chains], ["elbow", 3 * this.chains], ["mark", data.broken ? 3 : 0]]) {
-      this[name + "Start"] = at;
-      at += frames * width;
-    }
+    this.use({ data, motion, frames, perCycle }, start);
+    let at = this.end;
     // the points by which each moving body is measured
     this.corners = [];
     this.part = []; // numbers, in this.moving, of the bodies of the part that is pointed at
@@ -48,10 +45,24 @@ export class ArmView {
       if (data.part[s]) this.part.push(this.corners.length);
       this.corners.push(points);
     });
+    this.study = { run: this.run, start };
     this.end = at;
     this.makeGhost();
     viewer.scene.add(this.group);
   }
+
+  // Play this run from now on: its data and its numbers, in which the arm's begin at `start`.
+  use(run, start = 0) {
+    Object.assign(this, run, { run, end: start });
+    for (const [name, width] of [["body", this.stride], ["tip", 3 * this.chains], ["elbow", 3 * this.chains], ["mark", run.data.broken ? 3 : 0]]) {
+      this[name + "Start"] = this.end;
+      this.end += run.frames * width;
+    }
+    if (this.fan) { this.group.remove(this.fan); this.fan = null; }
+  }
+
+  // Point at the bodies of the part of this link from now on.
+  pointAt(isPart) { this.part = this.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : [])); }
 
   // Stand as at frame i, a part f on the way to frame i + 1.
   pose(i, f, rows = this.rows) {

@@ -9,7 +9,6 @@ export class Callouts {
     Object.assign(this, { panes, scene });
     this.sets = panes.arms.map((arm, k) => ({ arm, part: callout(panes.frames[k], ""), hand: callout(panes.frames[k], " hand") }));
     for (const { part } of this.sets) {
-      part.note.textContent = "from its place in cycle 1";
       part.value.widest = this.words(0.88e-3);
     }
   }
@@ -19,6 +18,7 @@ export class Callouts {
   // Say how far they are off now.
   say() {
     for (const { arm, part, hand } of this.sets) {
+      part.note.textContent = this.scene.leading ? "from the repeatable arm" : "from its place in cycle 1";
       const off = arm.partOff(), way = arm.handOff();
       part.value.textContent = this.words(off);
       part.value.className = tint(off);
@@ -31,13 +31,11 @@ export class Callouts {
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.
   place() {
-    const { panes } = this, { camera } = panes.viewer;
+    const { panes } = this;
     if (byId("panes").classList.contains("quiet")) return;
-    camera.updateMatrixWorld();
     this.sets.forEach(({ arm, part, hand }, k) => {
       const { width, height } = panes.place(k), label = panes.frames[k].firstChild, { beside } = panes;
-      const on = (p) => { const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height }; };
-      const at = on(arm.partCentre()), tip = on(arm.point("tip", 0, arm.now.frame, arm.now.f));
+      const at = panes.seen(k, arm.partCentre()), tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
       const end = label.offsetLeft + label.offsetWidth + 8;
       put(part, at, beside ? 8 : label.offsetTop + label.offsetHeight + 6, width, height, beside ? end : 8);
       put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8, at);

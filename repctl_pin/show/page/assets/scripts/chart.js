@@ -10,10 +10,9 @@ const NOTHING = 1e-6; // m, up to which no bar is drawn
 export class Chart {
   // `seek`: goes to the end of a shown cycle
   constructor(arms, scene, seek) {
-    const canvas = byId("chart"), last = scene.cycles.length;
+    const canvas = byId("chart");
     Object.assign(this, { arms, scene, canvas, gain: 1 });
-    canvas.setAttribute("aria-valuemax", scene.cycles[last - 1]);
-    canvas.addEventListener("click", ({ offsetX }) => seek(Math.min(last, Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)))));
+    canvas.addEventListener("click", ({ offsetX }) => { const last = scene.cycles.length; seek(Math.min(last, Math.max(1, Math.ceil(((offsetX - INSET) / (canvas.clientWidth - 2 * INSET)) * last)))); });
     this.values = arms.map(({ data }) => {
       const value = element("b");
       byId("readings").append(element("p", { class: "reading", style: `--arm: ${data.color}` }, element("span", { class: "chip" }), ` ${data.title}: `, value));
@@ -25,6 +24,7 @@ export class Chart {
   reserve() {
     const box = byId("readings"), { cycles } = this.scene;
     box.style.minWidth = "";
+    this.canvas.setAttribute("aria-valuemax", cycles.at(-1));
     const { values } = this, most = values.map(() => 0);
     for (const value of values) value.style.minWidth = "";
     const widths = [0, ...cycles.keys()].map((c, k) => {
@@ -32,6 +32,8 @@ export class Chart {
       values.forEach((value, i) => { most[i] = Math.max(most[i], value.offsetWidth); });
       return box.scrollWidth;
     });
+    if (this.scene.own) // numbers of any loop find room
+      values.forEach((value, i) => { value.textContent = "0.88 mm off"; most[i] = Math.max(most[i], value.offsetWidth); widths.push(box.scrollWidth); });
     values.forEach((value, i) => { value.style.minWidth = `${most[i] + 1}px`; });
     box.style.minWidth = `${Math.max(...widths)}px`;
   }

@@ -5,7 +5,7 @@ const END = 2, HOLD = 1.4; // s
 
 export class Clock {
   constructor(cycles, seconds, changed) {
-    Object.assign(this, { cycles, seconds, changed, time: cycles, playing: false, stepping: false, opening: false, speed: 1, rest: 0 });
+    Object.assign(this, { cycles, seconds, changed, time: cycles, playing: false, stepping: false, opening: false, speed: 1, rest: 0, done: null, ended() {} });
   }
 
   open() { Object.assign(this, { opening: true, stepping: true, playing: true }); this.changed(); }
@@ -13,10 +13,14 @@ export class Clock {
   // A hand is on it: the opening is over.
   hold() { if (this.opening) Object.assign(this, { opening: false, stepping: false }); }
 
+  // Go from here to the end, by the cycles' ends, and stay there.
+  finish(done) { Object.assign(this, { opening: false, stepping: true, playing: true, rest: 0, done }); this.changed(); }
+
   seek(time) { this.time = Math.min(Math.max(Number(time) || 0, 0), this.cycles); this.rest = 0; this.changed(); }
 
   play(on) {
     if (!on) this.hold();
+    if (this.done) Object.assign(this, { done: null, stepping: false });
     this.playing = on;
     this.changed();
   }
@@ -30,9 +34,14 @@ export class Clock {
   // Let this many seconds pass, however few pictures are drawn of them.
   pass(seconds) {
     if (!this.playing) return;
-    if (this.time >= this.cycles) {
+    if (this.time >= this.cycles && this.done) {
+      const { done } = this;
+      this.play(false);
+      done();
+    } else if (this.time >= this.cycles) {
       this.rest += seconds;
       if (this.rest < (this.opening ? END : HOLD)) return;
+      if (this.opening && this.opened) this.ended();
       if (this.opening && this.opened) Object.assign(this, { opening: false, stepping: false });
       this.opened = true;
       this.seek(0);

@@ -3,11 +3,11 @@
 import { byId } from "./dom.js";
 import { record, seen } from "./save.js";
 
-export function openConsole(api, { viewer, clock, view, arms, panes, still }) {
+export function openConsole(api, { viewer, clock, view, arms, panes, still, own }) {
   Object.defineProperties(api, { time: { get: () => clock.time }, playing: { get: () => clock.playing } });
   const place = (k, name) => arms[k].moving.find((node) => node.name === name) || arms[k].still.find((node) => node.name === name);
   Object.assign(api, {
-    viewer, cycles: clock.cycles,
+    viewer, own, cycles: clock.cycles,
     seek: (time) => clock.seek(time),
     set: view.set, turn: view.turn,
     play: () => clock.play(true),

@@ -3,9 +3,8 @@
 import { byId, element } from "./dom.js";
 
 // Gives a function that makes them say where time is: `done` cycles finished, and the part of the next.
-export function connect(clock, view, last) {
-  byId("scrub").max = clock.cycles;
-  if (clock.cycles > 1) for (let c = 0; c <= clock.cycles; c++) byId("ticks").append(element("i", { style: `left: ${(100 * c) / clock.cycles}%` }));
+export function connect(clock, view) {
+  rule(clock);
   const seek = (time) => { clock.play(false); clock.seek(time); };
   byId("play").addEventListener("click", () => clock.play(!clock.playing));
   byId("scrub").addEventListener("input", (event) => seek(event.target.value));
@@ -13,7 +12,7 @@ export function connect(clock, view, last) {
   byId("stepping").addEventListener("change", ({ target }) => { clock.step(target.checked); clock.play(true); });
   const keys = () => { byId("keys").showModal(); byId("keys").scrollTop = 0; };
   byId("help").addEventListener("click", keys);
-  document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
+  document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save", "loops"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
   byId("view").addEventListener("click", view.reset);
   byId("enlarge").addEventListener("click", ({ currentTarget }) => view.enlarge(currentTarget.getAttribute("aria-pressed") !== "true"));
   for (const name of ["traces", "ghost", "fan", "drift", "callouts"]) byId(`show-${name}`).addEventListener("change", (event) => view.set(name, event.target.checked));
@@ -32,7 +31,7 @@ export function connect(clock, view, last) {
   });
 
   return (done, part) => {
-    const inside = part > 0 && part < 1, words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
+    const { last } = clock, inside = part > 0 && part < 1, words = inside ? `cycle ${done + 1} of ${last}` : done ? `after ${done} of ${last}` : "start";
     document.body.classList.toggle("playing", clock.playing);
     byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;
@@ -40,4 +39,10 @@ export function connect(clock, view, last) {
     byId("scrub").value = clock.time;
     byId("scrub").setAttribute("aria-valuetext", inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words);
   };
+}
+
+// The slider's length and its marks.
+export function rule({ cycles }) {
+  byId("scrub").max = cycles;
+  byId("ticks").replaceChildren(...(cycles > 1 ? Array.from({ length: cycles + 1 }, (_, c) => element("i", { style: `left: ${(100 * c) / cycles}%` })) : []));
 }

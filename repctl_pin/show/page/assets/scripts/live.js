@@ -3,16 +3,16 @@
 import { tint } from "./chart.js";
 import { byId, element } from "./dom.js";
 import { inMetres, inWords } from "./numbers.js";
-import { Marker } from "./traces.js";
+import { cleared, Marker, Trail } from "./traces.js";
 
 const STEP = 0.01; // m a key press
 const MOST = 0.1; // m a message
-const LONGEST = 6000; // points of a trace
 
 // `shown`: draws the arms once they stand; `panes`: whose camera's axes the keys and the pointer go by
 export function follow(arms, panes, scene, extent, shown) {
   const { camera } = panes.viewer, goals = arms.map((arm) => new Goal(arm, extent));
-  const trails = arms.map((arm) => ["tip", "elbow"].map(() => new Trail(arm)));
+  for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
+  const trails = arms.map((arm) => ["tip", "elbow"].map(() => new Trail(arm.traces, arm.data.color)));
   const socket = new WebSocket(`ws://${location.host}/poses`), api = window.repctl;
   socket.binaryType = "arraybuffer";
   byId("verdict").textContent = "All start in one configuration. What is off is said after each cycle.";
@@ -91,28 +91,6 @@ class Goal {
     this.place = this.balls[0].node.position.fromArray(numbers, start);
     this.balls[1].node.position.copy(this.place);
     this.balls.forEach(({ node }, k) => { node.visible = Boolean(k) === away; });
-  }
-}
-
-// What a point leaves behind, as it comes; the oldest half is forgotten when there is no room.
-class Trail {
-  constructor(arm) {
-    const T = MeshCat.THREE;
-    this.geometry = new T.BufferGeometry();
-    this.points = new Float32Array(3 * LONGEST);
-    this.geometry.setAttribute("position", new T.BufferAttribute(this.points, 3));
-    this.count = 0;
-    const line = new T.Line(this.geometry, new T.LineBasicMaterial({ color: arm.data.color, transparent: true, opacity: 0.8 }));
-    line.frustumCulled = false;
-    if (!arm.traces) { arm.traces = new T.Group(); arm.group.add(arm.traces); }
-    arm.traces.add(line);
-  }
-
-  add(point) {
-    if (this.count === LONGEST) { this.points.copyWithin(0, (3 * LONGEST) / 2); this.count = LONGEST / 2; }
-    point.toArray(this.points, 3 * this.count++);
-    this.geometry.attributes.position.needsUpdate = true;
-    this.geometry.setDrawRange(0, this.count);
   }
 }
 

@@ -6,13 +6,15 @@ import { Callouts } from "./callouts.js";
 import { Chart, SCALE } from "./chart.js";
 import { Clock } from "./clock.js";
 import { openConsole } from "./console.js";
-import { connect } from "./controls.js";
+import { connect, rule } from "./controls.js";
 import { byId, forgetTones } from "./dom.js";
 import { follow } from "./live.js";
 import { inMetres } from "./numbers.js";
+import { Own } from "./own.js";
 import { printable, still } from "./paper.js";
 import { savable } from "./save.js";
 import { setStage } from "./stage.js";
+import { cleared } from "./traces.js";
 import { openViewer } from "./viewer.js";
 
 window.repctl = { ready: false, errors: [] };
@@ -57,39 +59,42 @@ async function main() {
     say("The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?", true);
     return;
   }
-  const { arms, leave, extent, eye, points, panes } = await setStage(viewer, scene), last = scene.arms[0].drift.length;
+  const { arms, paths, line, leave, extent, eye, points, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
 
   // ---- what is shown at each time
-  const cycles = scene.cycles.length, clock = new Clock(cycles, scene.seconds, () => show()), box = (name) => byId(`show-${name}`);
+  const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), { last: study.last }), box = (name) => byId(`show-${name}`);
   const chart = scene.live ? null : new Chart(arms, scene, (time) => { clock.play(false); clock.seek(time); });
   const callouts = scene.live ? null : new Callouts(panes, scene), wish = wishes();
-  let tell = () => {}, ways = scene.live ? [] : leave();
+  let tell = () => {}, ways = scene.live ? [] : leave(), own = null;
   function show() {
+    const { cycles } = clock, leading = own && own.lead;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
-      if (!scene.live || !api.received) arm.stand(cycle, part);
+      if (leading) arm.stand(1, 0); else if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
       if (arm.traces) arm.traces.visible = box("traces").checked;
       arm.showFan(box("fan").checked);
       arm.showDrift(box("drift").checked);
+      if (scene.live) continue;
+      const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
+      arm.notice.textContent = past ? arm.data.broken.words : "";
       if (!arm.past) continue;
-      const past = scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
       arm.past.node.visible = past;
       arm.mark(arm.past.node.position);
-      arm.notice.textContent = past ? arm.data.broken.words : "";
     }
-    if (scene.live) { viewer.set_dirty(); return; }
+    if (scene.live || leading) { if (leading) callouts.say(); viewer.set_dirty(); return; }
     for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.first, arm.now.f)); }
     chart.show(done, cycle, part);
     callouts.say();
     tell(done, part);
-    keep(clock, eye);
+    keep(clock, eye, own && own.points);
     viewer.set_dirty();
   }
   function resize() {
     panes.layout();
-    if (!eye.touched) eye.fit(points, panes.size);
-    if (chart) chart.reserve();
+    if (own) own.reserve();
+    if (!eye.touched && !(own && own.lead)) eye.fit(points, panes.size);
+    if (chart && !(own && own.lead)) chart.reserve();
     show();
   }
   const view = {
@@ -105,27 +110,52 @@ async function main() {
       show();
     },
   };
-  const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));
-  byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01);
-  tell = connect(clock, view, last);
+  const offer = () => { const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat())); byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01); };
+  offer();
+  tell = connect(clock, view);
+  // another run in the player, of a visitor's loop or of the study
+  function play(cycles, perCycle, seconds, runs, ways_) {
+    if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false);
+    arms.forEach((arm, k) => arm.use(...runs[k]));
+    Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
+    Object.assign(clock, { cycles: cycles.length, last: cycles.at(-1), seconds, time: cycles.length });
+    line(ways_);
+    ways = leave();
+    rule(clock);
+    offer();
+    chart.reserve();
+    show();
+  }
+  const player = {
+    clear() { line([]); for (const arm of arms) arm.traces = cleared(arm.group, arm.traces); },
+    play: (result) => play(Array.from({ length: result.cycles }, (_, c) => c + 1), result.perCycle, result.seconds, result.runs.map((one) => [one]), [result.path.map((p) => new MeshCat.THREE.Vector3(...p))]),
+    study() {
+      scene.part = study.part;
+      for (const arm of arms) arm.pointAt((s) => arm.data.part[s]);
+      play(study.cycles, study.perCycle, study.seconds, arms.map((arm) => [arm.study.run, arm.study.start]), paths);
+    },
+    show,
+  };
+  if (scene.own) own = new Own(scene.own, { arms, panes, scene, clock, extent, player });
   document.body.classList.toggle("live", Boolean(scene.live));
   if (scene.live) follow(arms, panes, scene, extent, show);
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   dark.addEventListener("change", () => { forgetTones(); panes.colour(); show(); });
   if (window.parent !== window) leaveTheWheel(viewer);
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
-  if (callouts) panes.drawn = () => callouts.place();
-  viewer.controls.addEventListener("end", () => keep(clock, eye));
+  if (callouts) panes.drawn = () => { callouts.place(); if (own) own.place(); };
+  viewer.controls.addEventListener("end", () => keep(clock, eye, own && own.points));
   savable(viewer, clock, scene.live);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
-  if (wish.time !== null) clock.time = Math.min(Math.max(wish.time, 0), cycles);
+  if (wish.time !== null) clock.time = Math.min(Math.max(wish.time, 0), clock.cycles);
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
   if (wish.view) eye.stand(wish.view);
+  if (own && wish.loop) own.open(wish.loop);
 
   run(clock, viewer, scene.live, resize);
-  openConsole(api, { viewer, clock, view, arms, panes, still: paper });
+  openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
   api.took = performance.now() - start;
   const problems = [...scene.problems, ...api.errors];
   say(problems.length ? `Not everything could be drawn; the motion is complete. ${problems.join(". ")}` : "", problems.length > 0);
@@ -133,7 +163,7 @@ async function main() {
   if (problems.length) setTimeout(() => { byId("notice").hidden = true; }, 12000);
   viewer.render();
   api.ready = true;
-  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && !wish.paused && wish.time === null && !scene.live) clock.open();
+  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches && !wish.paused && wish.time === null && !wish.loop && !scene.live) clock.open();
 }
 
 main().catch((error) => {

@@ -64,6 +64,19 @@ export class Panes {
     return { left, top, width, height };
   }
 
+  // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such a place, robot axes.
+  seen(k, p) {
+    const { width, height } = this.place(k), { camera } = this.viewer;
+    camera.updateMatrixWorld();
+    const v = new MeshCat.THREE.Vector3(p.x, p.z, -p.y).project(camera); // three's y is up
+    return { x: ((v.x + 1) / 2) * width, y: ((1 - v.y) / 2) * height };
+  }
+  sight(k, { x, y }) {
+    const { width, height } = this.place(k), T = MeshCat.THREE;
+    const at = (depth) => { const v = new T.Vector3((2 * x) / width - 1, 1 - (2 * y) / height, depth).unproject(this.viewer.camera); return new T.Vector3(v.x, -v.z, v.y); };
+    return new T.Ray(at(-1), at(1).sub(at(-1)).normalize());
+  }
+
   render() {
     const { renderer, scene, camera, controls } = this.viewer, tall = byId("panes").clientHeight;
     controls.update();

@@ -2,7 +2,7 @@
 
 import { byId, element, tone } from "./dom.js";
 
-const LEFT_OUT = "#tools, .track, #play, #notice, #keys, #paper, .unseen";
+const LEFT_OUT = "#tools, .track, #play, #notice, #own, .ring, #keys, #paper, .unseen";
 
 // Draw the page without its buttons on a canvas.
 export function seen(viewer, canvas = element("canvas"), scale = window.devicePixelRatio || 1) {
@@ -94,7 +94,7 @@ export function record(viewer, clock, seconds = Infinity) {
   return { stop, done };
 }
 
-function download(blob, name) {
+export function download(blob, name) {
   const link = element("a", { href: URL.createObjectURL(blob), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
@@ -103,9 +103,9 @@ function download(blob, name) {
 // The two buttons: a picture, and a film of the motion once through, or until it is pressed again.
 export function savable(viewer, clock, live) {
   const picture = byId("save-picture"), film = byId("save-film"), words = film.textContent;
-  const name = byId("title").textContent.replace(/[^\w.]+/g, "-").replace(/^-|-$/g, "") || "repctl";
+  const name = () => byId("title").textContent.replace(/[^\w.]+/g, "-").replace(/^-|-$/g, "") || "repctl";
   let filming = null;
-  picture.addEventListener("click", () => seen(viewer).toBlob((blob) => download(blob, `${name}.png`)));
+  picture.addEventListener("click", () => seen(viewer).toBlob((blob) => download(blob, `${name()}.png`)));
   if (typeof MediaRecorder === "undefined") { film.hidden = true; return; }
   film.addEventListener("click", async () => {
     if (filming) { filming.stop(); return; }
@@ -117,6 +117,6 @@ export function savable(viewer, clock, live) {
     clearInterval(over);
     filming = null;
     film.textContent = words;
-    download(blob, `${name}.${blob.type.endsWith("mp4") ? "mp4" : "webm"}`);
+    download(blob, `${name()}.${blob.type.endsWith("mp4") ? "mp4" : "webm"}`);
   });
 }

@@ -23,10 +23,11 @@ export async function setStage(viewer, scene) {
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
-  drawPaths(arms, paths, extent);
+  const line = (ways) => drawPaths(arms, ways, extent);
+  line(paths);
   const leave = () => drawWays(arms, scene, extent);
   const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
-  return { arms, leave, extent, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
+  return { arms, paths, line, leave, extent, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
 }
 
 // The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is

@@ -1,6 +1,7 @@
 // What stays behind: a tube along each point's way, drawn only as far as time has come.
 
 const SIDES = 6;
+const LONGEST = 6000; // points of a trail
 const THICK = 0.0026; // of a way, in parts of the picture's extent
 
 export class Trace {
@@ -79,28 +80,56 @@ export function driftShade(arm, scene) {
   };
 }
 
-// Each arm's path, and a mark where it goes beyond what it can do.
+// Take a group of lines from an arm, and put another in its place.
+export function cleared(parent, old) {
+  if (old) { parent.remove(old); old.traverse((node) => node.geometry && node.geometry.dispose()); }
+  const group = new MeshCat.THREE.Group();
+  parent.add(group);
+  return group;
+}
+
+// Each arm's path, in place of an earlier one, and a mark where it goes beyond what it can do.
 export function drawPaths(arms, paths, extent) {
   const thick = THICK * extent, ink = new MeshCat.THREE.Color("#6b7784");
   for (const arm of arms) {
-    for (const way of paths) if (way.length > 1) new Trace(arm.group, [way], 0.75 * thick, () => ink).show(1, 0);
-    if (arm.data.broken) arm.past = new Marker(arm.group, 14 * thick, "#e00020", 0.55);
+    arm.paths = cleared(arm.group, arm.paths);
+    for (const way of paths) if (way.length > 1) new Trace(arm.paths, [way], 0.75 * thick, () => ink).show(1, 0);
+    arm.past = arm.data.broken ? new Marker(arm.paths, 14 * thick, "#e00020", 0.55) : null;
   }
 }
 
 // The ways of each arm's tips and elbows, in place of earlier ones; as far from cycle 1 as the arm is drawn.
 export function drawWays(arms, scene, extent) {
-  const T = MeshCat.THREE, F = scene.perCycle, thick = THICK * extent, ways = [];
+  const F = scene.perCycle, thick = THICK * extent, ways = [];
   for (const arm of arms) {
-    const shade = driftShade(arm.data, scene), full = new T.Color(arm.data.color);
+    const shade = driftShade(arm.data, scene), full = new MeshCat.THREE.Color(arm.data.color);
     const point = (which, chain, c, i) => arm.drawn(which, chain, c * F + i, i === F - 1 ? 0 : i);
     const pieces = (which, chain) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));
-    if (arm.traces) { arm.group.remove(arm.traces); arm.traces.traverse((node) => node.geometry && node.geometry.dispose()); }
-    arm.traces = new T.Group();
-    arm.group.add(arm.traces);
+    arm.traces = cleared(arm.group, arm.traces);
     for (let chain = 0; chain < arm.chains && !scene.live; chain++)
       for (const [which, width, ball, tint] of [["tip", 1.35, 3.4, () => full], ["elbow", 1, 2.8, shade]])
         ways.push({ arm, which, chain, trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint), ball: new Marker(arm.traces, ball * thick, arm.data.color) });
   }
   return ways;
+}
+
+// What a point leaves behind, as it comes; the oldest half is forgotten when there is no room.
+export class Trail {
+  constructor(parent, color) {
+    const T = MeshCat.THREE;
+    this.geometry = new T.BufferGeometry();
+    this.points = new Float32Array(3 * LONGEST);
+    this.geometry.setAttribute("position", new T.BufferAttribute(this.points, 3));
+    this.count = 0;
+    const line = new T.Line(this.geometry, new T.LineBasicMaterial({ color, transparent: true, opacity: 0.8 }));
+    line.frustumCulled = false;
+    parent.add(line);
+  }
+
+  add(point) {
+    if (this.count === LONGEST) { this.points.copyWithin(0, (3 * LONGEST) / 2); this.count = LONGEST / 2; }
+    point.toArray(this.points, 3 * this.count++);
+    this.geometry.attributes.position.needsUpdate = true;
+    this.geometry.setDrawRange(0, this.count);
+  }
 }

@@ -1,0 +1,49 @@
+// What is said of a visitor's loop: as show/text/headline.py says it of a study.
+
+import { inMetres, inWords } from "./numbers.js";
+
+const SMALL = 0.01; // m, below which a part has hardly drifted
+const BACK = 1e-4; // m, below which it is back
+const TURNED = 0.1; // rad, from which a joint is named although no part is off
+
+// {sentence, notes, part} after so many cycles, in pieces [words, tone]; `plane`: whether the loop encloses anything.
+export function told(chain, arms, result, cycles, { encloses, turns }) {
+  const { runs } = result, k = cycles - 1, times = cycles === 1 ? "one cycle" : `${cycles} cycles`;
+  const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k])), most = worst.reduce((a, b) => (b.off > a.off ? b : a));
+  const joints = runs.map(({ turned }) => Math.max(...turned[k])), joint = chain.names[runs.flatMap(({ turned }) => [turned[k]]).reduce((a, b) => (Math.max(...b) > Math.max(...a) ? b : a)).reduce((b, v, i, all) => (v > all[b] ? i : b), 0)];
+  const under = (i) => (runs.length > 1 ? ` under ${arms[i].data.under}` : ""), listed = (say) => runs.flatMap((run, i) => [[i ? ", " : ""], say(i), [under(i)]]);
+  const back = worst.every(({ off }, i) => off < BACK && joints[i] < TURNED), said = [];
+  if (turns && !back) said.push([`Your loop winds around the axis of ${chain.axis.name}, so it need not close under any control. `]);
+  const lost = runs.flatMap(({ hand }, i) => (hand[k] > 1e-3 * chain.size ? [[`Under ${arms[i].data.under} the hand is not back after ${times} of your loop: `], [`${inMetres(hand[k])} off`, "bad"], [". "]] : []));
+  said.push(...(lost.length ? lost : [[`After ${times} of your loop the hand is back. `]]));
+  const name = /\d/.test(most.part) ? `${most.part} of the arm` : `the ${most.part}`, value = (i, unit) => {
+    const { off, part } = worst[i], zero = off < BACK;
+    return [`${inMetres(off)}${zero && i ? "" : unit}${zero || part === most.part ? "" : ` (${part})`}`.replaceAll(" ", "\u00a0"), toneOf(off)];
+  };
+  if (back && !encloses) said.push(["It went there and back the same way and encloses nothing: "], ["0", "good"], [" off."]);
+  else if (back) said.push(["So is every part of the arm: "], ["0", "good"], [" off."]);
+  else if (most.off >= SMALL) said.push([`${capital(name)} is not: `], ...listed((i) => value(i, " off")), ["."]);
+  else if (Math.max(...joints) >= TURNED) said.push([`The joint ${joint} is not: `], ...listed((i) => [joints[i] < 1e-5 ? "0" : `${inWords(Number(joints[i].toPrecision(2)))}\u00a0rad`, joints[i] >= TURNED ? "bad" : "good"]), ["."]);
+  else said.push([`${capital(name)} has hardly drifted: `], ...listed((i) => value(i, "")), ["."]);
+  return { sentence: said, notes: notesOf(arms, runs, cycles), part: most.part };
+}
+
+const toneOf = (off) => (off < BACK ? "good" : off >= SMALL ? "bad" : "");
+const capital = (words) => words[0].toUpperCase() + words.slice(1);
+
+// The part of an arm that is off most, and how far.
+function mostOff(chain, arm, off) {
+  const k = off.reduce((best, v, i) => (v > off[best] ? i : best), 0);
+  const place = off[k] > 0 ? arm.moving[k] : arm.moving.find(({ shape }) => chain.links[shape] && chain.links[shape][1]) || arm.moving[k];
+  return { off: off[k], part: chain.links[place.shape][1] || "hand" };
+}
+
+function notesOf(arms, runs, cycles) {
+  const cost = runs.at(-1).speed / runs[0].speed - 1, said = [];
+  if (runs.length > 1) said.push([Math.abs(cost) < 5e-4 ? "The repeatable one takes no more joint speed." : `The repeatable one takes ${Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0)}\u00a0% ${cost > 0 ? "more" : "less"} joint speed.`]);
+  const broken = runs.flatMap(({ data: { broken, under } }) => (broken && broken.cycle <= cycles ? [[` ${broken.name ? `${broken.name} leaves its range` : broken.words} in cycle ${broken.cycle} under ${under}.`, "bad"]] : []));
+  said.push(...(broken.length ? broken : [[" Joint limits kept."]]));
+  const margin = Math.min(...runs.map((run) => run.margin));
+  said.push([` Leaf margin ${margin.toFixed(2)} or more (1 is best, 0 singular). Collisions are not checked.`]);
+  return said;
+}

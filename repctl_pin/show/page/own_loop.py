@@ -1,0 +1,180 @@
+"""Numbers with which the animation page computes motions along a visitor's own loop.
+
+The page's ``law.js`` evaluates from them forward kinematics, J, and the two controls
+``q̇ = J⁺ ẋ`` and ``[J; Vᵀ] q̇ = [ẋ; 0]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...arguments import Array
+from ...model.arm_links import arm_links
+from ...model.joint_chain import joint_tree
+from ...model.length import arm_length
+from ...model.task import KINDS, Task
+from ...model.visuals import Visuals
+from ...motion import Motion, elbow
+from ...potentials.basis import Potentials
+from ...potentials.fourier import FourierMap
+from ...potentials.maps import PartialMap, SumMap
+from ...potentials.polynomial import PolynomialMap
+from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
+from ...studies.study_result import Study
+from ..text.parts import part_name
+
+_MOST_TERMS = 2000
+"""Maximum number of terms of potentials that a page evaluates: some 10 µs each time."""
+
+_Numbers = dict[str, Any]
+
+
+def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
+    """Collect the numbers for a visitor's own loop, in plain Python types.
+
+    Parameters
+    ----------
+    motion
+        A motion of the study; its start, period, speed and steps are those of the loop.
+    strategies
+        Controllers of the panes, in order.
+
+    Returns
+    -------
+    dict or None
+        None if a controller or a potential is user-defined, the chain starts at another ``base``,
+        or the potentials have too many terms: the page then has no ring.
+    """
+    task, q0 = motion.task, motion.q[0]
+    laws = [_law(strategy) for strategy in strategies]
+    if task.robot.base is not None or any(law is None for law in laws):
+        return None
+    tree, own = joint_tree(task), arm_links(task)
+    lower, upper, speed = task.joint_limits
+    shapes = Visuals.of(task.robot).shapes
+    names = {link: part_name(task, q0, link) for link in own}
+    joints = [
+        {
+            "parent": int(tree.parents[j]),
+            "R": tree.R[j].ravel().tolist(),
+            "p": tree.p[j].tolist(),
+            "axis": tree.axes[j].tolist(),
+            "turns": bool(tree.revolute[j]),
+            "S": tree.S[j].tolist(),
+            "offset": float(tree.offset[j]),
+        }
+        for j in range(len(tree.parents))
+    ]
+    return {
+        "kind": task.kind if task.kind in ("pose", "axis") else "position",
+        "rows": list(KINDS[task.kind]),
+        "joints": joints,
+        "chain": tree.chain.tolist(),
+        "frame": {"R": tree.R_frame.ravel().tolist(), "p": tree.p_frame.tolist()},
+        "elbow": int(tree.first[elbow(task, q0)]),
+        "first": tree.first.tolist(),
+        "laws": laws,
+        "start": q0.tolist(),
+        "steps": motion.steps,
+        "speed": motion.path.length * motion.cycles / float(motion.t[-1]),
+        "names": list(task.robot_joints),
+        "turns": task.robot.revolute[
+            [task.robot.joint_names.index(name) for name in task.robot_joints]
+        ].tolist(),
+        "T": None if task.coordinates is None else task.coordinates.T.tolist(),
+        "lower": _finite(lower),
+        "upper": _finite(upper),
+        "fastest": _finite(speed),
+        "size": arm_length(task, q0) or 1.0,
+        "axis": _first_axis(task),
+        "links": [
+            None if shape.standing else [tree.riding[shape.link], names.get(shape.link)]
+            for shape in shapes
+        ],
+    }
+
+
+def study_loop(study: Study) -> _Numbers | None:
+    """Collect the numbers for a visitor's own loop on the page of a study.
+
+    None also if a user-defined controller has a pane.
+    """
+    laws: dict[str, Strategy] = {
+        "pseudoinverse": Pseudoinverse(study.task),
+        "repeatable": study.design.inverse,
+    }
+    hidden = ("posture", "posture_off")
+    moved = {
+        row.key: row.motion
+        for row in study.rows
+        if row.motion is not None and row.key not in hidden
+    }
+    if not moved or not moved.keys() <= laws.keys():
+        return None
+    return own_loop(next(iter(moved.values())), [laws[key] for key in moved])
+
+
+def _finite(values: Array) -> list[float | None]:
+    """Convert limits to plain numbers; None stands for no limit."""
+    return [float(v) if np.isfinite(v) else None for v in values]
+
+
+def _first_axis(task: Task) -> _Numbers | None:
+    """Describe the axis of the first joint, around which a loop can wind; None if prismatic."""
+    if not task.revolute[0]:
+        return None
+    axis, origin = (
+        places(task.reference)[0] for places in (task.axes, task.joint_origins)
+    )
+    return {
+        "axis": axis.tolist(),
+        "origin": origin.tolist(),
+        "name": task.robot_joints[0],
+    }
+
+
+def _law(strategy: Strategy) -> list[_Numbers] | None:
+    """Describe a controller by its potentials, of which J⁺ has none; None if not possible."""
+    if type(strategy) is Pseudoinverse:
+        return []
+    if type(strategy) is not RepeatableInverse:
+        return None
+    parts = _potentials(strategy.potentials)
+    if parts is None:
+        return None
+    count = sum(len(part.get("terms", part.get("waves", ()))) for part in parts)
+    return parts if count <= _MOST_TERMS else None
+
+
+def _potentials(h: Potentials) -> list[_Numbers] | None:
+    """Describe potentials as a sum of polynomials and Fourier series; None for any others."""
+    if isinstance(h, SumMap):
+        found = [_potentials(part) for part in h.maps]
+        return (
+            None if None in found else [one for parts in found for one in parts or ()]
+        )
+    if isinstance(h, FourierMap):
+        return [
+            {name: getattr(h, name).tolist() for name in ("waves", "sines", "cosines")}
+        ]
+    joints = np.arange(h.n) if isinstance(h, PolynomialMap) else None
+    if isinstance(h, PartialMap):
+        h, joints = h.part, h.variables
+    if not isinstance(h, PolynomialMap) or joints is None:
+        return None
+    terms = [
+        [[i for i, power in enumerate(beta) for _ in range(power)], factors.tolist()]
+        for beta, factors in h.terms.items()
+        if any(beta)
+    ]
+    return [
+        {
+            "joints": joints.tolist(),
+            "center": h.center.tolist(),
+            "scale": h.scale.tolist(),
+            "terms": terms,
+        }
+    ]

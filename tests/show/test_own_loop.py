@@ -1,0 +1,282 @@
+"""A visitor's own loop on the page: its numbers against Python's, by node and in a real browser."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import asleep, errors, open_page, schemes, wait_until_drawn
+from page_file import read
+
+import repctl_pin as rp
+from repctl_pin.redundancy.augmented import leaf_margin
+from repctl_pin.redundancy.nullspace import nullspace
+
+LAW = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "law.js"
+NODE = shutil.which("node")
+
+EVALUATE = """
+import { Chain, Law, followed, pieces } from "./law.mjs";
+import { readFileSync } from "fs";
+const { own, Q, X, points } = JSON.parse(readFileSync(0)), chain = new Chain(own), laws = own.laws.map((parts) => new Law(chain, parts));
+const at = Q.map((q, k) => {
+  const A = new Float64Array(chain.m * chain.n);
+  chain.place(q);
+  chain.jacobian(A);
+  const p = [...chain.p], e = [...chain.error(chain.home, new Float64Array(chain.m))];
+  const v = laws.map((law) => { law.solve(q, X[k]); return [...law.x]; });
+  return { p, J: [...A], e, v, margin: laws.map((law) => law.margin()), h: laws.map((law) => [...law.levels(q)]) };
+});
+const way = pieces(points, own.speed, own.steps), n = chain.n;
+const ends = laws.map((law) => { const { Q, perCycle } = followed(law, own.start, way, 10); return Array.from({ length: 11 }, (_, c) => [...Q.slice(c * perCycle * n, (c * perCycle + 1) * n)]); });
+console.log(JSON.stringify({ at, ends }));
+"""  # noqa: E501
+
+
+def numbers(task: rp.Task, q0: Any, strategies: Sequence[Any]) -> dict[str, Any] | None:
+    """What the page of an animation with these controllers holds for own loops."""
+    from repctl_pin.show.page.own_loop import own_loop
+
+    path = rp.circle(task, q0, 0.05, normal=PLANES.get(task.kind, "xy"))
+    motion = rp.follow(strategies[0], path, q0, cycles=1, steps=400, period=3.0)
+    return own_loop(motion, strategies)
+
+
+PLANES = {"xz": "xz", "yz": "yz"}
+
+
+def drawn(task: rp.Task, q0: Any) -> np.ndarray:
+    """A closed loop of uneven corners, in the task's plane."""
+    rows = [row for row in task.rows if row < 3][:2]
+    turn = np.linspace(0, 2 * np.pi, 14)
+    points = np.tile(task.placement(q0).translation, (len(turn), 1))
+    points[:, rows[0]] += 0.06 * np.sin(turn) + 0.01 * np.sin(3 * turn)
+    points[:, rows[1]] += 0.05 * (1 - np.cos(turn))
+    points[-1] = points[0]
+    return points
+
+
+def arm(name: str) -> tuple[rp.Task, np.ndarray]:
+    robot, _, kind = name.partition(" ")
+    task = rp.Robot.load(robot).task(**({"kind": kind} if kind else {}))
+    q0 = task.reference.copy()
+    if robot.startswith("planar"):
+        q0 = np.linspace(0.3, 0.8, task.n)
+    return task, q0
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["planar3r xy", "ppr xy", "panda", "panda axis", "panda position", "kinova position"],
+)
+def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
+    """At random configurations, and after each of ten cycles of a loop."""
+    if NODE is None:
+        assert os.environ.get("CI") != "true", "node is not installed"
+        pytest.skip("node is not installed")
+    task, q0 = arm(name)
+    rng = np.random.default_rng(1)
+    if name == "panda axis":  # other coordinates, and waves of a few joints
+        T = np.eye(task.n) + np.diag(np.ones(task.n - 1), -1)
+        q0 = np.linalg.solve(T, q0)
+        task = task.in_coordinates(T)
+    basis = rp.Polynomial(q0, 2, 0.7)
+    if name in ("panda axis", "ppr xy"):
+        basis = rp.Polynomial(q0, 1, 0.7) + rp.Fourier(task.n, 1, variables=[0, 1])
+        basis = basis + rp.Polynomial(q0, 3, 0.7, variables=[task.n - 1])
+    N = nullspace(task.jacobian(q0))  # gradients near the null space, and bent
+    A = 0.05 * rng.normal(size=(basis.size, task.r))
+    A += np.linalg.lstsq(basis.gradients(q0[None])[0], N, rcond=None)[0]
+    control = rp.RepeatableInverse(task, basis.weighted(A))
+    laws = (rp.Pseudoinverse(task), control)
+    own = numbers(task, q0, laws)
+    assert own is not None and len(json.dumps(own)) < 20_000
+    Q = q0 + rng.uniform(-0.1, 0.1, (30, task.n))
+    X = rng.normal(size=(30, task.m))
+    points = drawn(task, q0)
+    (tmp_path / "law.mjs").write_text(LAW.read_text("utf-8"), "utf-8")
+    (tmp_path / "evaluate.mjs").write_text(EVALUATE, "utf-8")
+    given = {"own": own, "Q": Q.tolist(), "X": X.tolist(), "points": points.tolist()}
+    command = [NODE, str(tmp_path / "evaluate.mjs")]
+    done = subprocess.run(
+        command, input=json.dumps(given), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    start = task.placement(q0)
+    for q, x, at in zip(Q, X, found["at"], strict=True):
+        assert np.allclose(at["p"], task.placement(q).translation, atol=1e-12, rtol=0)
+        assert np.allclose(at["J"], task.jacobian(q).ravel(), atol=1e-12, rtol=0)
+        assert np.allclose(at["e"], task.error(q, start), atol=1e-12, rtol=0)
+        for law, v in zip(laws, at["v"], strict=True):
+            expected = law.velocity(q, x)
+            assert np.abs(v - expected).max() < 1e-11 * np.linalg.norm(expected)
+        V = control.potentials.gradient(q)
+        margin = leaf_margin(nullspace(task.jacobian(q)), V)
+        assert at["margin"][0] == 1 and at["margin"][1] == pytest.approx(
+            margin, abs=1e-6
+        )
+        # a constant is left out
+        assert np.allclose(
+            np.subtract(at["h"][1], found["at"][0]["h"][1]),
+            control.leaf(q) - control.leaf(Q[0]),
+            atol=1e-12,
+        )
+    path = rp.waypoints(points, start.rotation)
+    period = path.length / own["speed"]
+    for law, ends, most in zip(laws, found["ends"], (1e-6, 1e-8), strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=400, period=period)
+        assert np.abs(motion.q[:: motion.steps] - ends).max() < most
+
+
+def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
+    task, q0 = arm("planar3r xy")
+    plain = rp.Pseudoinverse(task)
+
+    class Mine:
+        def value(self, q: Any) -> Any:
+            return np.array([q[0]])
+
+        def gradient(self, q: Any) -> Any:
+            return np.eye(3)[:, :1]
+
+        def gradients(self, Q: Any) -> Any:
+            return np.tile(np.eye(3)[:, :1], (len(Q), 1, 1))
+
+    own = rp.RepeatableInverse(task, Mine())
+    custom = rp.CustomInverse(task, lambda q: np.linalg.pinv(task.jacobian(q)))
+    assert numbers(task, q0, [plain]) is not None
+    assert numbers(task, q0, [plain, own]) is None
+    assert numbers(task, q0, [custom, plain]) is None
+    for motions in (
+        {"mine": rp.follow(custom, rp.circle(task, q0, 0.1), q0, cycles=1)},
+    ):
+        scene, _, _ = read(rp.animation(motions).page)
+        assert scene["own"] is None
+
+
+# ---- in a browser --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def study() -> rp.Study:
+    return rp.study("planar3r", cycles=2, steps=100, degree=1)
+
+
+@pytest.fixture(scope="module")
+def page(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rp.animation(study).save(tmp_path_factory.mktemp("own") / "page.html")
+
+
+def hand(driver: Any) -> tuple[int, int]:
+    """Where the first ring is, after a picture has put it there."""
+    driver.execute_script("repctl.picture()")
+    ring = driver.find_element("class name", "ring").rect
+    assert ring["width"] == ring["height"] == 44
+    return round(ring["x"] + 22), round(ring["y"] + 22)
+
+
+def drag(driver: Any, way: Sequence[tuple[float, float]], kind: str) -> None:
+    """Take the ring by a real pointer, lead it along a way from there, px, and let go."""
+    from selenium.webdriver.common.actions.action_builder import ActionBuilder
+    from selenium.webdriver.common.actions.pointer_input import PointerInput
+
+    x, y = hand(driver)
+    actions = ActionBuilder(driver, mouse=PointerInput(kind, f"a {kind}"), duration=5)
+    actions.pointer_action.move_to_location(x, y).pointer_down()
+    for dx, dy in way:
+        actions.pointer_action.move_to_location(round(x + dx), round(y + dy))
+    actions.pointer_action.pointer_up()
+    actions.perform()
+
+
+def said(driver: Any) -> str:
+    return driver.execute_script(
+        "return document.getElementById('verdict').textContent"
+    )
+
+
+ARC = [(30 * (np.cos(a) - 1), 30 * np.sin(a)) for a in np.linspace(0, 5, 14)[1:]]
+
+
+@pytest.mark.parametrize("kind", ["mouse", "touch"])
+def test_a_loop_is_drawn_by_a_pointer(
+    driver: Any, page: Path, study: rp.Study, kind: str, tmp_path: Path
+) -> None:
+    """The page says after ten cycles what a study of its points says, and its address keeps it."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    boxes = (
+        "return JSON.stringify(['header', '#stage', 'footer', '#readings', '#tools'].map((name) =>"
+        " document.querySelector(name).getBoundingClientRect()))"
+    )
+    before = driver.execute_script(boxes)
+    drag(driver, ARC, kind)
+    assert driver.execute_script("return repctl.own.state") == "own"
+    assert said(driver).startswith("After one cycle of your loop the hand is back. ")
+    assert driver.execute_script("return repctl.time") == 1
+    assert driver.execute_script(boxes) == before, "nothing moves"
+    points = np.array(driver.execute_script("return repctl.own.points"))
+    assert len(points) <= 42 and np.array_equal(points[0], points[-1])
+    ends = driver.execute_script(
+        "const { result: { motions }, chain: { n } } = repctl.own; return motions.map(({ Q,"
+        "perCycle }) => Array.from({ length: 11 }, (_, c) => Array.from(Q.slice(c * perCycle * n,"
+        " (c * perCycle + 1) * n))))"
+    )
+    task, q0 = study.task, study.q0
+    path = rp.waypoints(points, task.placement(q0).rotation)
+    laws = (rp.Pseudoinverse(task), study.design.inverse)
+    for law, found, most in zip(laws, ends, (1e-6, 1e-8), strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=100)
+        assert np.abs(motion.q[:: motion.steps] - found).max() < most
+    if kind == "touch":
+        return
+    text = driver.execute_script("return repctl.own.csv()")
+    (tmp_path / "loop.csv").write_text(text, "utf-8")
+    problem = rp.Problem("planar3r", path=str(tmp_path / "loop.csv"), start=q0)
+    again = rp.animation(rp.study(problem, cycles=10, steps=100, degree=1)).page
+    (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', again)
+    told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
+    driver.execute_script("repctl.own.repeat(); repctl.seek(10)")
+    driver.execute_script("repctl.own.tell(10)")
+    assert said(driver).partition(". ")[2] == told != ""
+    address = driver.execute_async_script(
+        "const done = arguments[0]; repctl.pause(); setTimeout(() => done(location.href), 600)"
+    )
+    driver.get("about:blank")
+    with asleep(driver):
+        driver.get(address.replace("&t=10", ""))
+    wait_until_drawn(driver, "a shared loop")
+    assert driver.execute_script("return repctl.time") == 10
+    assert said(driver).partition(". ")[2] == told
+    assert errors(driver) == []
+
+
+def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None:
+    """A line there and back encloses nothing, which is said; Escape goes back to the study."""
+    from selenium.webdriver.common.keys import Keys
+
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    study = said(driver)
+    hand(driver)
+    ring = driver.find_element("class name", "ring")
+    ring.send_keys(Keys.ARROW_LEFT * 6 + Keys.ENTER)
+    assert "encloses nothing: 0 off" in said(driver)
+    ring.send_keys(Keys.ARROW_LEFT * 6 + Keys.ARROW_UP * 6 + Keys.ENTER)
+    assert "The elbow is not: " in said(driver) or "hardly drifted" in said(driver)
+    driver.find_element("id", "back").click()
+    assert said(driver) == study and driver.execute_script("return repctl.time") == 2
+    ring.send_keys(Keys.ARROW_UP * 40 + Keys.ARROW_UP * 60)
+    driver.execute_script("repctl.own.catchUp(); repctl.own.draw()")
+    assert "Go another way, or let go." in said(driver)
+    ring.send_keys(Keys.ESCAPE)
+    assert said(driver) == study and errors(driver) == []
