@@ -56,6 +56,14 @@ def _struct(
 CHAIN = _struct(ints="P n m kind", pointers="revolute rows R p axis S offset")
 """The struct Chain of chain.h: the serial chain of a task."""
 
+CHART = _struct(
+    ints="sector k removed keep_limits terms both",
+    doubles="radius height spin",
+    pointers="moved coordinate joint parent factor row column "
+    "p R sign origin basis turn center bounds scale lower upper weights",
+)
+"""The struct Chart of chart.h: a cell, and the chart of its function."""
+
 LAW = _struct(
     ("chain", ctypes.c_void_p),
     ints="stages steps r degree",
