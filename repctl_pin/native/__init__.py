@@ -79,6 +79,9 @@ CHART = _struct(
 )
 """The struct Chart of chart.h: a cell, and the chart of its function."""
 
+CHART_CALL = _struct(pointers="arm chart target leaf result")
+"""The struct ChartCall of chart_calls.c: the arguments of one thread."""
+
 LAW = _struct(
     ("arm", ctypes.c_void_p),
     ints="stages steps r degree",
