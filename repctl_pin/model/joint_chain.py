@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..native import CHAIN, filled_struct
+from ..native import ARM, filled_struct
 from .task import Task
 
 _MOST = 64
@@ -59,21 +59,48 @@ def joint_chain(task: Task) -> _JointChain:
 
 
 def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the struct :data:`CHAIN` of a task, and the arrays that it points to.
+    """Create the struct :data:`ARM` of a task without potentials, and the arrays it points to.
 
-    None if the chain has more than 64 joints, the most that chain.c has room for.
+    Its frames are turned so that each joint moves about or along its own z axis. None if the chain
+    has more than 64 joints, the most that arm.c has room for.
     """
-    joints = joint_chain(task)
-    if len(joints.axes) > _MOST:
+    chain = joint_chain(task)
+    joints = len(chain.axes)
+    if max(joints, task.n) > _MOST:
         return None
-    kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
+    B = np.array([np.eye(3), *map(_z_along, chain.axes), np.eye(3)])
+    back = B[:-1].swapaxes(1, 2)
+    lower, upper, _ = task.joint_limits
+    sizes = {"n": task.n, "m": task.m, "joints": joints}
+    coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
-        CHAIN,
-        {"revolute": joints.revolute, "rows": task.rows},
-        {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}
-        | {"axis": joints.axes},
-        {"P": len(joints.axes), "n": task.n, "m": task.m, "kind": kind},
+        ARM,
+        {"revolute": chain.revolute, "rows": task.rows},
+        {
+            "R": back @ chain.R @ B[1:],
+            "p": np.einsum("jik,jk->ji", back, chain.p),
+            "S": chain.S,
+            "offset": chain.offset,
+            "T": task.coordinate_matrix,
+            "lower": lower,
+            "upper": upper,
+        },
+        sizes
+        | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
+
+
+def _z_along(axis: Array) -> Array:
+    """Compute a rotation (3, 3) whose third column is a given unit vector.
+
+    Along the axes x, y and z, its entries are exactly 0, 1 and −1.
+    """
+    axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
+    k = int(np.argmax(np.abs(axis)))
+    other = np.eye(3)[(k + 1) % 3]
+    x = other - (other @ axis) * axis
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def joint_axes(

@@ -75,7 +75,7 @@ def compiled_steps(
         "most": most,
     }
     sizes = {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
-    sizes |= {"chain": ctypes.addressof(chain[0])}
+    sizes |= {"arm": ctypes.addressof(chain[0])}
     law, held = filled_struct(LAW, {}, reals | motion, sizes | scalars)
     return functools.partial(_run, native, law, [chain, held])
 

@@ -53,11 +53,26 @@ def _struct(
     return type("CStruct", (ctypes.Structure,), {"_fields_": members})
 
 
-CHAIN = _struct(ints="P n m kind", pointers="revolute rows R p axis S offset")
-"""The struct Chain of chain.h: the serial chain of a task."""
+PART = _struct(
+    ints="kind k count degree",
+    pointers="joint parent factor center scale wave weight chart",
+)
+"""The struct Part of arm.h: one term of a sum of potentials."""
+
+REGION = _struct(ints="count axes", pointers="center half axis position width chart")
+"""The struct Region of arm.h."""
+
+ARM = _struct(
+    ints="n m joints kind coupled parts",
+    pointers="revolute rows R p S offset T lower upper part region",
+)
+"""The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
+
+CALL = _struct(pointers="arm q xdot twist leaf limit target numbers result")
+"""The struct Call of calls.c: the arguments of one thread."""
 
 LAW = _struct(
-    ("chain", ctypes.c_void_p),
+    ("arm", ctypes.c_void_p),
     ints="stages steps r degree",
     doubles="gain sufficient",
     pointers="posture tensor center nodes weights xdot h most",
@@ -104,7 +119,8 @@ def filled_struct(
 ) -> tuple[Any, list[NDArray[np.generic]]]:
     """Create a C struct with pointers to arrays.
 
-    Returns the struct, and the list of these arrays, which must live as long as the struct.
+    Returns the struct, and the list of these arrays. The struct holds them by name as ``held``, so
+    they live as long as it does.
     """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {
@@ -114,4 +130,16 @@ def filled_struct(
         name: np.ascontiguousarray(values, float) for name, values in reals.items()
     }
     pointers = {name: values.ctypes.data for name, values in held.items()}
-    return struct(**scalars, **pointers), list(held.values())
+    made = struct(**scalars, **pointers)
+    made.held = dict(held)
+    return made, list(held.values())
+
+
+def point(made: Any, name: str, structs: list[Any]) -> None:
+    """Let the pointer ``name`` of a struct point to other structs, in a row in memory.
+
+    The struct holds them, as it does its arrays.
+    """
+    row = (type(structs[0]) * len(structs))(*structs)
+    setattr(made, name, ctypes.addressof(row))
+    made.held |= {name: structs, f"{name} in a row": row}

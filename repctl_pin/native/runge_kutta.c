@@ -7,10 +7,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "arm.h"
 #include "chain.h"
 
 typedef struct {
-  const Chain *chain;
+  const Arm *arm;
   int stages, steps;               /* of the method, of a cycle */
   int r, degree;                   /* potentials, 0 without; degree of their tensor */
   double gain, sufficient;         /* of the posture; the law's sufficient test of its rank */
@@ -21,9 +22,9 @@ typedef struct {
 } Law;
 
 static int least_speed(const Law *law, const double *q, const double *xdot, double *qdot) {
-  int n = law->chain->n, m = law->chain->m;
+  int n = law->arm->n, m = law->arm->m;
   double p[3], R[9], J[m * n], L[m * m], y[m], z[n], squares = 1, pivots = 1;
-  place(law->chain, q, p, R, J);
+  place(law->arm, q, p, R, (double(*)[n])J);
   for (int k = 0; k < n; k++) z[k] = law->gain * (law->posture[k] - q[k]);
   for (int i = 0; i < m; i++) { /* J J^T = L L^T, and L y = xdot - J z */
     y[i] = xdot[i];
@@ -54,7 +55,7 @@ static int least_speed(const Law *law, const double *q, const double *xdot, doub
 }
 
 static void gradients(const Law *law, const double *q, double *V_T) { /* r n */
-  int n = law->chain->n, w = n + 1, size = law->r;
+  int n = law->arm->n, w = n + 1, size = law->r;
   double z[w];
   z[0] = 1;
   for (int k = 1; k < w; k++) z[k] = q[k - 1] - law->center[k - 1];
@@ -71,9 +72,9 @@ static void gradients(const Law *law, const double *q, double *V_T) { /* r n */
 }
 
 static int on_leaf(const Law *law, const double *q, const double *xdot, double *x) {
-  int n = law->chain->n, m = law->chain->m;
+  int n = law->arm->n, m = law->arm->m;
   double p[3], R[9], A[n * n], square = 0;
-  place(law->chain, q, p, R, A);
+  place(law->arm, q, p, R, (double(*)[n])A);
   gradients(law, q, A + m * n);
   for (int i = 0; i < n; i++) x[i] = i < m ? xdot[i] : 0, square += x[i] * x[i];
   for (int i = 0; i < n * n; i++) square += A[i] * A[i];
@@ -85,18 +86,18 @@ static int on_leaf(const Law *law, const double *q, const double *xdot, double *
 
 /* Step from row `step` of Q on; return the first step that is not done. */
 EXPORT int runge_kutta_steps(const Law *law, int step, int end, double *Q, double *Qdot) {
-  int n = law->chain->n, m = law->chain->m, M = law->stages;
-  double slopes[M][n], at[n];
+  int n = law->arm->n, m = law->arm->m, stages = law->stages;
+  double slopes[stages][n], at[n];
   for (; step < end; step++) {
-    const double *q = Q + (long)step * n, *xdot = law->xdot + (long)(step % law->steps) * M * m;
+    const double *q = Q + (long)step * n, *xdot = law->xdot + (long)(step % law->steps) * stages * m;
     double *next = Q + (long)(step + 1) * n, h = law->h[step % law->steps];
-    for (int i = 0; i < M; i++) {
+    for (int i = 0; i < stages; i++) {
       for (int k = 0; k < n; k++) at[k] = i ? q[k] + h * law->nodes[i] * slopes[i - 1][k] : q[k];
       if (!(law->r ? on_leaf : least_speed)(law, at, xdot + i * m, slopes[i])) return step;
     }
     for (int k = 0; k < n; k++) {
       double sum = 0;
-      for (int i = 0; i < M; i++) sum += law->weights[i] * slopes[i][k];
+      for (int i = 0; i < stages; i++) sum += law->weights[i] * slopes[i][k];
       next[k] = q[k] + h * sum;
       if (!(fabs(next[k] - q[k]) < law->most[k])) return step;
     }

@@ -1,0 +1,61 @@
+"""The struct Arm of arm.h: a task, potentials, limits and a design region as tables for C."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..model.joint_chain import native_chain
+from ..model.task import Task
+from ..native import REGION, filled_struct, point
+from ..potentials.basis import Potentials
+from ..potentials.tables import native_parts
+from ..regions import Box, Tube, WorkspaceBox
+
+
+def native_arm(
+    task: Task, potentials: Potentials | None = None, region: Any = None
+) -> Any | None:
+    """Create the struct :data:`ARM` of a task with potentials and a region Ω.
+
+    None if C cannot hold the task (more than 64 joints) or the potentials (functions in Python).
+    """
+    made = native_chain(task)
+    if made is None:
+        return None
+    arm, _ = made
+    if potentials is not None:
+        parts = native_parts(potentials, task.n)
+        if parts is None:
+            return None
+        arm.parts = len(parts)
+        point(arm, "part", parts)
+    if region is not None:
+        point(arm, "region", [native_region(region, task)])
+    return arm
+
+
+def native_region(region: Any, task: Task) -> Any:
+    """Create the struct :data:`REGION` of a region, which may have its own ``native_region``.
+
+    Raises
+    ------
+    TypeError
+        If C has no such region.
+    """
+    if isinstance(region, Tube):
+        samples, half = region.samples, region.radius
+    elif isinstance(region, Box):
+        samples, half = region.center[None], region.half_width
+    elif isinstance(region, WorkspaceBox):
+        samples, half = region.within.center[None], region.within.half_width
+    elif hasattr(region, "native_region"):
+        return region.native_region()
+    else:
+        raise TypeError(type(region).__name__)
+    reals = {"center": samples, "half": half}
+    axes = []
+    if isinstance(region, WorkspaceBox):
+        axes = [int(axis) for axis in task.rows if axis < 3]
+        reals |= {"position": region.position, "width": region.half_width}
+    sizes = {"count": len(samples), "axes": len(axes)}
+    return filled_struct(REGION, {"axis": axes}, reals, sizes)[0]
