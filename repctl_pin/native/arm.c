@@ -306,7 +306,7 @@ SHARED int regular(const Arm *arm, double A[][N], int swap[]) {
 }
 
 /* Singular value decomposition A V = U S by one-sided Jacobi rotations: A becomes U S, V orthogonal. */
-static void decompose(const Arm *arm, double A[][N], double V[][N]) {
+SHARED void decompose(const Arm *arm, double A[][N], double V[][N]) {
   int turned = 1;
   (void)arm;
   for (int i = 0; i < N; i++)

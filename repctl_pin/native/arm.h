@@ -91,6 +91,7 @@ SHARED int finite(const double *x, int count);
 SHARED int factor(const Arm *arm, double A[][N], int swap[]);
 SHARED void solve(const Arm *arm, double LU[][N], const int swap[], double x[]);
 SHARED int regular(const Arm *arm, double A[][N], int swap[]);
+SHARED void decompose(const Arm *arm, double A[][N], double V[][N]);
 SHARED void damp(const Arm *arm, Factors *factors, double most);
 SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b[], double x[]);
 

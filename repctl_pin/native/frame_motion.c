@@ -119,7 +119,7 @@ static void course_shifted(const Arm *arm, const Course *start, const double phi
 }
 
 /* Convert a task velocity to one of the coordinates, 0 in those that the task does not have or the cell fixes. */
-SHARED void course_velocity(const Arm *arm, const Course *course, const double rate[], double way[6]) {
+SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[6]) {
   const double *R = course->place.R;
   for (int i = 0; i < 6; i++) way[i] = 0.0;
 #ifdef CHART
@@ -159,7 +159,7 @@ SHARED void course_way(const Arm *arm, const Course *course, const Pose *target,
   }
 #endif
   task_error(arm, course->place.p, course->place.R, target, e);
-  course_velocity(arm, course, e, way);
+  course_rates_of(arm, course, e, way);
 }
 
 /* Evaluate the task velocity per unit of each coordinate, E (M, 6). */
@@ -184,7 +184,7 @@ static void displacement(const Motion *motion, double t, double phi[6]) {
               + motion->C[1][i]) * t;
 }
 
-SHARED void motion_course(const Arm *arm, const Motion *motion, double t, Course *course) {
+SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Course *course) {
   double phi[6];
   displacement(motion, t, phi);
   course_shifted(arm, &motion->start, phi, course);

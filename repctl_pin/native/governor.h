@@ -77,10 +77,10 @@ SHARED int has_bounds(const Arm *arm);
 SHARED int course_holds(const Arm *arm, const Pose *target);
 SHARED void course_begin(const Arm *arm, const double q[], Course *course);
 SHARED void course_at(const Arm *arm, const double q[], Course *course);
-SHARED void course_velocity(const Arm *arm, const Course *course, const double rate[], double way[6]);
+SHARED void course_rates_of(const Arm *arm, const Course *course, const double rate[], double way[6]);
 SHARED void course_way(const Arm *arm, const Course *course, const Pose *target, double way[6]);
 SHARED void course_task_rates(const Arm *arm, const Course *course, double E[]);
-SHARED void motion_course(const Arm *arm, const Motion *motion, double t, Course *course);
+SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Course *course);
 SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[6], double rate[6]);
 SHARED void motion_begin(Motion *motion, const Course *start, const double twist[6], const double rate[6], double time);
 SHARED void motion_change(Motion *motion, const Course *start, const double twist[6], const double rate[6],
@@ -96,13 +96,13 @@ SHARED void piece_at(const Arm *arm, const Piece *piece, double t, double q[]);
 SHARED void piece_derivatives(const Arm *arm, const Piece *piece, double t, double qdot[], double qddot[]);
 SHARED void plan_at(const Arm *arm, const Plan *plan, double t, double q[]);
 SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[6], double rate[6]);
-SHARED void plan_course(const Arm *arm, const Plan *plan, double t, Course *course);
+SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *course);
 SHARED void plan_begin(const Arm *arm, Plan *plan, const Course *start, const double q[], const double qdot[]);
 SHARED int plan_append(const Arm *arm, Governor *g, Plan *plan, int table, int count);
 
 /* ---- configurations of targets ---- */
 
-SHARED int same_pose(const Pose *a, const Pose *b);
+SHARED int equal_poses(const Pose *a, const Pose *b);
 SHARED void look_for(const Arm *arm, Governor *g, const Pose *target);
 SHARED int is_there(const Arm *arm, Governor *g, const double q[]);
 SHARED double regularity(const Arm *arm, const double q[]);

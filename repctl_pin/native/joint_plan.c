@@ -123,12 +123,12 @@ SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[
   for (int i = 0; i < 6; i++) twist[i] = rate[i] = 0.0;
 }
 
-SHARED void plan_course(const Arm *arm, const Plan *plan, double t, Course *course) {
+SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *course) {
   *course = plan->start;
   for (int k = 0; k < plan->motions; k++) {
     const Motion *motion = &plan->motion[k];
     const double end = motion->begin + motion->duration;
-    motion_course(arm, motion, (t < end ? t : end) - motion->begin, course);
+    motion_course_at(arm, motion, (t < end ? t : end) - motion->begin, course);
     if (t <= end) return;
   }
 }
@@ -145,14 +145,11 @@ SHARED void plan_begin(const Arm *arm, Plan *plan, const Course *start, const do
 
 /* Solve f(q) = x, h(q) = c near q; return 0 without a solution inside the region. */
 static int solved_near(const Arm *arm, Governor *g, const Pose *target, double q[]) {
-  Options options;
-  defaults(arm, &options);
-  options.stay_inside = 0;
   g->outside = 0;
   for (int k = 0; k < 6; k++) {
     double x[N], size = 0.0;
     if (--g->left < 0) return 0;
-    if (take_step(arm, q, target, 1.0, NULL, g->leaf, &options, NULL, x) != OK) return 0;
+    if (take_step(arm, q, target, 1.0, NULL, g->leaf, NULL, NULL, x) != OK) return 0;
     for (int i = 0; i < N; i++) {
       if (!(fabs(x[i] - q[i]) <= size)) size = fabs(x[i] - q[i]);
       q[i] = x[i];
@@ -179,7 +176,7 @@ static int plan_interpolate(const Arm *arm, Governor *g, const Motion *motion, d
       for (int k = 0; k < j; k++) guess += NODE_AHEAD[table][j][k] * Q[k][i];
       Q[j][i] = guess + NODE_AHEAD[table][j][j] * ((end - begin) * plan->qdot[i]);
     }
-    motion_course(arm, motion, begin + NODE_SHARE[table][j] * (end - begin), &target);
+    motion_course_at(arm, motion, begin + NODE_SHARE[table][j] * (end - begin), &target);
     if (!solved_near(arm, g, &target.place, Q[j])) return 0;
   }
   for (int i = 0; i < N; i++) last[i] = Q[piece->degree][i];
