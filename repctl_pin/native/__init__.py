@@ -97,15 +97,19 @@ ARM = _struct(
 CALL = _struct(pointers="arm q xdot twist leaf limit target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
 
-GOVERNOR_CALL = _struct(
-    pointers="arm state limits target twist q result", doubles="dt"
-)
+GOVERNOR_CALL = _struct(pointers="arm state limits target twist q result", doubles="dt")
 """The struct GovernorCall of governor_calls.c: the arguments of one governor."""
 
-TORQUE_CALL = _struct(
-    pointers="arm q qdot inertia bias target twist leaf gains result"
-)
+TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains result")
 """The struct TorqueCall of governor_calls.c: the arguments of the torque law of one thread."""
+
+CHART = _struct(
+    ints="sector k removed keep_limits terms both",
+    doubles="radius height spin",
+    pointers="moved coordinate joint parent factor row column "
+    "p R sign origin basis turn center bounds scale lower upper weights",
+)
+"""The struct Chart of chart.h: a cell, and the chart of its function."""
 
 LAW = _struct(
     ("arm", ctypes.c_void_p),
