@@ -74,7 +74,7 @@ SHARED int rotation(const double R[9]) {
 
 /* Divide an angle in [0, pi] by its sine, given the square of the sine and the cosine, or both times a length; the
    quotient is then divided by that length. Below 30 degrees it is a polynomial in the square. */
-static double angle_per_sine(double square, double cosine) {
+SHARED double angle_per_sine(double square, double cosine) {
   const double length = square + cosine * cosine, z = square / length, zz = z * z;
   if (cosine > 0.0 && z < 0.25)
     return (1.0 + z * (0.1666666666666662 + z * 0.07500000000033673

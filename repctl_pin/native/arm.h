@@ -99,6 +99,7 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 
 SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]);
 SHARED int rotation(const double R[9]);
+SHARED double angle_per_sine(double square, double cosine);
 SHARED void task_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
 SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
 SHARED void potentials(const Arm *arm, const double q[], const double p[3], const double R[9], double J[][N],

@@ -249,3 +249,10 @@ SHARED void motion_land(Motion *motion, const Course *start, const double twist[
   }
 }
 
+/* Time beyond which the quintic to rest over the distance 1 overshoots: its last derivatives are 0, 0 and
+   (60 - 24 T speed - 3 T^2 a) / T^3. */
+SHARED double longest_landing(double speed, double a) {
+  const double root = 4.0 * speed * speed + 5.0 * a;
+  const double rate = root >= 0.0 ? 2.0 * speed + sqrt(root) : 0.0;
+  return rate > 0.0 ? 10.0 / rate : HUGE_VAL;
+}

@@ -48,6 +48,7 @@ static double arrival_speed(double distance, double a, double jerk, double lag) 
 
 /* Compute B x for a velocity x in the coordinates of the course. */
 static void joint_rates(const Arm *arm, const double *B, const double twist[6], double x[]) {
+  (void)arm;
   for (int i = 0; i < N; i++) {
     x[i] = 0.0;
     for (int a = 0; a < 6; a++) x[i] += B[i * 6 + a] * twist[a];
@@ -56,6 +57,7 @@ static void joint_rates(const Arm *arm, const double *B, const double twist[6], 
 
 /* B = G E. */
 static void joint_columns(const Arm *arm, const double *G, const double *E, double *B) {
+  (void)arm;
   for (int i = 0; i < N; i++)
     for (int b = 0; b < 6; b++) {
       B[i * 6 + b] = 0.0;
@@ -114,6 +116,7 @@ static void fastest_along(const Arm *arm, const Governor *g, const Now *now, con
 /* Compute the deceleration before a target and its largest rate of change, in shares of the joint displacement x. */
 static double braking_rate(const Arm *arm, const Governor *g, const Now *now, const double x[], double *jerk) {
   double a = HUGE_VAL;
+  (void)arm;
   *jerk = HUGE_VAL;
   for (int i = 0; i < N; i++) {
     const double size = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
@@ -145,14 +148,6 @@ static void closing_speed(const Arm *arm, const Now *now, const double x[], doub
 static double release_way(double speed, double a, double jerk) {
   const double t = a > 0.0 ? a / jerk : 0.0;
   return speed * t + a * t * t / 3.0;
-}
-
-/* Time beyond which the quintic to rest over the distance 1 overshoots: its last derivatives are 0, 0 and
-   (60 - 24 T speed - 3 T^2 a) / T^3. */
-static double longest_landing(double speed, double a) {
-  const double root = 4.0 * speed * speed + 5.0 * a;
-  const double rate = root >= 0.0 ? 2.0 * speed + sqrt(root) : 0.0;
-  return rate > 0.0 ? 10.0 / rate : HUGE_VAL;
 }
 
 /* Choose the derivative of the twist after the next stride, on the way to another twist. */
@@ -371,6 +366,7 @@ static int try_landing(const Arm *arm, Governor *g, const Now *now, const double
 
 /* Tell whether joint speeds are negligible. */
 static int is_slow(const Arm *arm, const Governor *g, const double x[]) {
+  (void)arm;
   for (int i = 0; i < N; i++)
     if (!(fabs(x[i]) <= 1e-6 * g->limits.velocity[i])) return 0;
   return 1;
@@ -453,6 +449,7 @@ static int other_way(const Arm *arm, Governor *g, const Pose *target, int rests)
 /* Count the plans without progress. */
 static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status) {
   int slow = status == LIMIT || status == OUTSIDE || status == SINGULAR;
+  (void)arm;
   for (int i = 0; i < N; i++)
     if (!(fabs(now->qdot[i]) < 0.02 * g->limits.velocity[i])) slow = 0;
   g->stuck = slow ? g->stuck + 1 : 0;

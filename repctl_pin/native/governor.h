@@ -88,6 +88,7 @@ SHARED void motion_change(Motion *motion, const Course *start, const double twis
 SHARED void motion_brake(Motion *motion, const Course *start, const double twist[6], const double rate[6], double time);
 SHARED void motion_land(Motion *motion, const Course *start, const double twist[6], const double rate[6],
                         const double way[6], double time);
+SHARED double longest_landing(double speed, double a);
 
 /* ---- plans of the joints ---- */
 

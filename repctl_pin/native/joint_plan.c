@@ -77,6 +77,7 @@ static const int NODE_DEGREE[2] = {4, DEGREE};
 
 SHARED void piece_at(const Arm *arm, const Piece *piece, double t, double q[]) {
   const double u = (2.0 * t - (piece->begin + piece->end)) / (piece->end - piece->begin);
+  (void)arm;
   for (int i = 0; i < N; i++) q[i] = piece->C[piece->degree][i];
   for (int k = piece->degree - 1; k >= 0; k--)
     for (int i = 0; i < N; i++) q[i] = q[i] * u + piece->C[k][i];
@@ -86,6 +87,7 @@ SHARED void piece_derivatives(const Arm *arm, const Piece *piece, double t, doub
   const double scale = 2.0 / (piece->end - piece->begin);
   const double u = (2.0 * t - (piece->begin + piece->end)) / (piece->end - piece->begin);
   const int d = piece->degree;
+  (void)arm;
   for (int i = 0; i < N; i++) {
     double first = d * piece->C[d][i], second = d * (d - 1) * piece->C[d][i];
     for (int k = d - 1; k > 0; k--) {
@@ -134,6 +136,7 @@ SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *c
 }
 
 SHARED void plan_begin(const Arm *arm, Plan *plan, const Course *start, const double q[], const double qdot[]) {
+  (void)arm;
   plan->start = *start;
   plan->motions = plan->pieces = plan->lands = 0;
   plan->time = 0.0;

@@ -81,6 +81,7 @@ SHARED void look_for(const Arm *arm, Governor *g, const Pose *target) {
 /* Tell whether the joints at a target are those of the target; if not, take the way there. */
 SHARED int is_there(const Arm *arm, Governor *g, const double q[]) {
   const Line *line = &g->line;
+  (void)arm;
   for (int i = 0; line->found && i < N; i++)
     if (!(fabs(q[i] - line->q[i]) <= 1e-7)) g->by_joints = 1;
   return line->known && !g->by_joints;
@@ -104,6 +105,7 @@ SHARED double regularity(const Arm *arm, const double q[]) {
 
 /* Remove from x its parts along V[0], V[1], ..., which are orthonormal. */
 static void project(const Arm *arm, double V[][N], int count, double x[]) {
+  (void)arm;
   for (int k = 0; k < count; k++) {
     double part = 0.0;
     for (int i = 0; i < N; i++) part += V[k][i] * x[i];

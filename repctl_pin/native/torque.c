@@ -9,6 +9,7 @@
 
 static int usable_gains(const Arm *arm, const Gains *gains) {
   const double numbers[4] = {gains->damping, gains->leaf_frequency, gains->leaf_damping, gains->observer_rate};
+  (void)arm;
   for (int i = 0; i < M; i++)
     if (!(gains->stiffness[i] > 0.0 && gains->stiffness[i] < HUGE_VAL)) return 0;
   for (int i = 0; i < N; i++)
@@ -20,6 +21,7 @@ static int usable_gains(const Arm *arm, const Gains *gains) {
 
 /* Compute y = A x. */
 static void multiply(const Arm *arm, double A[][N], const double x[], double y[]) {
+  (void)arm;
   for (int i = 0; i < N; i++) {
     y[i] = 0.0;
     for (int k = 0; k < N; k++) y[i] += A[i][k] * x[k];
@@ -52,6 +54,7 @@ static void curvature(const Arm *arm, const double q[], const double qdot[], dou
 
 /* Factor a symmetric H = L L^T; return 0 if H is not symmetric and positive definite. */
 static int cholesky(const Arm *arm, const double H[], double L[][N]) {
+  (void)arm;
   for (int i = 0; i < N; i++)
     for (int j = 0; j <= i; j++) {
       const double other = H[j * N + i];

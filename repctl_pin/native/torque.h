@@ -6,8 +6,11 @@
 #include "arm.h"
 
 #ifndef EXPORTED
+#define MOST_M MOST_N
+
+/* Gains of the torque law. */
 typedef struct {
-  double stiffness[MOST_N];      /* M: of the end effector, one per row of J, N/m and Nm/rad, above 0 */
+  double stiffness[MOST_M];      /* K of the end effector, one per row of J, N/m and Nm/rad, above 0 */
   double damping;                /* damping ratio of the end effector; 1 is critical */
   double leaf_frequency;         /* natural frequency of the return to the leaf, rad/s */
   double leaf_damping;           /* damping ratio of the return to the leaf */

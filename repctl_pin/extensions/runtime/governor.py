@@ -258,7 +258,9 @@ class Governor:
         """
         self._check_started()
         if target is not None and twist is not None:
-            raise InputError("target and twist are mutually exclusive; give one of them")
+            raise InputError(
+                "target and twist are mutually exclusive; give one of them"
+            )
         given = 0
         if target is not None:
             self._target[:] = as_placement(target).homogeneous
