@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array
 from ...motion.limits import Limits, presumed_acceleration
-from ...motion.loop import STEP, Loop
+from ...motion.loop import Loop
 from ...paths.task_path import TaskPath
 from ...strategies import Strategy
 from ...strategies.repeatable import RepeatableInverse
@@ -42,8 +42,6 @@ class GovernedLoop(Loop):
     period
         Period, s.
     """
-
-    tick = 4 * STEP  # a plan takes some milliseconds in Python
 
     def __init__(
         self,
