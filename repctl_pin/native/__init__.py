@@ -71,6 +71,17 @@ ARM = _struct(
 CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
 
+CHART = _struct(
+    ints="sector k removed keep_limits terms both",
+    doubles="radius height spin",
+    pointers="moved coordinate joint parent factor row column "
+    "p R sign origin basis turn center bounds scale lower upper weights",
+)
+"""The struct Chart of chart.h: a cell, and the chart of its function."""
+
+CHART_CALL = _struct(pointers="arm chart target leaf result")
+"""The struct ChartCall of chart_calls.c: the arguments of one thread."""
+
 LAW = _struct(
     ("arm", ctypes.c_void_p),
     ints="stages steps on_leaf",

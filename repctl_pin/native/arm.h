@@ -9,6 +9,7 @@
 #define REPCTL_ARM_H
 
 #ifndef EXPORTED
+#define CHART /* potentials of a cell, and a cell as region: chart.c */
 #define EXPORT __attribute__((visibility("default")))
 #define SHARED /* a function that several files of the library call */
 #define N (arm->n)
@@ -105,12 +106,18 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 /* ---- the arm at q ---- */
 
 SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]);
+SHARED double angle_per_sine(double square, double cosine);
 SHARED int rotation(const double R[9]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED void task_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
 SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
 SHARED void potentials(const Arm *arm, const double q[], const double p[3], const double R[9], double J[][N],
                        double h[], double V[][N]);
+#ifdef CHART
+SHARED void add_cell_potentials(const Arm *arm, const struct Chart *chart, const double q[], const double p[3],
+                                const double R[9], double J[][N], double h[], double V[][N]);
+SHARED int in_cell(const Arm *arm, const struct Chart *chart, const double p[3], const double R[9]);
+#endif
 SHARED int within_limits(const Arm *arm, const double q[]);
 
 /* ---- the control law; each returns OK, SINGULAR, BAD_NUMBER or OUTSIDE, and writes its results only with OK ---- */
