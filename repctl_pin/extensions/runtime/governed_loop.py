@@ -14,8 +14,7 @@ from ...motion.loop import STEP, Loop
 from ...paths.task_path import TaskPath
 from ...strategies import Strategy
 from ...strategies.repeatable import RepeatableInverse
-from .governor import Governor
-from .status import BLOCKED
+from .governor import BLOCKED, Governor
 
 _RUN_UP = 0.4
 """Time before the start of the path at which the simulation begins, s; within it, the governor
