@@ -90,11 +90,11 @@ REGION = _struct(ints="count axes", pointers="center half axis position width ch
 
 ARM = _struct(
     ints="n m joints kind coupled parts",
-    pointers="revolute rows R p S offset T lower upper part region",
+    pointers="revolute bent rows R p S offset T lower upper part region",
 )
 """The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
 
-CALL = _struct(pointers="arm q xdot twist leaf limit target numbers result")
+CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
 
 GOVERNOR_CALL = _struct(pointers="arm state limits target twist q result", doubles="dt")
@@ -111,11 +111,14 @@ CHART = _struct(
 )
 """The struct Chart of chart.h: a cell, and the chart of its function."""
 
+CHART_CALL = _struct(pointers="arm chart target leaf result")
+"""The struct ChartCall of chart_calls.c: the arguments of one thread."""
+
 LAW = _struct(
     ("arm", ctypes.c_void_p),
-    ints="stages steps r degree",
-    doubles="gain sufficient",
-    pointers="posture tensor center nodes weights xdot h most",
+    ints="stages steps on_leaf",
+    doubles="gain",
+    pointers="posture nodes weights xdot h most",
 )
 """The struct Law of runge_kutta.c: a control law, and the motion that it makes."""
 

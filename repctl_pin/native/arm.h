@@ -9,6 +9,7 @@
 #define REPCTL_ARM_H
 
 #ifndef EXPORTED
+#define CHART /* potentials of a cell, and a cell as region: chart.c */
 #define EXPORT __attribute__((visibility("default")))
 #define SHARED /* a function that several files of the library call */
 #define N (arm->n)
@@ -34,6 +35,12 @@ typedef struct {
 typedef struct {
   double damping, slowed; /* lambda used, 0 if none; factor of the speed limits, 1 if none */
 } Report;
+#endif
+
+#if defined(EXPORTED) && defined(__GNUC__) && !defined(__clang__)
+#define UNROLLED _Pragma("GCC unroll 16")
+#else
+#define UNROLLED
 #endif
 
 #define WHOLE_STEP (-1.0)
@@ -65,7 +72,8 @@ typedef struct {
 
 typedef struct {
   int n, m, joints, kind, coupled, parts;
-  const int *revolute, *rows;   /* joints, M: coordinates of the position */
+  const int *revolute, *bent;   /* joints; the placement after the joint turns: 1 about its x alone, 2 by 90 degrees */
+  const int *rows;              /* M: coordinates of the position */
   const double *R, *p;          /* joints + 1 9, joints + 1 3: placements after each joint, which moves along its z */
   const double *S, *offset;     /* joints N, joints: joints of the chain = S q + offset, if coupled; else q */
   const double *T;              /* N N: joints of the robot = T q */
@@ -98,12 +106,18 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 /* ---- the arm at q ---- */
 
 SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]);
+SHARED double angle_per_sine(double square, double cosine);
 SHARED int rotation(const double R[9]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED void task_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
 SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
 SHARED void potentials(const Arm *arm, const double q[], const double p[3], const double R[9], double J[][N],
                        double h[], double V[][N]);
+#ifdef CHART
+SHARED void add_cell_potentials(const Arm *arm, const struct Chart *chart, const double q[], const double p[3],
+                                const double R[9], double J[][N], double h[], double V[][N]);
+SHARED int in_cell(const Arm *arm, const struct Chart *chart, const double p[3], const double R[9]);
+#endif
 SHARED int within_limits(const Arm *arm, const double q[]);
 
 /* ---- the control law; each returns OK, SINGULAR, BAD_NUMBER or OUTSIDE, and writes its results only with OK ---- */

@@ -245,9 +245,13 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
 
 /* ---- the chart ---- */
 
+typedef double One;
+
+#define Number One
 #define LANES 1
+#define LANED(name) name##_of_one
 #include "chart_lanes.h"
-#undef LANES
+#undef Number
 
 /* u (k) of y, and what the symmetries add to q_ref. */
 static void scaled(const Arm *arm, const Chart *chart, const double y[], double u[], double shift[]) {
@@ -258,15 +262,15 @@ static void scaled(const Arm *arm, const Chart *chart, const double y[], double 
 
 /* q_ref and n_ref^T at u, and the monomials. */
 static void evaluate(const Arm *arm, const Chart *chart, double *u, double *T, double *both) {
-  monomials_1(chart, (double(*)[1])u, (double(*)[1])T);
-  references_1(arm, chart, (double(*)[1])T, (double(*)[1])both);
+  monomials_of_one(chart, u, T);
+  references_of_one(arm, chart, T, both);
 }
 
 /* Add h_j = n_j^T (q - q_ref) to h, and its gradient V_j = n_j + (dh_j/du) (du/dx) J. */
 SHARED void add_cell_potentials(const Arm *arm, const Chart *chart, const double q[], const double p[3],
                                 const double R[9], double J[][N], double h[], double V[][N]) {
   const double whole = 6.283185307179586;
-  double y[6], u[6], T[chart->terms], both[WIDE], shift[N], away[N], bar[chart->terms];
+  double y[6], u[6], T[CHART_TERMS], both[WIDE], shift[N], away[N], bar[CHART_TERMS];
   Pose x;
   for (int i = 0; i < 3; i++) x.p[i] = p[i];
   for (int i = 0; i < 9; i++) x.R[i] = R[i];
@@ -356,7 +360,7 @@ SHARED int find_coordinates(const Arm *arm, const Chart *chart, const Pose *targ
 }
 
 SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]) {
-  double u[6], T[chart->terms], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
+  double u[6], T[CHART_TERMS], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
   int status;
   if (leaf && !finite(leaf, N - M)) return BAD_NUMBER;
   status = find_coordinates(arm, chart, target, u, shift);
@@ -371,7 +375,7 @@ SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *ta
     for (int j = 0; leaf && j < N - M; j++) start[i] += leaf[j] * both[Q_WIDE + j * N + i];
     x[i] = start[i];
   }
-  settle_1(arm, chart, (double(*)[1])goal, (double(*)[1])both, (double(*)[1])level, (double(*)[1])x, state);
+  settle_of_one(arm, chart, goal, both, level, x, state);
   if (state[0] > 0.0)
     for (int i = 0; i < N; i++) start[i] = x[i];
   else if (!(solve_chart(arm, target, both, both + Q_WIDE, leaf, 12, 0.3, 1e-7, start) <= 1e-7))

@@ -17,7 +17,16 @@
 #define NEAREST(x) (((x) + 6755399441055744.0) - 6755399441055744.0) /* 1.5 * 2^52 */
 #endif
 
-#define LANES_AT_ONCE 8 /* poses that a batch solves at once */
+#ifndef EXPORTED
+#define CHART_TERMS (chart->terms)
+#endif
+
+#ifdef __GNUC__ /* poses that a batch solves at once, in the lanes of vectors */
+#define AT_ONCE 8
+#else
+#define AT_ONCE 1
+#endif
+
 #define EVEN(count) ((count) + (count) % 2)
 #define Q_WIDE EVEN(N)                       /* q_ref */
 #define WIDE (EVEN(N) + EVEN((N - M) * N))   /* q_ref, and n_ref^T by rows */
@@ -39,12 +48,9 @@ typedef struct Chart {
 
 SHARED void cell_coordinates(const Arm *arm, const Chart *chart, const Pose *x, double y[]);
 SHARED int holds(const Arm *arm, const Chart *chart, const double y[]);
-SHARED int in_cell(const Arm *arm, const Chart *chart, const double p[3], const double R[9]);
 SHARED void cell_rates(const Arm *arm, const Chart *chart, const double R[9], const double y[], double d[]);
 SHARED void cell_place(const Arm *arm, const Chart *chart, const double y[6], Pose *x);
 SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], int b, double twist[6]);
-SHARED void add_cell_potentials(const Arm *arm, const Chart *chart, const double q[], const double p[3],
-                                const double R[9], double J[][N], double h[], double V[][N]);
 
 /* What Newton's method needs of a target: u, and what the symmetries add to q_ref there. */
 SHARED int find_coordinates(const Arm *arm, const Chart *chart, const Pose *target, double u[], double shift[]);
@@ -52,8 +58,9 @@ SHARED double solve_chart(const Arm *arm, const Pose *target, const double *q_re
                           const double *level, int turns, double longest, double enough, double q[]);
 SHARED int joints_allowed(const Arm *arm, const Chart *chart, const double *leaf, const double q[]);
 
-/* q = F(x; c), at one target or at up to LANES_AT_ONCE; leaf NULL: 0. */
+/* q = F(x; c), at one target or at up to AT_ONCE; leaf NULL: 0. */
 SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]);
+typedef void Configurations(const Arm *, const Chart *, int, const Pose *, const double *, int, double *, int *);
 SHARED void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
                                 int stride, double *q, int status[]);
 

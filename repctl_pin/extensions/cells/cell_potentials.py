@@ -3,15 +3,22 @@ q_ref(u))``, with u the coordinates of the pose f(q) in the cell."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg.blas import dgemv
 
 from ...arguments import Array
 from ...model import fast_kinematics
+from ...native import PART, filled_struct, point
 from ...potentials.fast_potentials import InPlace
 from .chart import Chart
 from .fast_function import fast_coordinates, monomials_at
 from .kinematics import placed
+from .native_function import native_chart
+
+_CELL = 2
+"""Kind of these potentials in arm.h."""
 
 
 class CellPotentials:
@@ -60,6 +67,12 @@ class CellPotentials:
         D = np.einsum("Knrk,Kn->Krk", dn, away) - np.einsum("Knr,Knk->Krk", n_ref, dq)
         D = np.concatenate([D, -np.swapaxes(n_ref, 1, 2) @ cell.along], axis=2)
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
+
+    def native_part(self) -> Any:
+        """Create the struct :data:`PART` of the potentials, for the native library."""
+        part, _ = filled_struct(PART, {}, {}, {"kind": _CELL})
+        point(part, "chart", [native_chart(self.chart)])
+        return part
 
     def in_place(self, V_T: Array, e: Array) -> InPlace:
         """Make functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""

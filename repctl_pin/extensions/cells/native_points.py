@@ -1,4 +1,4 @@
-"""Batched kinematics and Newton's method of a chart in the native library (chart_solve.c)."""
+"""Batched kinematics, and Newton's method of a chart, in the native library."""
 
 from __future__ import annotations
 
@@ -10,28 +10,24 @@ from typing import Any
 import numpy as np
 
 from ...arguments import Array
-from ...model.joint_chain import native_chain
 from ...model.task import Task
 from ...native import library
-
-_MOST = 32
-"""Maximum number of joints that chart_solve.c supports."""
+from ...strategies.native_arm import native_arm
 
 
 @dataclass(frozen=True, eq=False)
-class _CompiledChain:
-    """Kinematic chain of a task in C, and calls of the functions of chart_solve.c with it."""
+class _NativePoints:
+    """Kinematic chain of a task in C, and calls with it for many configurations."""
 
     m: int
     library: ctypes.CDLL
-    chain: ctypes.Structure
-    memory: list[Any]
+    arm: Any
 
     def placed(self, Q: Array) -> tuple[Array, Array, Array]:
         """Evaluate positions (K, 3), rotations (K, 3, 3) and J (K, m, n) at Q (K, n)."""
         K, n = Q.shape
         found = np.empty((K, 3)), np.empty((K, 3, 3)), np.empty((K, self.m, n))
-        self._run("chart_place", K, Q, *found)
+        self._run("call_places", K, Q, *found)
         return found
 
     def solved(
@@ -73,7 +69,7 @@ class _CompiledChain:
             ctypes.c_double(longest),
             ctypes.c_double(tolerance),
         )
-        self._run("chart_solve", K, *goal, *chart, *limits, Q, R, J, residual, size)
+        self._run("call_points", K, *goal, *chart, *limits, Q, R, J, residual, size)
         return Q, R, J, residual, size
 
     def _run(self, name: str, count: int, *given: Any) -> None:
@@ -85,18 +81,18 @@ class _CompiledChain:
             ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x
             for x in kept
         )
-        self.library[name](ctypes.byref(self.chain), ctypes.c_long(count), *pointers)
+        self.library[name](ctypes.byref(self.arm), ctypes.c_long(count), *pointers)
 
 
-_known: weakref.WeakKeyDictionary[Task, _CompiledChain | None] = (
+_known: weakref.WeakKeyDictionary[Task, _NativePoints | None] = (
     weakref.WeakKeyDictionary()
 )
 
 
-def compiled_chain(task: Task) -> _CompiledChain | None:
-    """Return the compiled chain of a task, cached per task.
+def native_points(task: Task) -> _NativePoints | None:
+    """Return the chain of a task in C, cached per task.
 
-    None if there is no native library, or it does not support the task: more than 32 joints, or
+    None if there is no native library, or it does not support the task: more than 64 joints, or
     transformed joint coordinates.
     """
     if task not in _known:
@@ -104,9 +100,9 @@ def compiled_chain(task: Task) -> _CompiledChain | None:
     return _known[task]
 
 
-def _made(task: Task) -> _CompiledChain | None:
+def _made(task: Task) -> _NativePoints | None:
     native = library()
-    if native is None or task.n > _MOST or task.coordinates is not None:
+    if native is None or task.coordinates is not None:
         return None
-    chain = native_chain(task)
-    return None if chain is None else _CompiledChain(task.m, native, *chain)
+    arm = native_arm(task)
+    return None if arm is None else _NativePoints(task.m, native, arm)
