@@ -68,17 +68,16 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     joints = len(chain.axes)
     if max(joints, task.n) > _MOST:
         return None
-    B = np.array([np.eye(3), *map(_z_along, chain.axes), np.eye(3)])
-    back = B[:-1].swapaxes(1, 2)
+    R, p = _along_z(chain)
     lower, upper, _ = task.joint_limits
     sizes = {"n": task.n, "m": task.m, "joints": joints}
     coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
         ARM,
-        {"revolute": chain.revolute, "rows": task.rows},
+        {"revolute": chain.revolute, "bent": _bent(R[1:]), "rows": task.rows},
         {
-            "R": back @ chain.R @ B[1:],
-            "p": np.einsum("jik,jk->ji", back, chain.p),
+            "R": R,
+            "p": p,
             "S": chain.S,
             "offset": chain.offset,
             "T": task.coordinate_matrix,
@@ -88,6 +87,50 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
         sizes
         | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
+
+
+def _along_z(chain: _JointChain) -> tuple[Array, Array]:
+    """Turn the frames of the joints, so that each joint moves about or along its own z axis.
+
+    A frame can then be turned about its z axis, as its joint does. Each one is turned so that the
+    rotation from it to the next one is about its x axis, if a rotation about z after it permits.
+
+    Returns
+    -------
+    R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
+        Rotation and origin of each frame relative to the previous one.
+    """
+    B = [np.eye(3), *map(_z_along, chain.axes), np.eye(3)]
+    for j in range(1, len(chain.axes)):
+        turn = B[j].T @ chain.R[j] @ B[j + 1]
+        if np.hypot(turn[2, 0], turn[2, 1]) > _ALONG:  # x across both z axes
+            about = _about_z(turn[2, 1], -turn[2, 0])
+            about = about if (turn @ about)[0, 0] > 0 else about @ np.diag([-1, -1, 1])
+        else:
+            about = _about_z(turn[0, 0], -np.sign(turn[2, 2]) * turn[1, 0])
+        B[j + 1] = B[j + 1] @ about
+    turned = np.array(B)
+    back = turned[:-1].swapaxes(1, 2)
+    R = back @ chain.R @ turned[1:]
+    R[np.abs(R) < _ROUNDING] = 0.0
+    return R, np.einsum("jik,jk->ji", back, chain.p)
+
+
+_ALONG, _ROUNDING = 1e-6, 1e-15
+"""Sine of the angle of two axes below which they count as parallel here, and maximum rounding error
+of a rotation's entry that is 0."""
+
+
+def _about_z(x: float, y: float) -> Array:
+    """Compute the rotation about z by the angle of (x, y)."""
+    c, s = np.array([x, y]) / np.hypot(x, y)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _bent(R: Array) -> NDArray[np.int_]:
+    """Classify rotations (P, 3, 3): 1 if about x alone, 2 if by a quarter turn, else 0."""
+    about_x = (R[:, 0] == [1, 0, 0]).all(axis=1) & (R[:, :, 0] == [1, 0, 0]).all(axis=1)
+    return np.where(about_x, np.where(R[:, 1, 1] == 0, 2, 1), 0)
 
 
 def _z_along(axis: Array) -> Array:

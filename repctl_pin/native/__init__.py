@@ -17,7 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import InputError
+
 _LIBRARY = Path(__file__).with_name("librepctl.so.1")
+
+MOST_JOINTS = 64
+"""Maximum number of joints of an arm in C: MOST_N of arm.h."""
 
 _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
 
@@ -43,6 +48,27 @@ def _loaded() -> ctypes.CDLL | None:
     return None
 
 
+def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
+    """Load the native library, which ``by`` requires.
+
+    ``holds``: its functions keep Python's global interpreter lock, which makes short calls faster.
+
+    Raises
+    ------
+    InputError
+        If the library is switched off or missing; the message names the remedy.
+    """
+    native = library()
+    if native is None:
+        off = os.environ.get("REPCTL_NATIVE") == "no"
+        cause = "is switched off" if off else "is missing"
+        raise InputError(
+            f"{by} requires the native library, which {cause}",
+            remedy="unset REPCTL_NATIVE" if off else _REMEDY,
+        )
+    return ctypes.PyDLL(native._name) if holds else native
+
+
 def _struct(
     *first: tuple[str, Any], ints: str = "", doubles: str = "", pointers: str = ""
 ) -> type[ctypes.Structure]:
@@ -64,12 +90,18 @@ REGION = _struct(ints="count axes", pointers="center half axis position width ch
 
 ARM = _struct(
     ints="n m joints kind coupled parts",
-    pointers="revolute rows R p S offset T lower upper part region",
+    pointers="revolute bent rows R p S offset T lower upper part region",
 )
 """The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
 
-CALL = _struct(pointers="arm q xdot twist leaf limit target numbers result")
+CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
+
+GOVERNOR_CALL = _struct(pointers="arm state limits target twist q result", doubles="dt")
+"""The struct GovernorCall of governor_calls.c: the arguments of one governor."""
+
+TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains result")
+"""The struct TorqueCall of governor_calls.c: the arguments of the torque law of one thread."""
 
 CHART = _struct(
     ints="sector k removed keep_limits terms both",
@@ -84,9 +116,9 @@ CHART_CALL = _struct(pointers="arm chart target leaf result")
 
 LAW = _struct(
     ("arm", ctypes.c_void_p),
-    ints="stages steps r degree",
-    doubles="gain sufficient",
-    pointers="posture tensor center nodes weights xdot h most",
+    ints="stages steps on_leaf",
+    doubles="gain",
+    pointers="posture nodes weights xdot h most",
 )
 """The struct Law of runge_kutta.c: a control law, and the motion that it makes."""
 

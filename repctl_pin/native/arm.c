@@ -7,55 +7,61 @@
 
 /* ---- kinematics ---- */
 
+/* Write a column of the frame's Jacobian (v, omega) into column j of J, or add it to the columns that it drives. */
+static void put_column(const Arm *arm, const double R[9], const double v[3], const double omega[3], int j,
+                       double J[][N]) {
+  double column[6] = {v[0], v[1], v[2], omega[0], omega[1], omega[2]};
+  if (arm->kind == AXIS) { /* omega along the frame's own x and y */
+    column[3] = R[0] * omega[0] + R[3] * omega[1] + R[6] * omega[2];
+    column[4] = R[1] * omega[0] + R[4] * omega[1] + R[7] * omega[2];
+  }
+  UNROLLED for (int k = 0; k < M; k++) {
+    const double entry = arm->kind == POSITION ? v[arm->rows[k]] : column[k];
+    if (!arm->coupled)
+      J[k][j] = entry;
+    else
+      for (int i = 0; i < N; i++) J[k][i] += arm->S[j * N + i] * entry;
+  }
+}
+
 /* Position, rotation, and J (M, N) unless it is NULL, at q. */
 SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]) {
+  static const double none[3] = {0.0, 0.0, 0.0};
   double z[JOINTS][3], o[JOINTS][3];
   for (int i = 0; i < 9; i++) R[i] = arm->R[i];
   for (int i = 0; i < 3; i++) p[i] = arm->p[i];
-  for (int j = 0; j < JOINTS; j++) {
+  UNROLLED for (int j = 0; j < JOINTS; j++) {
     const double *B = arm->R + 9 * (j + 1), *t = arm->p + 3 * (j + 1);
-    double theta = arm->coupled ? arm->offset[j] : q[j];
+    const int revolute = arm->revolute[j], bent = arm->bent[j];
+    double theta = arm->coupled ? arm->offset[j] : q[j], c = 1.0, s = 0.0, slide;
     for (int i = 0; i < N && arm->coupled; i++) theta += arm->S[j * N + i] * q[i];
-    for (int i = 0; i < 3; i++) {
-      z[j][i] = R[3 * i + 2];
-      o[j][i] = p[i];
+    slide = revolute ? t[2] : theta + t[2];
+    if (revolute) {
+      c = cos(theta);
+      s = sin(theta);
     }
-    if (arm->revolute[j]) { /* R <- R R_z(theta) */
-      const double c = cos(theta), s = sin(theta);
-      for (int i = 0; i < 9; i += 3) {
-        const double x = R[i], y = R[i + 1];
-        R[i] = c * x + s * y;
-        R[i + 1] = c * y - s * x;
-      }
-    } else
-      for (int i = 0; i < 3; i++) p[i] += theta * z[j][i];
-    for (int i = 0; i < 3; i++) { /* the next joint, or the frame */
-      const double x = R[3 * i], y = R[3 * i + 1], w = R[3 * i + 2];
-      p[i] += x * t[0] + y * t[1] + w * t[2];
-      for (int k = 0; k < 3; k++) R[3 * i + k] = x * B[k] + y * B[3 + k] + w * B[6 + k];
+    UNROLLED for (int i = 0; i < 3; i++) {
+      const double x = c * R[3 * i] + s * R[3 * i + 1], y = c * R[3 * i + 1] - s * R[3 * i], w = R[3 * i + 2];
+      z[j][i] = w;
+      o[j][i] = p[i];
+      if (t[0] != 0.0) p[i] += x * t[0];
+      if (t[1] != 0.0) p[i] += y * t[1];
+      if (slide != 0.0) p[i] += w * slide;
+      R[3 * i] = bent ? x : x * B[0] + y * B[3] + w * B[6]; /* the next joint, or the frame */
+      R[3 * i + 1] = bent == 2 ? w * B[7] : bent ? y * B[4] + w * B[7] : x * B[1] + y * B[4] + w * B[7];
+      R[3 * i + 2] = bent == 2 ? y * B[5] : bent ? y * B[5] + w * B[8] : x * B[2] + y * B[5] + w * B[8];
     }
   }
   if (!J) return;
   for (int k = 0; k < M && arm->coupled; k++)
     for (int i = 0; i < N; i++) J[k][i] = 0.0;
-  for (int j = 0; j < JOINTS; j++) {
-    const double *a = z[j], d[3] = {p[0] - o[j][0], p[1] - o[j][1], p[2] - o[j][2]};
-    double twist[6] = {a[0], a[1], a[2], 0.0, 0.0, 0.0}, column[6];
-    if (arm->revolute[j]) {
-      twist[0] = a[1] * d[2] - a[2] * d[1];
-      twist[1] = a[2] * d[0] - a[0] * d[2];
-      twist[2] = a[0] * d[1] - a[1] * d[0];
-      for (int i = 0; i < 3; i++) twist[3 + i] = a[i];
-    }
-    if (arm->kind == AXIS) /* omega along the frame's own x and y */
-      for (int k = 0; k < 2; k++) column[3 + k] = R[k] * twist[3] + R[3 + k] * twist[4] + R[6 + k] * twist[5];
-    for (int k = 0; k < M && (k < 3 || arm->kind != AXIS); k++)
-      column[k] = twist[arm->kind == POSITION ? arm->rows[k] : k];
-    for (int k = 0; k < M; k++)
-      if (!arm->coupled)
-        J[k][j] = column[k];
-      else
-        for (int i = 0; i < N; i++) J[k][i] += arm->S[j * N + i] * column[k];
+  UNROLLED for (int j = 0; j < JOINTS; j++) {
+    const double *a = z[j], x = p[0] - o[j][0], y = p[1] - o[j][1], w = p[2] - o[j][2];
+    const double v[3] = {a[1] * w - a[2] * y, a[2] * x - a[0] * w, a[0] * y - a[1] * x};
+    if (arm->revolute[j])
+      put_column(arm, R, v, a, j, J);
+    else
+      put_column(arm, R, a, none, j, J);
   }
 }
 
@@ -172,14 +178,15 @@ SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], d
 static void add_polynomials(const Arm *arm, const Part *part, const double q[], double h[], double V[][N]) {
   const int k = part->k, width = (N - M) * (k + 1);
   double d[N], z[N], u[TERMS], w[WIDTH];
+  (void)arm;
   for (int j = 0; j < k; j++) {
     d[j] = q[part->joint[j]] - part->center[j];
     z[j] = d[j] * part->scale[j];
   }
   u[0] = 1.0;
   for (int a = 1; a < part->count; a++) u[a] = u[part->parent[a]] * z[part->factor[a]];
-  for (int j = 0; j < width; j++) w[j] = part->weight[j];
-  for (int a = 1; a < part->count; a++)
+  for (int j = 0; j < WIDTH; j++) w[j] = 0.0;
+  for (int a = 0; a < part->count; a++)
     for (int j = 0; j < width; j++) w[j] += u[a] * part->weight[a * width + j];
   for (int i = 0; i < N - M; i++) {
     const double *slope = w + (k + 1) * i;
@@ -194,6 +201,7 @@ static void add_polynomials(const Arm *arm, const Part *part, const double q[], 
 
 /* h = a^T sin(wave q) + b^T cos(wave q), a and b alternate in the weights. */
 static void add_fourier_series(const Arm *arm, const Part *part, const double q[], double h[], double V[][N]) {
+  (void)arm;
   for (int a = 0; a < part->count; a++) {
     const double *wave = part->wave + a * part->k, *weight = part->weight + a * 2 * (N - M);
     double phase = 0.0, s, c;
@@ -237,7 +245,7 @@ SHARED int finite(const double *x, int count) {
 /* Factor A = P L U in place, with 1 / U on the diagonal; return 0 if a pivot is 0 or not finite. */
 SHARED int factor(const Arm *arm, double A[][N], int swap[]) {
   (void)arm;
-  for (int k = 0; k < N; k++) {
+  UNROLLED for (int k = 0; k < N; k++) {
     double size = fabs(A[k][k]), scale;
     int best = k;
     for (int i = k + 1; i < N; i++)
@@ -254,9 +262,9 @@ SHARED int factor(const Arm *arm, double A[][N], int swap[]) {
         A[best][j] = a;
       }
     scale = A[k][k] = 1.0 / A[k][k];
-    for (int i = k + 1; i < N; i++) {
+    UNROLLED for (int i = k + 1; i < N; i++) {
       const double l = A[i][k] *= scale;
-      for (int j = k + 1; j < N; j++) A[i][j] -= l * A[k][j];
+      UNROLLED for (int j = k + 1; j < N; j++) A[i][j] -= l * A[k][j];
     }
   }
   return 1;
@@ -270,11 +278,11 @@ SHARED void solve(const Arm *arm, double LU[][N], const int swap[], double x[]) 
     x[swap[k]] = x[k];
     x[k] = a;
   }
-  for (int k = 0; k < N; k++)
-    for (int i = k + 1; i < N; i++) x[i] -= LU[i][k] * x[k];
-  for (int k = N - 1; k >= 0; k--) {
+  UNROLLED for (int k = 0; k < N; k++)
+    UNROLLED for (int i = k + 1; i < N; i++) x[i] -= LU[i][k] * x[k];
+  UNROLLED for (int k = N - 1; k >= 0; k--) {
     x[k] *= LU[k][k];
-    for (int i = 0; i < k; i++) x[i] -= LU[i][k] * x[k];
+    UNROLLED for (int i = 0; i < k; i++) x[i] -= LU[i][k] * x[k];
   }
 }
 
@@ -306,7 +314,7 @@ SHARED int regular(const Arm *arm, double A[][N], int swap[]) {
 }
 
 /* Singular value decomposition A V = U S by one-sided Jacobi rotations: A becomes U S, V orthogonal. */
-static void decompose(const Arm *arm, double A[][N], double V[][N]) {
+SHARED void decompose(const Arm *arm, double A[][N], double V[][N]) {
   int turned = 1;
   (void)arm;
   for (int i = 0; i < N; i++)

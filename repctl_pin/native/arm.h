@@ -37,6 +37,12 @@ typedef struct {
 } Report;
 #endif
 
+#if defined(EXPORTED) && defined(__GNUC__) && !defined(__clang__)
+#define UNROLLED _Pragma("GCC unroll 16")
+#else
+#define UNROLLED
+#endif
+
 #define WHOLE_STEP (-1.0)
 
 enum { POSE, AXIS, POSITION };              /* kinds of a task */
@@ -66,7 +72,8 @@ typedef struct {
 
 typedef struct {
   int n, m, joints, kind, coupled, parts;
-  const int *revolute, *rows;   /* joints, M: coordinates of the position */
+  const int *revolute, *bent;   /* joints; the placement after the joint turns: 1 about its x alone, 2 by 90 degrees */
+  const int *rows;              /* M: coordinates of the position */
   const double *R, *p;          /* joints + 1 9, joints + 1 3: placements after each joint, which moves along its z */
   const double *S, *offset;     /* joints N, joints: joints of the chain = S q + offset, if coupled; else q */
   const double *T;              /* N N: joints of the robot = T q */
@@ -92,6 +99,7 @@ SHARED int finite(const double *x, int count);
 SHARED int factor(const Arm *arm, double A[][N], int swap[]);
 SHARED void solve(const Arm *arm, double LU[][N], const int swap[], double x[]);
 SHARED int regular(const Arm *arm, double A[][N], int swap[]);
+SHARED void decompose(const Arm *arm, double A[][N], double V[][N]);
 SHARED void damp(const Arm *arm, Factors *factors, double most);
 SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b[], double x[]);
 
@@ -100,6 +108,7 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED int rotation(const double R[9]);
+SHARED double angle_per_sine(double square, double cosine);
 SHARED void task_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
 SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
 SHARED void potentials(const Arm *arm, const double q[], const double p[3], const double R[9], double J[][N],

@@ -4,10 +4,12 @@
 #include <stddef.h>
 
 #include "arm.h"
+#include "least_speed.h"
 
 typedef struct {
   const Arm *arm;
   double *q, *xdot, *twist, *leaf, *limit; /* N, M, 6, N - M, N */
+  const double *posture;                   /* N; NULL: none */
   double *target;                          /* 16: [R p; 0 1] by rows */
   double *numbers;                         /* 5: dt, gain, damping; then the report: damping, slowed */
   double *result;                          /* N */
@@ -16,6 +18,11 @@ typedef struct {
 EXPORT int call_velocity(const Call *call) { return find_velocity(call->arm, call->q, call->xdot, call->result); }
 
 EXPORT int call_leaf(const Call *call) { return find_leaf(call->arm, call->q, call->result); }
+
+/* Minimum joint speed; the gain of the posture in place of the step's. */
+EXPORT int call_least_speed(const Call *call) {
+  return least_speed(call->arm, call->q, call->xdot, call->posture, call->numbers[1], call->result);
+}
 
 static Pose target_of(const Call *call) {
   Pose target;

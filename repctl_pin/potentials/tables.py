@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
+from ..errors import InputError
 from ..native import PART, filled_struct
 from .fourier import FourierMap
 from .maps import PartialMap, Potentials, SumMap
@@ -19,11 +20,15 @@ POLYNOMIALS, FOURIER_SERIES, CELL = range(3)
 """Kinds of a part, as in arm.h."""
 
 
-def native_parts(potentials: Potentials, n: int) -> list[Any] | None:
+def native_parts(potentials: Potentials, n: int) -> list[Any]:
     """Create the structs :data:`PART` of the terms of a sum of potentials of n joints.
 
-    Potentials of an extension have a method ``native_part`` that creates theirs. None if a term is
-    a function in Python.
+    Potentials of an extension have a method ``native_part`` that creates theirs.
+
+    Raises
+    ------
+    InputError
+        If a term is a function in Python.
     """
     parts = []
     for part, joints in _terms(potentials, list(range(n))):
@@ -34,7 +39,10 @@ def native_parts(potentials: Potentials, n: int) -> list[Any] | None:
         elif hasattr(part, "native_part"):
             parts.append(part.native_part())
         else:
-            return None
+            raise InputError(
+                f"potentials of type {type(part).__name__} cannot be written as C, because they "
+                "contain Python functions; use polynomials, Fourier series or their sums"
+            )
     return parts
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..errors import InputError
 from ..model.joint_chain import native_chain
 from ..model.task import Task
-from ..native import REGION, filled_struct, point
+from ..native import REGION, filled_struct, library, point
 from ..potentials.basis import Potentials
 from ..potentials.tables import native_parts
 from ..regions import Box, Tube, WorkspaceBox
@@ -14,19 +15,23 @@ from ..regions import Box, Tube, WorkspaceBox
 
 def native_arm(
     task: Task, potentials: Potentials | None = None, region: Any = None
-) -> Any | None:
+) -> Any:
     """Create the struct :data:`ARM` of a task with potentials and a region Ω.
 
-    None if C cannot hold the task (more than 64 joints) or the potentials (functions in Python).
+    Raises
+    ------
+    InputError
+        If C cannot hold the task (more than 64 joints), the potentials (functions in Python) or the
+        region.
     """
     made = native_chain(task)
     if made is None:
-        return None
+        raise InputError(
+            f"{task!r} has more than 64 joints, too many for the code in C"
+        )
     arm, _ = made
     if potentials is not None:
         parts = native_parts(potentials, task.n)
-        if parts is None:
-            return None
         arm.parts = len(parts)
         point(arm, "part", parts)
     if region is not None:
@@ -34,14 +39,18 @@ def native_arm(
     return arm
 
 
-def native_region(region: Any, task: Task) -> Any:
-    """Create the struct :data:`REGION` of a region, which may have its own ``native_region``.
+def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
+    """Create the struct :data:`ARM`; None if there is no native library, or C cannot hold it."""
+    if library() is None:
+        return None
+    try:
+        return native_arm(task, potentials)
+    except InputError:
+        return None
 
-    Raises
-    ------
-    TypeError
-        If C has no such region.
-    """
+
+def native_region(region: Any, task: Task) -> Any:
+    """Create the struct :data:`REGION` of a region, which may have its own ``native_region``."""
     if isinstance(region, Tube):
         samples, half = region.samples, region.radius
     elif isinstance(region, Box):
@@ -51,7 +60,10 @@ def native_region(region: Any, task: Task) -> Any:
     elif hasattr(region, "native_region"):
         return region.native_region()
     else:
-        raise TypeError(type(region).__name__)
+        raise InputError(
+            f"a region of type {type(region).__name__} cannot be written as C; use a box, a tube "
+            "or a workspace box, or an inverse without a region"
+        )
     reals = {"center": samples, "half": half}
     axes = []
     if isinstance(region, WorkspaceBox):

@@ -10,11 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from ..arguments import Array
-from ..errors import SingularityError
 from ..model.task import Task
 from ..native import CALL, filled_struct, library
-from ..redundancy.augmented import SINGULAR
-from .fast_loop import StepLimits, failure
+from ..potentials.basis import Potentials
+from ..redundancy.augmented import augmented_inverse
+from .step_arguments import StepLimits, failure
 
 _WHOLE_STEP = -1.0
 _TWIST, _LEAF, _BOUNDED = 1, 2, 4
@@ -22,11 +22,25 @@ _SINGULAR = 1
 
 
 @cache
-def _held() -> ctypes.PyDLL:
+def holding_library() -> ctypes.PyDLL:
     """Load the library once more: its functions then keep Python's global interpreter lock."""
     native = library()
     assert native is not None
     return ctypes.PyDLL(native._name)
+
+
+def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
+    """Allocate the arguments of C functions for one thread: the struct Call of calls.c.
+
+    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays.
+    """
+    n, m, r = task.n, task.m, task.r
+    sizes = {"q": n, "xdot": m, "twist": 6, "leaf": r, "limit": n}
+    sizes |= {"target": 16, "numbers": 5, "result": n}
+    parts = {name: np.zeros(size) for name, size in sizes.items()} | more
+    call, _ = filled_struct(CALL, {}, parts, {"arm": ctypes.addressof(arm)})
+    call.held["arm"] = arm
+    return call.held, ctypes.byref(call)  # which holds the struct, and it the arrays
 
 
 class NativeLaw:
@@ -37,32 +51,28 @@ class NativeLaw:
 
     Parameters
     ----------
-    task
-        Task, for error messages.
+    task, potentials
+        Task and potentials, for error messages.
     arm
-        Its struct Arm with potentials, from :func:`native_arm`.
+        Their struct Arm, from :func:`native_arm`.
     """
 
-    def __init__(self, task: Task, arm: Any) -> None:
-        n, m, r = task.n, task.m, task.r
-        sizes = {"q": n, "xdot": m, "twist": 6, "leaf": r, "limit": n}
-        sizes |= {"target": 16, "numbers": 5, "result": n}
-        self._task, self._arm = task, arm
-        parts = {name: np.zeros(size) for name, size in sizes.items()}
-        self._call, _ = filled_struct(CALL, {}, parts, {"arm": ctypes.addressof(arm)})
-        self._address = ctypes.c_void_p(ctypes.addressof(self._call))
+    def __init__(self, task: Task, potentials: Potentials, arm: Any) -> None:
+        self._task, self._potentials, self.arm = task, potentials, arm
+        parts, self._call = call_memory(task, arm)
         self._q, self._xdot, self._twist = parts["q"], parts["xdot"], parts["twist"]
         self._leaf, self._limit = parts["leaf"], parts["limit"]
         self._target = parts["target"].reshape(4, 4)
         self._numbers, self._result = parts["numbers"], parts["result"]
-        self._run_velocity, self._run_step = _held().call_velocity, _held().call_step
-        self._run_leaf = _held().call_leaf
+        held = holding_library()
+        self._run_velocity, self._run_step = held.call_velocity, held.call_step
+        self._run_leaf = held.call_leaf
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
         self._q[:] = q
         self._xdot[:] = xdot
-        status = self._run_velocity(self._address)
+        status = self._run_velocity(self._call)
         if status:
             raise self._refused(status, q)
         return self._result.copy()
@@ -70,7 +80,7 @@ class NativeLaw:
     def leaf(self, q: Array) -> Array:
         """Evaluate c = h(q) (r,)."""
         self._q[:] = q
-        status = self._run_leaf(self._address)
+        status = self._run_leaf(self._call)
         if status:
             raise self._refused(status, q)
         return self._result[: self._task.r].copy()
@@ -102,7 +112,7 @@ class NativeLaw:
             self._limit[:] = bounds.velocity_limit
             numbers[2] = bounds.damping
             given |= _BOUNDED
-        status = self._run_step(self._address, given)
+        status = self._run_step(self._call, given)
         if status:
             raise self._refused(status, q, target)
         return self._result.copy()
@@ -113,25 +123,34 @@ class NativeLaw:
 
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m) at the rows of Q (K, n)."""
-        G = np.empty((len(Q), self._task.n, self._task.m))
-        return self._many("call_inverses", Q, G)
+        task, h = self._task, self._potentials
+        G = np.empty((len(Q), task.n, task.m))
+        if self._run_rows("call_inverses", Q, G):
+            return G
+        J, V = task.jacobians(Q), h.gradients(Q)  # for the error
+        return augmented_inverse(J, V)[:, :, : task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
         """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
-        return self._many("call_velocities", Q, Xdot, np.empty((len(Q), self._task.n)))
+        Qdot = np.empty((len(Q), self._task.n))
+        if self._run_rows("call_velocities", Q, Xdot, Qdot):
+            return Qdot
+        return (self.inverses(Q) @ Xdot[..., None])[..., 0]
 
-    def _many(self, name: str, *arrays: Array) -> Array:
-        """Call a C function on all rows of arrays, the last of which receives the results."""
+    def _run_rows(self, name: str, *arrays: Array) -> bool:
+        """Call a C function on all rows of arrays, the last of which receives the results.
+
+        Return whether it succeeded at each row.
+        """
         native = library()
         assert native is not None
         kept = [np.ascontiguousarray(array) for array in arrays]
         run = native[name]
         run.restype = ctypes.c_long
         rows = (ctypes.c_void_p(array.ctypes.data) for array in kept)
-        done = run(ctypes.byref(self._arm), ctypes.c_long(len(kept[0])), *rows)
-        if done < len(kept[0]):
-            raise SingularityError(f"{SINGULAR}, at row {done}")
-        return kept[-1]
+        count = len(kept[0])
+        done: int = run(ctypes.byref(self.arm), ctypes.c_long(count), *rows)
+        return done == count
 
     def _refused(self, status: int, q: Array, target: Any = None) -> Exception:
         """Create the exception for a status of C."""

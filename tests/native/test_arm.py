@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(library() is None, reason="there is no native li
 def test_c_computes_the_formulas(name: str, tmp_path: Path) -> None:
     inverse, q0 = CONTROLS[name](tmp_path)
     task, rng = inverse.task, np.random.default_rng(0)
-    law = NativeLaw(task, native_arm(task, inverse.potentials))
+    law = NativeLaw(task, inverse.potentials, native_arm(task, inverse.potentials))
     Q = q0 + rng.uniform(-0.2, 0.2, (40, task.n))
     J, V = task.jacobians(Q), inverse.potentials.gradients(Q)
     J_V = np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1)
@@ -46,7 +46,10 @@ def test_a_step_in_c_is_its_formula(name: str, tmp_path: Path) -> None:
     """q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])"""
     inverse, q0 = CONTROLS[name](tmp_path)
     task, rng = inverse.task, np.random.default_rng(1)
-    law, h = NativeLaw(task, native_arm(task, inverse.potentials)), inverse.potentials
+    law, h = (
+        NativeLaw(task, inverse.potentials, native_arm(task, inverse.potentials)),
+        inverse.potentials,
+    )
     for k in range(20):
         q = q0 + rng.uniform(-0.1, 0.1, task.n)
         turn = pin.SE3(pin.exp3(0.3 * rng.normal(size=3)), 0.01 * rng.normal(size=3))

@@ -7,9 +7,8 @@ EXTENSION = Extension(
     names={
         "codegen.compile": "compiled",
         "codegen.export": "export_c",
-        "governor": "Governor",
+        "governor": "Governor Status",
         "impedance": "LeafImpedance",
-        "status": "Status",
     },
     commands={"export": "export_command"},
     parts={"live": "governed_loop:GovernedLoop"},

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array
 from ...motion.limits import Limits, presumed_acceleration
-from ...motion.loop import STEP, Loop
+from ...motion.loop import Loop
 from ...paths.task_path import TaskPath
 from ...strategies import Strategy
 from ...strategies.repeatable import RepeatableInverse
-from .governor import Governor
-from .status import BLOCKED
+from .governor import BLOCKED, Governor
 
 _RUN_UP = 0.4
 """Time before the start of the path at which the simulation begins, s; within it, the governor
@@ -43,8 +42,6 @@ class GovernedLoop(Loop):
     period
         Period, s.
     """
-
-    tick = 4 * STEP  # a plan takes some milliseconds in Python
 
     def __init__(
         self,

@@ -288,3 +288,8 @@ def _steps(column_of: Sequence[int], lanes: int) -> str:
 
 def _lines(lines: Iterable[str], depth: int = 1) -> str:
     return "\n".join("    " * depth + line for line in lines)
+
+
+def native_files(inverse: object, region: object) -> tuple[list[str], list[str]]:
+    """Return the headers and sources of native/ that the potentials or the region need."""
+    return [], []

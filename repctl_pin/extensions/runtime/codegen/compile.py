@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property, partial
+from functools import partial
 from typing import Literal, overload
 
 import numpy as np
@@ -18,11 +18,10 @@ from ....model.chain_formulas import Placement, as_placement, as_placements
 from ....model.task import Task
 from ....strategies.repeatable import RepeatableInverse
 from ....threads import PerThread
-from ...cells.cell_potentials import CellPotentials
 from ...cells.chart import Chart
 from ...cells.function import MOST_THREADS, InverseFunction
 from ...cells.targets import FORMS, as_poses, homogeneous
-from .compiled_loop import GIVEN_LEAF, NAME, call_memory, compiled_loops, library
+from .compiled_loop import GIVEN_LEAF, NAME, call_memory, library
 
 _PART = 2048
 """Number of poses at a time, per thread; their arrays stay in the processor's cache."""
@@ -117,18 +116,6 @@ class _CompiledFunction(InverseFunction):
         p[~self.cell._contains(U, off)] = np.nan
         return homogeneous(p, R)
 
-    @cached_property
-    def inverse(self) -> RepeatableInverse:
-        """Repeatable inverse ``q̇ = ∂F/∂x ẋ``, also compiled to C."""
-        if self._library is None:  # a warning was given
-            return super().inverse
-        return RepeatableInverse(
-            self.task,
-            CellPotentials(self.chart),
-            region=self.cell,
-            loops=compiled_loops,
-        )
-
 
 def _one_pose(
     task: Task, run: Callable[..., int]
@@ -201,6 +188,4 @@ def compiled(
         "inverse",
         "a repeatable inverse, such as design.inverse, or found.function",
     )
-    return RepeatableInverse(
-        control.task, control.potentials, region=control.region, loops=compiled_loops
-    )
+    return control

@@ -99,6 +99,13 @@ def _template(file: str) -> str:
     return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
 
 
+def pasted(*files_: str) -> str:
+    """Read files of the native library, without the lines that include others."""
+    folder = files("repctl_pin.native")
+    texts = [(folder / file).read_text(encoding="utf-8") for file in files_]
+    return "\n".join(re.sub(r"(?m)^#include .*\n+", "", text) for text in texts)
+
+
 def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
     """Fill a template of C code.
 

@@ -1,11 +1,10 @@
-"""The governor in C as the servo runs it: the joints and refusals of the one in Python; and as
-exported, after any history."""
+"""The governor as the servo runs it: its joints and refusals; and as exported, in cells, and after
+any history."""
 
 from __future__ import annotations
 
 import ctypes
 import sys
-import warnings
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -129,22 +128,6 @@ def test_it_refuses_the_same_starts() -> None:
     assert arm.servo.reason == f"cannot start: {caught.value}"
     with pytest.raises(rp.InputError, match="has not started"):
         governor.step()
-
-
-def test_without_a_compiler_python_serves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CC", "no-such-compiler")
-    with pytest.warns(UserWarning, match="Python serves"):
-        arm = Arm(design())
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        q, status = arm.step(None, None)
-        assert q is not None and (q == Q0).all() and status is rp.Status.OK
-        governor = rp.Governor(design().inverse, DT, LIMITS)
-        governor.start(Q0)
-        target = arm.servo.task.placement(Q0 + 0.05)
-        for _ in range(20):
-            (expected, _), (q, _) = (g.step(target, None) for g in (governor, arm))
-    assert np.abs(q - expected).max() < 1e-12 and np.abs(q - Q0).max() > 1e-3
 
 
 class Exported:
@@ -273,7 +256,7 @@ def test_in_a_cell_every_target_is_reached_by_a_straight_line(
 def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(
     tmp_path: Path,
 ) -> None:
-    """Issue 37, item 7: at rest next to the edge, C and Python go on to a target inside."""
+    """Issue 37, item 7: at rest next to the edge, both go on to a target inside."""
     inverse, F = cell_inverse("yaw")
     cell, limits = F.cell, rp.Limits(acceleration=10.0, jerk=2000.0)
     exported = Exported(inverse, tmp_path, 0.01, limits, 0.0)
