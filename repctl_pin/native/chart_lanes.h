@@ -160,15 +160,14 @@ static void LANED(eliminate)(const Arm *arm, Number A[][N], Number *squares) {
 
 static void LANED(substitute)(const Arm *arm, Number A[][N], Number b[]) {
   (void)arm;
-  for (int i = 1; i < N; i++) {
-    Number rest = b[i];
-    for (int k = 0; k < i; k++) rest -= A[i][k] * b[k];
-    b[i] = rest;
+  for (int k = 0; k < N; k++) {
+    const Number known = b[k];
+    for (int i = k + 1; i < N; i++) b[i] -= A[i][k] * known;
   }
-  for (int i = N - 1; i >= 0; i--) {
-    Number rest = b[i];
-    for (int k = i + 1; k < N; k++) rest -= A[i][k] * b[k];
-    b[i] = rest * A[i][i];
+  for (int k = N - 1; k >= 0; k--) {
+    const Number known = b[k] * A[k][k];
+    b[k] = known;
+    for (int i = 0; i < k; i++) b[i] -= A[i][k] * known;
   }
 }
 
