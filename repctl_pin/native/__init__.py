@@ -21,9 +21,6 @@ from ..errors import InputError
 
 _LIBRARY = Path(__file__).with_name("librepctl.so.1")
 
-MOST_JOINTS = 64
-"""Maximum number of joints of an arm in C: MOST_N of arm.h."""
-
 _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
 
 

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#include "chart.h"
 #include "governor.h"
 
 #ifdef CHART

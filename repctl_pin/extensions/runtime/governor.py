@@ -15,8 +15,8 @@ from ...model.chain_formulas import Placement, as_placement
 from ...model.task import Task
 from ...motion.limits import JointLimits, Limits, joint_limits
 from ...native import GOVERNOR_CALL, filled_struct, required_library
+from ...strategies.native_arm import native_arm
 from ...strategies.repeatable import RepeatableInverse
-from .native_inverse import native_inverse
 
 _TARGET, _TWIST = 1, 2
 """Bits that tell C which of its two inputs is given."""
@@ -155,7 +155,8 @@ class Governor:
             "q": np.zeros(task.n),
             "result": np.zeros(task.n),
         }
-        self._arm = native_inverse(self._inverse, "a governor")
+        inverse = self._inverse
+        self._arm = native_arm(task, inverse.potentials, inverse.region)
         own = {"arm": ctypes.addressof(self._arm), "state": self._state.ctypes.data}
         self._call = filled_struct(GOVERNOR_CALL, {}, memory, own | {"dt": self._dt})[0]
         self._address = ctypes.c_void_p(ctypes.addressof(self._call))

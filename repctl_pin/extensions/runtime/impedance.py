@@ -25,8 +25,7 @@ from ...arguments import (
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement
 from ...model.task import Task
-from ...native import library
-from ...strategies.native_arm import native_arm
+from ...strategies.native_arm import library_arm
 from ...strategies.repeatable import RepeatableInverse
 from ...strategies.strategy import described
 from ...threads import PerThread
@@ -249,9 +248,7 @@ def _torque_law(
     """Create the torque law of one thread: in C, or in NumPy where C cannot hold the inverse."""
     task = inverse.task
     law = NumPyTorques(task, inverse.potentials, gains)
-    if library() is None:
-        return law
-    arm = native_arm(task, inverse.potentials)
+    arm = library_arm(task, inverse.potentials)
     return law if arm is None else NativeTorques(arm, law, gains, (task.n, task.r))
 
 

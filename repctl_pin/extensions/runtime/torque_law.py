@@ -14,7 +14,7 @@ from ...model.task import Task
 from ...native import TORQUE_CALL, filled_struct, required_library
 from ...potentials.basis import Potentials
 from ...redundancy.augmented import augmented_inverse
-from ...strategies.fast_loop import failure
+from ...strategies.step_arguments import failure
 
 _DIFFERENCE = 1e-3
 """Length of the two steps ±Δq of the central difference along q̇, rad or m."""

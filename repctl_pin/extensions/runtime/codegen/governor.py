@@ -6,14 +6,13 @@ from __future__ import annotations
 import re
 
 from ....model.task import Task
-from ...cells.cell import Cell
 from .text import filled, pasted, row
 
 _GOVERNOR = "frame_motion.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
 def governor_source(
-    task: Task, name: str, _cell: Cell | None = None
+    task: Task, name: str
 ) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header.
 

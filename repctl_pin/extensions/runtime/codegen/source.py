@@ -17,7 +17,7 @@ from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
 from .cell_function import function_code, native_files
 from .constants import constants
-from .governor import governor_source
+from .governor import governor_source, torque_code
 from .text import comment, filled, pasted
 
 _MEANING = {
@@ -112,8 +112,8 @@ def write_source(
         "staying": int(cell is not None),
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
-    governed = governor_source(task, name, cell) if governor else ("", "", "")
-    torque = [filled(f"torque.{end}", name, {}) for end in ("h", "c")]
+    governed = governor_source(task, name) if governor else ("", "", "")
+    torque = torque_code(name)
     header = parts | {
         "torque": torque[0],
         "function": declared,
