@@ -11,6 +11,8 @@ from functools import reduce
 from operator import attrgetter
 from typing import Any
 
+from .text import number
+
 _SNAP = 1e-15
 """Tolerance within which constants are rounded to 0, 1 or −1, as for cosines of right angles in a
 URDF."""
@@ -120,12 +122,6 @@ class Graph:
         if key not in self._made:
             self._made[key] = Expression(self, kind, parts, value, len(self._made))
         return self._made[key]
-
-
-def number(value: float) -> str:
-    """Format a finite number in C by the shortest text that parses to the same double."""
-    assert math.isfinite(value)
-    return repr(float(value) + 0.0)
 
 
 def assignments(targets: dict[str, Expression], indent: str = "    ") -> str:

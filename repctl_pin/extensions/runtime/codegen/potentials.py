@@ -17,8 +17,7 @@ from ...cells.cell_potentials import CellPotentials
 from ...cells.chart import Chart
 from ...cells.sector import Sector
 from ...cells.symmetry import Symmetry
-from .expressions import number
-from .text import filled, integer, pose, row, table
+from .text import filled, integer, number, pose, row, table
 
 _Powers = tuple[int, ...]
 _Written = PolynomialMap | FourierMap | CellPotentials

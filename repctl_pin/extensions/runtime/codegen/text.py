@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from ....errors import InputError
-from .expressions import number
 
 _PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
 _LONGEST = 80
@@ -87,6 +86,12 @@ def value(x: float) -> str:
     if math.isnan(x):
         return "(HUGE_VAL - HUGE_VAL)"
     return number(x) if math.isfinite(x) else "HUGE_VAL" if x > 0 else "-HUGE_VAL"
+
+
+def number(value: float) -> str:
+    """Format a finite number in C by the shortest text that parses to the same double."""
+    assert math.isfinite(value)
+    return repr(float(value) + 0.0)
 
 
 def integer(values: Iterable[int]) -> str:
