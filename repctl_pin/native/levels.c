@@ -9,6 +9,7 @@
 
 CellBounds cell_bounds_plain;
 ArmGradients arm_gradients_plain;
+Configuration find_configuration_plain;
 Configurations find_configurations_plain;
 
 #ifdef __x86_64__
@@ -16,6 +17,7 @@ Configurations find_configurations_plain;
 
 CellBounds cell_bounds_avx2, cell_bounds_avx512;
 ArmGradients arm_gradients_avx2, arm_gradients_avx512;
+Configuration find_configuration_avx2, find_configuration_avx512;
 Configurations find_configurations_avx2, find_configurations_avx512;
 
 enum { UNKNOWN, PLAIN, AVX2, AVX512 };
@@ -50,7 +52,11 @@ EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, co
   return CHOSEN(arm_gradients)(arm, K, Q, half, P, r);
 }
 
-void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
-                         int stride, double *q, int status[]) {
-  CHOSEN(find_configurations)(arm, chart, count, targets, leaf, stride, q, status);
+int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf, double q[]) {
+  return CHOSEN(find_configuration)(arm, chart, keep, target, leaf, q);
+}
+
+void find_configurations(const Arm *arm, const Chart *chart, int keep, int count, const Pose *targets,
+                         const double *leaf, int stride, double *q, int status[]) {
+  CHOSEN(find_configurations)(arm, chart, keep, count, targets, leaf, stride, q, status);
 }
