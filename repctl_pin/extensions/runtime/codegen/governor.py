@@ -11,9 +11,7 @@ from .text import filled, pasted, row
 _GOVERNOR = "frame_motion.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
-def governor_source(
-    task: Task, name: str
-) -> tuple[str, str, str]:
+def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header.
 
     All three are empty for a task in other joint coordinates, which has no governor in C.
