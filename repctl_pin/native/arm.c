@@ -25,9 +25,9 @@ static void put_column(const Arm *arm, const double R[9], const double v[3], con
 }
 
 /* Position, rotation, and J (M, N) unless it is NULL, at q. */
-SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]) {
+SHARED void place(const Arm *arm, const double q[], double p_out[3], double R_out[9], double J[][N]) {
   static const double none[3] = {0.0, 0.0, 0.0};
-  double z[JOINTS][3], o[JOINTS][3];
+  double p[3], R[9], z[JOINTS][3], o[JOINTS][3];
   for (int i = 0; i < 9; i++) R[i] = arm->R[i];
   for (int i = 0; i < 3; i++) p[i] = arm->p[i];
   UNROLLED for (int j = 0; j < JOINTS; j++) {
@@ -52,6 +52,8 @@ SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], do
       R[3 * i + 2] = bent == 2 ? y * B[5] : bent ? y * B[5] + w * B[8] : x * B[2] + y * B[5] + w * B[8];
     }
   }
+  for (int i = 0; i < 9; i++) R_out[i] = R[i];
+  for (int i = 0; i < 3; i++) p_out[i] = p[i];
   if (!J) return;
   for (int k = 0; k < M && arm->coupled; k++)
     for (int i = 0; i < N; i++) J[k][i] = 0.0;
