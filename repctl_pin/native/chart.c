@@ -245,25 +245,17 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
 
 /* ---- the chart ---- */
 
-typedef double One;
-
-#define Number One
-#define LANES 1
+#define Number double
 #define LANED(name) name##_of_one
-#include "chart_lanes.h"
+#include "chart_polynomials.h"
 #undef Number
+#undef LANED
 
 /* u (k) of y, and what the symmetries add to q_ref. */
-static void scaled(const Arm *arm, const Chart *chart, const double y[], double u[], double shift[]) {
+SHARED void scaled_coordinates(const Arm *arm, const Chart *chart, const double y[], double u[], double shift[]) {
   for (int k = 0; k < chart->k; k++) u[k] = (y[chart->moved[k]] - chart->center[chart->moved[k]]) * chart->scale[k];
   for (int i = 0; i < N; i++) shift[i] = 0.0;
   for (int l = 0; l < chart->removed; l++) shift[chart->joint[l]] = chart->sign[l] * y[chart->coordinate[l]];
-}
-
-/* q_ref and n_ref^T at u, and the monomials. */
-static void evaluate(const Arm *arm, const Chart *chart, double *u, double *T, double *both) {
-  monomials_of_one(chart, u, T);
-  references_of_one(arm, chart, T, both);
 }
 
 /* Add h_j = n_j^T (q - q_ref) to h, and its gradient V_j = n_j + (dh_j/du) (du/dx) J. */
@@ -275,8 +267,9 @@ SHARED void add_cell_potentials(const Arm *arm, const Chart *chart, const double
   for (int i = 0; i < 3; i++) x.p[i] = p[i];
   for (int i = 0; i < 9; i++) x.R[i] = R[i];
   cell_coordinates(arm, chart, &x, y);
-  scaled(arm, chart, y, u, shift);
-  evaluate(arm, chart, u, T, both);
+  scaled_coordinates(arm, chart, y, u, shift);
+  monomials_of_one(chart, u, T);
+  references_of_one(arm, chart, T, both);
   for (int i = 0; i < N; i++) away[i] = q[i] - both[i] - shift[i];
   for (int l = 0; l < chart->removed; l++) { /* to within half a turn */
     double *angle = away + chart->joint[l];
@@ -306,81 +299,4 @@ SHARED void add_cell_potentials(const Arm *arm, const Chart *chart, const double
       for (int a = 0; a < M; a++) V[j][i] += d[a] * J[a][i];
     }
   }
-}
-
-/* ---- the function ---- */
-
-/* Newton's method with exchanges of rows on [x - f(q); c - n_ref^T (q - q_ref)], n_ref^T (N - M, N), with steps of at
-   most longest; return the size of the last step, HUGE_VAL if there is none. */
-SHARED double solve_chart(const Arm *arm, const Pose *target, const double *q_ref, const double *n_ref,
-                          const double *level, int turns, double longest, double enough, double q[]) {
-  double A[N][N], b[N], p[3], R[9], size = HUGE_VAL;
-  int swap[N];
-  for (int turn = 0; turn < turns && !(size <= enough); turn++) {
-    double share;
-    place(arm, q, p, R, A);
-    task_error(arm, p, R, target, b);
-    for (int j = 0; j < N - M; j++) {
-      b[M + j] = level ? level[j] : 0.0;
-      for (int i = 0; i < N; i++) {
-        A[M + j][i] = n_ref[j * N + i];
-        b[M + j] += A[M + j][i] * (q_ref[i] - q[i]);
-      }
-    }
-    if (!factor(arm, A, swap)) return HUGE_VAL;
-    solve(arm, A, swap, b);
-    if (!finite(b, N)) return HUGE_VAL;
-    size = 0.0;
-    for (int i = 0; i < N; i++)
-      if (fabs(b[i]) > size) size = fabs(b[i]);
-    share = size <= longest ? 1.0 : longest / size;
-    for (int i = 0; i < N; i++) q[i] += share * b[i];
-  }
-  return size;
-}
-
-/* The joint limits are checked on every leaf but c = 0, there only if the function keeps them. */
-SHARED int joints_allowed(const Arm *arm, const Chart *chart, const double *leaf, const double q[]) {
-  int checked = chart->keep_limits;
-  for (int j = 0; leaf && j < N - M; j++)
-    if (leaf[j] != 0.0) checked = 1;
-  for (int i = 0; i < N && checked; i++)
-    if (!(q[i] >= arm->lower[i] && q[i] <= arm->upper[i])) return 0;
-  return 1;
-}
-
-/* u of a target, and what the symmetries add to q_ref there; check the target. */
-SHARED int find_coordinates(const Arm *arm, const Chart *chart, const Pose *target, double u[], double shift[]) {
-  double y[6];
-  if (!(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
-  cell_coordinates(arm, chart, target, y);
-  if (!finite(y, M)) return BAD_NUMBER;
-  scaled(arm, chart, y, u, shift);
-  return holds(arm, chart, y) ? OK : OUTSIDE;
-}
-
-SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]) {
-  double u[6], T[CHART_TERMS], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
-  int status;
-  if (leaf && !finite(leaf, N - M)) return BAD_NUMBER;
-  status = find_coordinates(arm, chart, target, u, shift);
-  if (status != OK) return status;
-  evaluate(arm, chart, u, T, both);
-  for (int i = 0; i < 3; i++) goal[i] = target->p[i];
-  for (int i = 0; i < 9; i++) goal[3 + i] = target->R[i];
-  for (int j = 0; j < N - M; j++) level[j] = leaf ? leaf[j] : 0.0;
-  for (int i = 0; i < N; i++) {
-    both[i] += shift[i];
-    start[i] = both[i];
-    for (int j = 0; leaf && j < N - M; j++) start[i] += leaf[j] * both[Q_WIDE + j * N + i];
-    x[i] = start[i];
-  }
-  settle_of_one(arm, chart, goal, both, level, x, state);
-  if (state[0] > 0.0)
-    for (int i = 0; i < N; i++) start[i] = x[i];
-  else if (!(solve_chart(arm, target, both, both + Q_WIDE, leaf, 12, 0.3, 1e-7, start) <= 1e-7))
-    return OUTSIDE;
-  if (!joints_allowed(arm, chart, leaf, start)) return OUTSIDE;
-  for (int i = 0; i < N; i++) q[i] = start[i];
-  return OK;
 }

@@ -17,7 +17,9 @@
 #define NEAREST(x) (((x) + 6755399441055744.0) - 6755399441055744.0) /* 1.5 * 2^52 */
 #endif
 
-#ifndef EXPORTED
+#ifdef EXPORTED
+#define CHART_TERMS TERMS
+#else
 #define CHART_TERMS (chart->terms)
 #endif
 
@@ -48,6 +50,7 @@ typedef struct Chart {
 
 SHARED void cell_coordinates(const Arm *arm, const Chart *chart, const Pose *x, double y[]);
 SHARED int holds(const Arm *arm, const Chart *chart, const double y[]);
+SHARED void scaled_coordinates(const Arm *arm, const Chart *chart, const double y[], double u[], double shift[]);
 SHARED void cell_rates(const Arm *arm, const Chart *chart, const double R[9], const double y[], double d[]);
 SHARED void cell_place(const Arm *arm, const Chart *chart, const double y[6], Pose *x);
 SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], int b, double twist[6]);
@@ -60,6 +63,7 @@ SHARED int joints_allowed(const Arm *arm, const Chart *chart, const double *leaf
 
 /* q = F(x; c), at one target or at up to AT_ONCE; leaf NULL: 0. */
 SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]);
+typedef int Configuration(const Arm *, const Chart *, const Pose *, const double *, double *);
 typedef void Configurations(const Arm *, const Chart *, int, const Pose *, const double *, int, double *, int *);
 SHARED void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
                                 int stride, double *q, int status[]);

@@ -9,6 +9,7 @@
 
 CellBounds cell_bounds_plain;
 ArmGradients arm_gradients_plain;
+Configuration find_configuration_plain;
 Configurations find_configurations_plain;
 
 #ifdef __x86_64__
@@ -16,6 +17,7 @@ Configurations find_configurations_plain;
 
 CellBounds cell_bounds_avx2, cell_bounds_avx512;
 ArmGradients arm_gradients_avx2, arm_gradients_avx512;
+Configuration find_configuration_avx2, find_configuration_avx512;
 Configurations find_configurations_avx2, find_configurations_avx512;
 
 enum { UNKNOWN, PLAIN, AVX2, AVX512 };
@@ -48,6 +50,10 @@ EXPORT int cell_bounds(const struct Cell *cell, long K, const double *U, const d
 EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, const double *half, double *P,
                          double *r) {
   return CHOSEN(arm_gradients)(arm, K, Q, half, P, r);
+}
+
+int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]) {
+  return CHOSEN(find_configuration)(arm, chart, target, leaf, q);
 }
 
 void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
