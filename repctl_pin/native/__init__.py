@@ -101,14 +101,14 @@ TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains 
 """The struct TorqueCall of governor_calls.c: the arguments of the torque law of one thread."""
 
 CHART = _struct(
-    ints="sector k removed keep_limits terms both",
+    ints="sector k removed terms both",
     doubles="radius height spin",
     pointers="moved coordinate joint parent factor row column "
     "p R sign origin basis turn center bounds scale lower upper weights",
 )
 """The struct Chart of chart.h: a cell, and the chart of its function."""
 
-CHART_CALL = _struct(pointers="arm chart target leaf result")
+CHART_CALL = _struct(ints="keep", pointers="arm chart target leaf result")
 """The struct ChartCall of chart_calls.c: the arguments of one thread."""
 
 LAW = _struct(

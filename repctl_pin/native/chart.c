@@ -67,6 +67,7 @@ SHARED void cell_coordinates(const Arm *arm, const Chart *chart, const Pose *x, 
 
 /* Test whether y lies in the cell, to 1e-9 of a width, and to 1e-6 m or rad in a coordinate of width 0. */
 SHARED int holds(const Arm *arm, const Chart *chart, const double y[]) {
+  (void)arm;
   for (int i = 0; i < M; i++)
     if (!(fabs(y[i] - chart->center[i]) <= chart->bounds[i])) return 0;
   return 1;
@@ -253,6 +254,7 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
 
 /* u (k) of y, and what the symmetries add to q_ref. */
 SHARED void scaled_coordinates(const Arm *arm, const Chart *chart, const double y[], double u[], double shift[]) {
+  (void)arm;
   for (int k = 0; k < chart->k; k++) u[k] = (y[chart->moved[k]] - chart->center[chart->moved[k]]) * chart->scale[k];
   for (int i = 0; i < N; i++) shift[i] = 0.0;
   for (int l = 0; l < chart->removed; l++) shift[chart->joint[l]] = chart->sign[l] * y[chart->coordinate[l]];

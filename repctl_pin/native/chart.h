@@ -34,7 +34,7 @@
 #define WIDE (EVEN(N) + EVEN((N - M) * N))   /* q_ref, and n_ref^T by rows */
 
 typedef struct Chart {
-  int sector, k, removed, keep_limits;
+  int sector, k, removed;
   int terms, both;                         /* monomials, a multiple of 4; n_ref has coefficients of the first ones */
   double radius, height, spin;             /* a sector's middle */
   const int *moved, *coordinate, *joint;   /* k: u among the y; removed: y, and the joint that it moves */
@@ -59,13 +59,15 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
 SHARED int find_coordinates(const Arm *arm, const Chart *chart, const Pose *target, double u[], double shift[]);
 SHARED double solve_chart(const Arm *arm, const Pose *target, const double *q_ref, const double *n_ref,
                           const double *level, int turns, double longest, double enough, double q[]);
-SHARED int joints_allowed(const Arm *arm, const Chart *chart, const double *leaf, const double q[]);
+SHARED int joints_allowed(const Arm *arm, int keep, const double *leaf, const double q[]);
 
-/* q = F(x; c), at one target or at up to AT_ONCE; leaf NULL: 0. */
-SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]);
-typedef int Configuration(const Arm *, const Chart *, const Pose *, const double *, double *);
-typedef void Configurations(const Arm *, const Chart *, int, const Pose *, const double *, int, double *, int *);
-SHARED void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
-                                int stride, double *q, int status[]);
+/* q = F(x; c), at one target or at up to AT_ONCE; leaf NULL: 0. The joint limits are checked on every leaf but c = 0, on
+   that one if keep is 1. OUTSIDE: the target is outside the cell, or q outside the limits. */
+SHARED int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf,
+                              double q[]);
+typedef int Configuration(const Arm *, const Chart *, int, const Pose *, const double *, double *);
+typedef void Configurations(const Arm *, const Chart *, int, int, const Pose *, const double *, int, double *, int *);
+SHARED void find_configurations(const Arm *arm, const Chart *chart, int keep, int count, const Pose *targets,
+                                const double *leaf, int stride, double *q, int status[]);
 
 #endif

@@ -6,6 +6,7 @@
 #include "chart.h"
 
 typedef struct {
+  int keep;
   const Arm *arm;
   const Chart *chart;
   double *target, *leaf, *result; /* 16: [R p; 0 1] by rows; N - M, N */
@@ -25,18 +26,18 @@ static int read_pose(const double X[16], Pose *x) {
 EXPORT int call_configuration(const ChartCall *call, int on_leaf) {
   Pose target;
   if (!read_pose(call->target, &target)) return BAD_NUMBER;
-  return find_configuration(call->arm, call->chart, &target, on_leaf ? call->leaf : NULL, call->result);
+  return find_configuration(call->arm, call->chart, call->keep, &target, on_leaf ? call->leaf : NULL, call->result);
 }
 
 /* q at every target (count, 16) on its leaf (count, N - M); rows without q are NaN. */
-EXPORT void call_configurations(const Arm *arm, const Chart *chart, long count, const double *X, const double *leaf,
+EXPORT void call_configurations(const Arm *arm, const Chart *chart, int keep, long count, const double *X, const double *leaf,
                                 double *Q) {
   for (long a = 0; a < count; a += AT_ONCE) {
     const int few = count - a < AT_ONCE ? (int)(count - a) : AT_ONCE;
     Pose targets[AT_ONCE];
     int status[AT_ONCE], read[AT_ONCE];
     for (int l = 0; l < few; l++) read[l] = read_pose(X + 16 * (a + l), targets + l);
-    find_configurations(arm, chart, few, targets, leaf + a * (N - M), N - M, Q + a * N, status);
+    find_configurations(arm, chart, keep, few, targets, leaf + a * (N - M), N - M, Q + a * N, status);
     for (int l = 0; l < few; l++)
       for (int i = 0; i < N && !(read[l] && status[l] == OK); i++) Q[(a + l) * N + i] = HUGE_VAL - HUGE_VAL;
   }

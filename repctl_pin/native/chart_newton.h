@@ -3,6 +3,7 @@
 
 /* Sines and cosines: by polynomials, after the nearest quarter turns are removed. */
 static void LANED(turns)(const Arm *arm, const Number angle[], Number sine[], Number cosine[]) {
+  (void)arm;
   for (int j = 0; j < JOINTS; j++) {
     const Number a = angle[j], k = NEAREST(a * 0.6366197723675814), half = 0.5 * k, h = half - NEAREST(half);
     const Number odd = 4.0 * h * h, quarter = 0.25 * (k - odd), e = quarter - NEAREST(quarter);
@@ -21,6 +22,7 @@ static void LANED(turns)(const Arm *arm, const Number angle[], Number sine[], Nu
 
 /* Sines and cosines from those of angles at most 0.01 away, by the addition theorems. */
 static void LANED(turns_on)(const Arm *arm, const Number step[], Number sine[], Number cosine[]) {
+  (void)arm;
   for (int j = 0; j < JOINTS; j++) {
     const Number d = step[j], z = d * d, s = d * (1.0 - z * (0.16666666666666666 - z * 8.333333333333333e-3));
     const Number less = z * (0.5 - z * (0.041666666666666664 - z * 1.388888888888889e-3)); /* 1 - cos(d) */

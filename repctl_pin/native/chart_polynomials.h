@@ -10,6 +10,7 @@ static void LANED(monomials)(const Chart *chart, const Number u[], Number T[]) {
 /* q_ref and n_ref^T from the monomials, four at a time. */
 static void LANED(references)(const Arm *arm, const Chart *chart, const Number T[], Number sum[]) {
   const double *w = chart->weights;
+  (void)arm;
   for (int i = 0; i < WIDE; i++) sum[i] = T[0] * 0.0;
   for (int a = 0; a < chart->both; a += 4, w += 4 * WIDE) {
     const Number s = T[a], t = T[a + 1], u = T[a + 2], v = T[a + 3];

@@ -33,9 +33,8 @@ SHARED double solve_chart(const Arm *arm, const Pose *target, const double *q_re
   return size;
 }
 
-/* The joint limits are checked on every leaf but c = 0, there only if the function keeps them. */
-SHARED int joints_allowed(const Arm *arm, const Chart *chart, const double *leaf, const double q[]) {
-  int checked = chart->keep_limits;
+SHARED int joints_allowed(const Arm *arm, int keep, const double *leaf, const double q[]) {
+  int checked = keep;
   for (int j = 0; leaf && j < N - M; j++)
     if (leaf[j] != 0.0) checked = 1;
   for (int i = 0; i < N && checked; i++)

@@ -40,7 +40,8 @@ typedef double Several;
 #undef LANES
 #undef LANED
 
-SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]) {
+SHARED int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf,
+                              double q[]) {
   double u[6], T[CHART_TERMS], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
   int status;
   if (leaf && !finite(leaf, N - M)) return BAD_NUMBER;
@@ -62,14 +63,14 @@ SHARED int find_configuration(const Arm *arm, const Chart *chart, const Pose *ta
     for (int i = 0; i < N; i++) start[i] = x[i];
   else if (!(solve_chart(arm, target, both, both + Q_WIDE, leaf, 12, 0.3, 1e-7, start) <= 1e-7))
     return OUTSIDE;
-  if (!joints_allowed(arm, chart, leaf, start)) return OUTSIDE;
+  if (!joints_allowed(arm, keep, leaf, start)) return OUTSIDE;
   for (int i = 0; i < N; i++) q[i] = start[i];
   return OK;
 }
 
 /* q and its status at up to AT_ONCE targets. The leaf of the next target is stride numbers further. */
-SHARED void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
-                                int stride, double *q, int status[]) {
+SHARED void find_configurations(const Arm *arm, const Chart *chart, int keep, int count, const Pose *targets,
+                                const double *leaf, int stride, double *q, int status[]) {
   Several u[6], T[CHART_TERMS], both[WIDE], level[N], x[N], goal[12], shift[N];
   double state[AT_ONCE];
   for (int l = 0; l < AT_ONCE; l++) { /* after the last target, that one again */
@@ -96,8 +97,8 @@ SHARED void find_configurations(const Arm *arm, const Chart *chart, int count, c
     double found[N];
     if (status[l] != OK) continue;
     for (int i = 0; i < N; i++) found[i] = LANE(x[i], l);
-    if (!(state[l] > 0.0) || !joints_allowed(arm, chart, c, found))
-      status[l] = find_configuration(arm, chart, targets + l, c, found);
+    if (!(state[l] > 0.0) || !joints_allowed(arm, keep, c, found))
+      status[l] = find_configuration(arm, chart, keep, targets + l, c, found);
     for (int i = 0; i < N && status[l] == OK; i++) q[l * N + i] = found[i];
   }
 }

@@ -52,11 +52,11 @@ EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, co
   return CHOSEN(arm_gradients)(arm, K, Q, half, P, r);
 }
 
-int find_configuration(const Arm *arm, const Chart *chart, const Pose *target, const double *leaf, double q[]) {
-  return CHOSEN(find_configuration)(arm, chart, target, leaf, q);
+int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf, double q[]) {
+  return CHOSEN(find_configuration)(arm, chart, keep, target, leaf, q);
 }
 
-void find_configurations(const Arm *arm, const Chart *chart, int count, const Pose *targets, const double *leaf,
-                         int stride, double *q, int status[]) {
-  CHOSEN(find_configurations)(arm, chart, count, targets, leaf, stride, q, status);
+void find_configurations(const Arm *arm, const Chart *chart, int keep, int count, const Pose *targets,
+                         const double *leaf, int stride, double *q, int status[]) {
+  CHOSEN(find_configurations)(arm, chart, keep, count, targets, leaf, stride, q, status);
 }

@@ -68,7 +68,8 @@ class RepeatableInverse:
     potentials
         r potentials h; their common level sets are the leaves on which the motion stays.
     region
-        Design region Ω, which the argument ``outside`` of :meth:`step` checks.
+        Design region Ω, which the argument ``outside`` of :meth:`step` checks; by default that of
+        the potentials, if they have one: those of a cell function have their cell.
 
     Raises
     ------
@@ -99,7 +100,9 @@ class RepeatableInverse:
             "potentials",
             "potentials, such as potentials.weighted(A)",
         )
-        if region is not None:
+        if region is None:
+            region = getattr(potentials, "region", None)
+        else:
             require_type(
                 region,
                 Bounded,

@@ -250,9 +250,7 @@ class InverseFunction:
     @cached_property
     def inverse(self) -> RepeatableInverse:
         """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
-        return RepeatableInverse(
-            self.task, CellPotentials(self.chart), region=self.cell
-        )
+        return RepeatableInverse(self.task, CellPotentials(self.chart))
 
     def leaves(self, target: Placement) -> Array:
         """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.

@@ -41,7 +41,8 @@ class NativeFunction:
         self, native: ctypes.CDLL, arm: Any, chart: Chart, keep_limits: bool
     ) -> None:
         self._native, self._held = native, ctypes.PyDLL(native._name)
-        self._arm, self._chart = arm, native_chart(chart, keep_limits)
+        self._arm, self._chart = arm, native_chart(chart)
+        self._keep = int(keep_limits)
         self._n, self._r = chart.cell.task.n, chart.cell.task.r
 
     def of_one(self) -> Callable[[pin.SE3, Array | None], Array | None]:
@@ -54,6 +55,7 @@ class NativeFunction:
         to = {
             "arm": ctypes.addressof(self._arm),
             "chart": ctypes.addressof(self._chart),
+            "keep": self._keep,
         }
         call, _ = filled_struct(CHART_CALL, {}, parts, to)
         address = ctypes.c_void_p(ctypes.addressof(call))
@@ -82,7 +84,8 @@ class NativeFunction:
             part = slice(begin, begin + _PART)
             X = matrices(targets[part])
             rows = (ctypes.c_void_p(x.ctypes.data) for x in (X, C[part], Q[part]))
-            self._native.call_configurations(*to, ctypes.c_long(len(X)), *rows)
+            count = ctypes.c_long(len(X))
+            self._native.call_configurations(*to, self._keep, count, *rows)
 
         parts = range(0, len(targets), _PART)
         if threads == 1 or len(parts) < 2:
@@ -104,7 +107,7 @@ def native_function(chart: Chart, keep_limits: bool) -> NativeFunction | None:
     return NativeFunction(native, arm, chart, keep_limits)
 
 
-def native_chart(chart: Chart, keep_limits: bool = True) -> Any:
+def native_chart(chart: Chart) -> Any:
     """Create the struct :data:`CHART` of a chart."""
     ints, reals, scalars = chart.cell._tables()
     terms, both, weights = _weights(chart)
@@ -116,7 +119,7 @@ def native_chart(chart: Chart, keep_limits: bool = True) -> Any:
         "row": np.argsort(row),
         "column": np.argsort(column),
     }
-    scalars |= {"terms": terms, "both": both, "keep_limits": int(keep_limits)}
+    scalars |= {"terms": terms, "both": both}
     return filled_struct(CHART, ints, reals | {"weights": weights}, scalars)[0]
 
 

@@ -126,15 +126,8 @@ def write_source(
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
-    """Return the region that ``name_inside`` checks: the given one, by default the inverse's own Ω.
-
-    Without either, it is the cell if the inverse is that of a cell function, else None.
-    """
-    if region is None:
-        region = inverse.region
-    if region is None and isinstance(inverse.potentials, CellPotentials):
-        return inverse.potentials.chart.cell.whole
-    return region
+    """Return the region that ``name_inside`` checks: the given one, else the inverse's own Ω."""
+    return inverse.region if region is None else region
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
