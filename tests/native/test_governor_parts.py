@@ -1,4 +1,4 @@
-"""Parts of the governor in C: motions of the frame, nodes of interpolation, the way along a leaf."""
+"""Parts of the governor in C: motions of the frame, nodes of interpolation, way along a leaf."""
 
 from __future__ import annotations
 
