@@ -50,7 +50,7 @@ SHARED int find_configuration(const Arm *arm, const Chart *chart, int keep, cons
                               double q[]) {
   double u[6], T[CHART_TERMS], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
   int status;
-  if (leaf && !finite(leaf, N - M)) return BAD_NUMBER;
+  if (leaf && !all_finite(leaf, N - M)) return BAD_NUMBER;
   status = find_coordinates(arm, chart, target, u, shift);
   if (status != OK) return status;
   monomials_of_one(chart, u, T);

@@ -45,11 +45,6 @@ EXPORT int call_governor_step(const GovernorCall *call, int given) {
   return govern(call->arm, call->state, given & 1 ? &target : NULL, given & 2 ? call->twist : NULL, call->result);
 }
 
-EXPORT void call_governor_leaf(const GovernorCall *call) {
-  const Arm *arm = call->arm;
-  for (int i = 0; i < N - M; i++) call->result[i] = call->state->leaf[i];
-}
-
 typedef struct {
   const Arm *arm;
   const double *q, *qdot, *inertia, *bias; /* N, N, N N, N */

@@ -189,11 +189,7 @@ class Governor:
     def leaf(self) -> Array:
         """Level c (r,) of the leaf on which the commanded configuration stays."""
         self._check_started()
-        q = self._q.copy()
-        self._native.call_governor_leaf(self._address)
-        leaf = self._q[: self._task.r].copy()
-        self._q[:] = q
-        return leaf
+        return self._leaf.copy()
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
@@ -225,10 +221,12 @@ class Governor:
                 "or use an inverse without a region"
             )
         self._inverse(q)
+        self._leaf = self._inverse.leaf(q)
         self._begin[:] = q
-        status = self._native.call_governor_start(self._address)
-        assert status == Status.OK, status  # C refuses nothing else
-        self._q[:], self._on = q, True
+        status = Status(self._native.call_governor_start(self._address))
+        assert status is Status.OK, status  # all else was refused above
+        self._q[:] = q
+        self._on = True
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None

@@ -184,8 +184,9 @@ class NativeTorques:
     ) -> None:
         n, r = sizes
         self._arm, self._reference = arm, reference
-        numbers = gains.damping, gains.leaf_frequency, gains.leaf_damping
-        parts = [gains.stiffness, gains.observer_limit, numbers, [gains.observer_rate]]
+        damping = gains.damping, gains.leaf_frequency, gains.leaf_damping
+        numbers = np.array([*damping, gains.observer_rate])
+        packed = np.concatenate([gains.stiffness, gains.observer_limit, numbers])
         self._q, self._qdot, self._bias = np.zeros(n), np.zeros(n), np.zeros(n)
         self._inertia, self._target = np.zeros((n, n)), np.zeros((4, 4))
         self._twist, self._leaf, self._tau = np.zeros(6), np.zeros(r), np.zeros(n)
@@ -197,7 +198,7 @@ class NativeTorques:
             "target": self._target,
             "twist": self._twist,
             "leaf": self._leaf,
-            "gains": np.concatenate(parts),
+            "gains": packed,
             "result": self._tau,
         }
         own = {"arm": ctypes.addressof(arm)}
