@@ -24,11 +24,10 @@ from .extensions.recordings.audit import audit as audit
 from .extensions.recordings.recording import Recording as Recording
 from .extensions.recordings.relabel import Relabeled as Relabeled
 from .extensions.recordings.relabel import relabel as relabel
-from .extensions.runtime.codegen.compile import compiled as compiled
 from .extensions.runtime.codegen.export import export_c as export_c
 from .extensions.runtime.governor import Governor as Governor
+from .extensions.runtime.governor import Status as Status
 from .extensions.runtime.impedance import LeafImpedance as LeafImpedance
-from .extensions.runtime.status import Status as Status
 from .extensions.timing.run import Run as Run
 from .extensions.timing.timing import approach as approach
 from .extensions.timing.timing import timed as timed

@@ -10,7 +10,7 @@ T = TypeVar("T")
 
 
 class PerThread(threading.local, Generic[T]):
-    """Value that is created once per thread, and again in a copy or another process.
+    """Value that is created once per thread, on first use, and again in a copy or another process.
 
     Parameters
     ----------
@@ -23,8 +23,16 @@ class PerThread(threading.local, Generic[T]):
         Value of the current thread.
     """
 
+    own: T
+
     def __init__(self, make: Callable[[], T]) -> None:
-        self._make, self.own = make, make()
+        self._make = make
+
+    def __getattr__(self, name: str) -> T:
+        if name != "own":
+            raise AttributeError(name)
+        self.own = self._make()
+        return self.own
 
     def __reduce__(self) -> tuple[type[PerThread[T]], tuple[Callable[[], T]]]:
         return PerThread, (self._make,)

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..native import CHAIN, filled_struct
+from ..native import ARM, filled_struct
 from .model import frame_id, link_frames
 from .task import Task
 
@@ -117,21 +117,91 @@ def joint_tree(task: Task) -> _JointTree:
 
 
 def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the struct :data:`CHAIN` of a task, and the arrays that it points to.
+    """Create the struct :data:`ARM` of a task without potentials, and the arrays it points to.
 
-    None if the chain has more than 64 joints, the most that chain.c has room for.
+    Its frames are turned so that each joint moves about or along its own z axis. None if the chain
+    has more than 64 joints, the most that arm.c has room for.
     """
-    joints = joint_chain(task)
-    if len(joints.axes) > _MOST:
+    chain = joint_chain(task)
+    joints = len(chain.axes)
+    if max(joints, task.n) > _MOST:
         return None
-    kind = {"pose": 0, "axis": 1}.get(task.kind, 2)
+    R, p = _along_z(chain)
+    lower, upper, _ = task.joint_limits
+    sizes = {"n": task.n, "m": task.m, "joints": joints}
+    coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
-        CHAIN,
-        {"revolute": joints.revolute, "rows": task.rows},
-        {name: getattr(joints, name) for name in ("R", "p", "S", "offset")}
-        | {"axis": joints.axes},
-        {"P": len(joints.axes), "n": task.n, "m": task.m, "kind": kind},
+        ARM,
+        {"revolute": chain.revolute, "bent": _bent(R[1:]), "rows": task.rows},
+        {
+            "R": R,
+            "p": p,
+            "S": chain.S,
+            "offset": chain.offset,
+            "T": task.coordinate_matrix,
+            "lower": lower,
+            "upper": upper,
+        },
+        sizes
+        | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
+
+
+def _along_z(chain: _JointChain) -> tuple[Array, Array]:
+    """Turn the frames of the joints, so that each joint moves about or along its own z axis.
+
+    A frame can then be turned about its z axis, as its joint does. Each one is turned so that the
+    rotation from it to the next one is about its x axis, if a rotation about z after it permits.
+
+    Returns
+    -------
+    R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
+        Rotation and origin of each frame relative to the previous one.
+    """
+    B = [np.eye(3), *map(_z_along, chain.axes), np.eye(3)]
+    for j in range(1, len(chain.axes)):
+        turn = B[j].T @ chain.R[j] @ B[j + 1]
+        if np.hypot(turn[2, 0], turn[2, 1]) > _ALONG:  # x across both z axes
+            about = _about_z(turn[2, 1], -turn[2, 0])
+            about = about if (turn @ about)[0, 0] > 0 else about @ np.diag([-1, -1, 1])
+        else:
+            about = _about_z(turn[0, 0], -np.sign(turn[2, 2]) * turn[1, 0])
+        B[j + 1] = B[j + 1] @ about
+    turned = np.array(B)
+    back = turned[:-1].swapaxes(1, 2)
+    R = back @ chain.R @ turned[1:]
+    R[np.abs(R) < _ROUNDING] = 0.0
+    return R, np.einsum("jik,jk->ji", back, chain.p)
+
+
+_ALONG, _ROUNDING = 1e-6, 1e-15
+"""Sine of the angle of two axes below which they count as parallel here, and maximum rounding error
+of a rotation's entry that is 0."""
+
+
+def _about_z(x: float, y: float) -> Array:
+    """Compute the rotation about z by the angle of (x, y)."""
+    c, s = np.array([x, y]) / np.hypot(x, y)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _bent(R: Array) -> NDArray[np.int_]:
+    """Classify rotations (P, 3, 3): 1 if about x alone, 2 if by a quarter turn, else 0."""
+    about_x = (R[:, 0] == [1, 0, 0]).all(axis=1) & (R[:, :, 0] == [1, 0, 0]).all(axis=1)
+    return np.where(about_x, np.where(R[:, 1, 1] == 0, 2, 1), 0)
+
+
+def _z_along(axis: Array) -> Array:
+    """Compute a rotation (3, 3) whose third column is a given unit vector.
+
+    Along the axes x, y and z, its entries are exactly 0, 1 and −1.
+    """
+    axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
+    k = int(np.argmax(np.abs(axis)))
+    other = np.eye(3)[(k + 1) % 3]
+    x = other - (other @ axis) * axis
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def joint_axes(

@@ -11,19 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
-from ..model.joint_chain import native_chain
 from ..native import LAW, filled_struct, library
-from ..potentials.polynomial import PolynomialMap
-from ..redundancy.inverses import RANK_TOLERANCE
 from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strategy
-from ..strategies.pseudoinverse import WELL_CONDITIONED
+from ..strategies.native_arm import library_arm
 
 Steps = Callable[[int, int, Array, Array], int]
 """Function (step, end, Q, Qdot) that writes the rows of both arrays from ``step`` on, and returns
 the first step that it has not done."""
-
-_MOST = 64
-"""Maximum number of joints in C, where their matrices are on the stack."""
 
 _AT_ONCE = 50_000
 """Number of steps per call of the C function; Ctrl-C is handled between calls."""
@@ -53,31 +47,18 @@ def compiled_steps(
     most : (n,) array
         Joint motion per step, rad or m, at which the function stops before the step.
     """
-    task = strategy.task
-    parts = _parts_of(strategy)
-    if parts is None or task.kind == "axis" or task.n > _MOST:
-        return None
     native = library()
-    chain = None if native is None else native_chain(task)
-    if native is None or chain is None:
+    law = None if native is None else _law_of(strategy)
+    if native is None or law is None or strategy.task.kind == "axis":
         return None
-    scalars, own = parts
-    reals = {
-        "posture": np.zeros(task.n),
-        "tensor": np.zeros(1),
-        "center": np.zeros(1),
-    } | own
-    motion = {
-        "nodes": tableau[0],
-        "weights": tableau[1],
-        "xdot": xdot,
-        "h": h,
-        "most": most,
-    }
+    arm, scalars, posture = law
+    motion = {"nodes": tableau[0], "weights": tableau[1], "xdot": xdot, "h": h}
     sizes = {"stages": len(tableau[0]), "steps": len(np.asarray(h))}
-    sizes |= {"chain": ctypes.addressof(chain[0])}
-    law, held = filled_struct(LAW, {}, reals | motion, sizes | scalars)
-    return functools.partial(_run, native, law, [chain, held])
+    sizes |= {"arm": ctypes.addressof(arm)}
+    made, held = filled_struct(
+        LAW, {}, posture | motion | {"most": most}, sizes | scalars
+    )
+    return functools.partial(_run, native, made, [arm, held])
 
 
 def _run(
@@ -98,19 +79,17 @@ def _run(
     return step
 
 
-def _parts_of(strategy: Strategy) -> tuple[dict[str, float], dict[str, Array]] | None:
-    """Collect the scalars and arrays of a strategy's control law for C; None if unsupported."""
+def _law_of(
+    strategy: Strategy,
+) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
+    """Find the struct Arm, the scalars and the posture of a strategy's law; None if not in C."""
     kind = type(strategy)
-    speed = {"sufficient": WELL_CONDITIONED**2}
-    if kind is Pseudoinverse:
-        return speed, {}
-    if isinstance(strategy, PostureControl) and kind is PostureControl:
-        return speed | {"gain": strategy.gain}, {"posture": strategy.posture}
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:
-        task, h = strategy.task, strategy.potentials
-        tensor = h.homogeneous if isinstance(h, PolynomialMap) else None
-        if tensor is not None:
-            scalars: dict[str, float] = {"r": task.r, "degree": tensor.degree}
-            scalars["sufficient"] = RANK_TOLERANCE / task.n ** (task.n / 2)
-            return scalars, {"tensor": tensor.tensor, "center": tensor.center}
-    return None
+        arm = strategy._law.own.arm
+        return None if arm is None else (arm, {"on_leaf": 1}, {})
+    if kind is not Pseudoinverse and kind is not PostureControl:
+        return None
+    arm = library_arm(strategy.task)
+    if arm is None or not isinstance(strategy, PostureControl):
+        return None if arm is None else (arm, {}, {})
+    return arm, {"gain": strategy.gain}, {"posture": strategy.posture}

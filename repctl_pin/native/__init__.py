@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import InputError
+
 _LIBRARY = Path(__file__).with_name("librepctl.so.1")
 
 _REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
@@ -43,6 +45,27 @@ def _loaded() -> ctypes.CDLL | None:
     return None
 
 
+def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
+    """Load the native library, which ``by`` requires.
+
+    ``holds``: its functions keep Python's global interpreter lock, which makes short calls faster.
+
+    Raises
+    ------
+    InputError
+        If the library is switched off or missing; the message names the remedy.
+    """
+    native = library()
+    if native is None:
+        off = os.environ.get("REPCTL_NATIVE") == "no"
+        cause = "is switched off" if off else "is missing"
+        raise InputError(
+            f"{by} requires the native library, which {cause}",
+            remedy="unset REPCTL_NATIVE" if off else _REMEDY,
+        )
+    return ctypes.PyDLL(native._name) if holds else native
+
+
 def _struct(
     *first: tuple[str, Any], ints: str = "", doubles: str = "", pointers: str = ""
 ) -> type[ctypes.Structure]:
@@ -53,14 +76,46 @@ def _struct(
     return type("CStruct", (ctypes.Structure,), {"_fields_": members})
 
 
-CHAIN = _struct(ints="P n m kind", pointers="revolute rows R p axis S offset")
-"""The struct Chain of chain.h: the serial chain of a task."""
+PART = _struct(
+    ints="kind k count degree",
+    pointers="joint parent factor center scale wave weight chart",
+)
+"""The struct Part of arm.h: one term of a sum of potentials."""
+
+REGION = _struct(ints="count axes", pointers="center half axis position width chart")
+"""The struct Region of arm.h."""
+
+ARM = _struct(
+    ints="n m joints kind coupled parts",
+    pointers="revolute bent rows R p S offset T lower upper part region",
+)
+"""The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
+
+CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
+"""The struct Call of calls.c: the arguments of one thread."""
+
+GOVERNOR_CALL = _struct(pointers="arm state limits target twist q result", doubles="dt")
+"""The struct GovernorCall of governor_calls.c: the arguments of one governor."""
+
+TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains result")
+"""The struct TorqueCall of governor_calls.c: the arguments of the torque law of one thread."""
+
+CHART = _struct(
+    ints="sector k removed terms both",
+    doubles="radius height spin",
+    pointers="moved coordinate joint parent factor row column "
+    "p R sign origin basis turn center bounds scale lower upper weights",
+)
+"""The struct Chart of chart.h: a cell, and the chart of its function."""
+
+CHART_CALL = _struct(ints="keep", pointers="arm chart target leaf result")
+"""The struct ChartCall of chart_calls.c: the arguments of one thread."""
 
 LAW = _struct(
-    ("chain", ctypes.c_void_p),
-    ints="stages steps r degree",
-    doubles="gain sufficient",
-    pointers="posture tensor center nodes weights xdot h most",
+    ("arm", ctypes.c_void_p),
+    ints="stages steps on_leaf",
+    doubles="gain",
+    pointers="posture nodes weights xdot h most",
 )
 """The struct Law of runge_kutta.c: a control law, and the motion that it makes."""
 
@@ -104,7 +159,8 @@ def filled_struct(
 ) -> tuple[Any, list[NDArray[np.generic]]]:
     """Create a C struct with pointers to arrays.
 
-    Returns the struct, and the list of these arrays, which must live as long as the struct.
+    Returns the struct, and the list of these arrays. The struct holds them by name as ``held``, so
+    they live as long as it does.
     """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {
@@ -114,4 +170,16 @@ def filled_struct(
         name: np.ascontiguousarray(values, float) for name, values in reals.items()
     }
     pointers = {name: values.ctypes.data for name, values in held.items()}
-    return struct(**scalars, **pointers), list(held.values())
+    made = struct(**scalars, **pointers)
+    made.held = dict(held)
+    return made, list(held.values())
+
+
+def point(made: Any, name: str, structs: list[Any]) -> None:
+    """Let the pointer ``name`` of a struct point to other structs, in a row in memory.
+
+    The struct holds them, as it does its arrays.
+    """
+    row = (type(structs[0]) * len(structs))(*structs)
+    setattr(made, name, ctypes.addressof(row))
+    made.held |= {name: structs, f"{name} in a row": row}

@@ -1,48 +1,8 @@
-/* Forward kinematics and the Jacobian of a serial chain, and linear equations. */
+/* Linear equations. */
 
 #include <math.h>
 
 #include "chain.h"
-
-void place(const Chain *chain, const double *q, double *p, double *R, double *J) {
-  double E[9], z[MOST_JOINTS][3], o[MOST_JOINTS][3];
-  const int n = chain->n, m = chain->m;
-  for (int i = 0; i < 9; i++) R[i] = i % 4 == 0;
-  for (int i = 0; i < 3; i++) p[i] = 0;
-  for (int j = 0; j <= chain->P; j++) {
-    double theta = 0;
-    add_turned(R, chain->p + 3 * j, p);
-    times(R, chain->R + 9 * j, 0, R);
-    if (j == chain->P) break;
-    for (int i = 0; i < n; i++) theta += chain->S[j * n + i] * q[i];
-    theta += chain->offset[j];
-    apply(R, chain->axis + 3 * j, z[j]);
-    for (int i = 0; i < 3; i++) o[j][i] = p[i];
-    if (chain->revolute[j]) {
-      turn(chain->axis + 3 * j, sin(theta), cos(theta), E);
-      times(R, E, 0, R);
-    } else
-      for (int i = 0; i < 3; i++) p[i] += theta * z[j][i];
-  }
-  for (int i = 0; i < m * n; i++) J[i] = 0;
-  for (int j = 0; j < chain->P; j++) {
-    const double *a = z[j], d[3] = {p[0] - o[j][0], p[1] - o[j][1], p[2] - o[j][2]};
-    double twist[6] = {a[0], a[1], a[2], 0, 0, 0}, column[6];
-    if (chain->revolute[j]) {
-      cross(a, d, twist);
-      for (int i = 0; i < 3; i++) twist[3 + i] = a[i];
-    }
-    for (int i = 0; i < m; i++)
-      column[i] = chain->kind == 2 ? twist[chain->rows[i]]
-                  : chain->kind == 0 || i < 3 ? twist[i]
-                                              : R[i - 3] * twist[3] + R[i] * twist[4] + R[i + 3] * twist[5];
-    for (int i = 0; i < n; i++) {
-      const double share = chain->S[j * n + i];
-      if (share != 0)
-        for (int k = 0; k < m; k++) J[k * n + i] += share * column[k];
-    }
-  }
-}
 
 double eliminate(int n, double *A, double *b) {
   double pivots = 1;

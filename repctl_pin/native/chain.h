@@ -1,21 +1,13 @@
-/* Rotations, and the serial chain of a task. Matrices are in rows. */
+/* Rotations and linear equations. Matrices are in rows. */
 
 #ifndef REPCTL_CHAIN_H
 #define REPCTL_CHAIN_H
 
+#ifndef EXPORT
 #define EXPORT __attribute__((visibility("default")))
+#endif
 
 enum { MOST_JOINTS = 64 }; /* of a chain */
-
-typedef struct {
-  int P, n, m, kind;                /* joints of the chain and of the task; kind 0 pose, 1 tool axis, 2 position */
-  const int *revolute, *rows;       /* P, m: coordinates of the position */
-  const double *R, *p, *axis;       /* P + 1 9, P + 1 3, P 3: placements after each joint, the frame's last */
-  const double *S, *offset;         /* P n, P: joints of the chain = S q + offset */
-} Chain;
-
-/* Position, rotation, and J (m, n), at q. */
-void place(const Chain *chain, const double *q, double *p, double *R, double *J);
 
 /* Eliminate A x = b by rows, with exchanges; return the product of the pivots. Then solve what is left, x in b. */
 double eliminate(int n, double *A, double *b);

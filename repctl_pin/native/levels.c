@@ -1,19 +1,24 @@
-/* The Taylor models for the vector units of this processor. Every level gives the same numbers, bit by bit.
+/* The Taylor models, and batches of cell functions, for the vector units of this processor. Every level gives the same numbers, bit by bit.
 
    The processor is asked by hand: the compiler's own test of it brings zig's sine and cosine in place of the system's. */
 
 #include "levels.h"
 
 #include "chain.h"
+#include "chart.h"
 
 CellBounds cell_bounds_plain;
 ArmGradients arm_gradients_plain;
+Configuration find_configuration_plain;
+Configurations find_configurations_plain;
 
 #ifdef __x86_64__
 #include <cpuid.h>
 
 CellBounds cell_bounds_avx2, cell_bounds_avx512;
 ArmGradients arm_gradients_avx2, arm_gradients_avx512;
+Configuration find_configuration_avx2, find_configuration_avx512;
+Configurations find_configurations_avx2, find_configurations_avx512;
 
 enum { UNKNOWN, PLAIN, AVX2, AVX512 };
 
@@ -45,4 +50,13 @@ EXPORT int cell_bounds(const struct Cell *cell, long K, const double *U, const d
 EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, const double *half, double *P,
                          double *r) {
   return CHOSEN(arm_gradients)(arm, K, Q, half, P, r);
+}
+
+int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf, double q[]) {
+  return CHOSEN(find_configuration)(arm, chart, keep, target, leaf, q);
+}
+
+void find_configurations(const Arm *arm, const Chart *chart, int keep, int count, const Pose *targets,
+                         const double *leaf, int stride, double *q, int status[]) {
+  CHOSEN(find_configurations)(arm, chart, keep, count, targets, leaf, stride, q, status);
 }

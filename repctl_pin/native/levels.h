@@ -1,4 +1,4 @@
-/* The files of Taylor models are compiled once for each level of the vector units; levels.c chooses. */
+/* The files of Taylor models, and of batches of cell functions, are compiled once for each level of the vector units; levels.c chooses. */
 
 #ifndef REPCTL_LEVELS_H
 #define REPCTL_LEVELS_H

@@ -1,113 +1,176 @@
-"""Control step of a repeatable inverse, with feedback to its leaf (the leaf lock), in Python.
+"""Control law of a repeatable inverse, with feedback to its leaf (the leaf lock).
 
-A step evaluates J and the potentials once and solves one linear system. The functions work in
-preallocated memory on arguments that are already checked, see
-:mod:`repctl_pin.strategies.fast_loop`.
+It stands twice: in C (:mod:`.native_law`), which is the default, and here in NumPy, as reference
+and for what C cannot hold: user-defined potentials, arms of more than 64 joints.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache, partial
 from math import prod
 from sys import float_info
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.blas import daxpy, ddot, dscal
+from scipy.linalg.blas import ddot
 from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
 from ..arguments import Array
-from ..model import fast_kinematics
 from ..model.task import Task
-from ..potentials import fast_potentials
 from ..potentials.basis import Potentials
-from ..redundancy.augmented import is_regular
+from ..redundancy.augmented import augmented_inverse, is_regular
 from ..redundancy.inverses import RANK_TOLERANCE
-from .fast_loop import FastLoop, StepLimits, checked, failure
+from .native_arm import library_arm
+from .native_law import NativeLaw
+from .step_arguments import StepLimits, failure
 
 
-def python_loops(task: Task, potentials: Potentials) -> Callable[[], FastLoop]:
-    """Return a function without arguments that creates the fast functions, in Python.
+class Law(Protocol):
+    """Control law of a repeatable inverse on checked arguments, for one thread.
 
-    It is called once per thread, so that each thread has separate working memory.
+    Attributes
+    ----------
+    arm
+        Struct Arm of the law in C; None for the one in NumPy.
     """
-    return lambda: checked(task, _control_law(task, potentials))
 
+    arm: Any
 
-def _control_law(task: Task, potentials: Potentials) -> FastLoop:
-    """Create the control law of the repeatable inverse of potentials h, in preallocated memory.
-
-    Its step is ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` with ``J_V = [J; Vᵀ]`` (37).
-    """
-    n, m = task.n, task.m
-    memory = np.zeros(n * n + n)
-    J_V, rhs = (
-        memory[: n * n].reshape((n, n), order="F"),
-        memory[n * n :],
-    )  # [J; Vᵀ] (37)
-    top, bottom = rhs[:m], rhs[m:]
-    jacobian, error, rate = fast_kinematics.in_place(task, J_V[:m], top)
-    slope, gap = fast_potentials.in_place(potentials, J_V[m:], bottom)
-    whole = task.kind == "pose"
-    used, slowed = 0.0, 1.0
-
-    def evaluate(q: Array) -> None:
-        jacobian(q)
-        slope(q)
-
-    solved = checked_solve(task, memory, J_V, rhs, evaluate)
-
-    def solved_within(q: Array, bounds: StepLimits, dt: float) -> Array:
-        """Solve ``J_V x = rhs`` with damping, and shorten x to the speed limits."""
-        nonlocal used, slowed
-        damping, most = bounds.damping, bounds.velocity_limit * dt
-        used, slowed = 0.0, 1.0
-        if damping:
-            x, used = damped(J_V, rhs, damping)
-            if not np.isfinite(x).all():
-                raise failure(task, q, rhs)
-        else:
-            x = solved(q)
-        if (np.abs(x) <= most).all():
-            return x
-        bottom[:] = 0.0
-        if damping:
-            x_task = damped(J_V, rhs, damping)[0]
-        else:
-            evaluate(q)
-            x_task = solved(q)
-        x, slowed = within(x, x_task, most)
-        return x
-
-    def velocity(q: Array, xdot: Array) -> Array:
-        evaluate(q)
-        top[:] = xdot
-        bottom[:] = 0.0
-        return solved(q)
+    def velocity(self, q: Array, xdot: Array) -> Array:
+        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
 
     def step(
+        self,
         q: Array,
         target: pin.SE3,
         dt: float,
         twist: Array | None,
         leaf: Array | None,
         gain: float | None,
-        bounds: StepLimits | None,
+        limits: StepLimits | None,
     ) -> Array:
-        evaluate(q)
-        error(target)
-        if leaf is None:
-            bottom[:] = 0.0
-        else:
-            gap(leaf)
-        if gain is not None:
-            dscal(gain * dt, rhs)
-        if twist is not None:
-            daxpy(twist if whole else rate(twist), rhs, m, dt)
-        x = solved(q) if bounds is None else solved_within(q, bounds, dt)
-        return daxpy(q, x, n)
+        """Compute the next q (n,), as :meth:`RepeatableInverse.step` does."""
 
-    return FastLoop(velocity, step, lambda: (used, slowed))
+    def report(self) -> tuple[float, float]:
+        """Return the damping λ of the last step with limits, and the factor of the limits."""
+
+    def leaf(self, q: Array) -> Array:
+        """Evaluate c = h(q) (r,)."""
+
+    def inverses(self, Q: Array) -> Array:
+        """Evaluate G_r (K, n, m) at the rows of Q (K, n)."""
+
+    def velocities(self, Q: Array, Xdot: Array) -> Array:
+        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+
+
+def control_laws(task: Task, potentials: Potentials) -> Callable[[], Law]:
+    """Return a function that makes the control law of potentials h for one thread."""
+    shared_arm = cache(partial(library_arm, task, potentials))
+
+    def law() -> Law:
+        arm = shared_arm()
+        if arm is None:
+            return NumPyLaw(task, potentials)
+        return NativeLaw(task, potentials, arm)
+
+    return law
+
+
+class NumPyLaw:
+    """The control law as its formulas stand: ``J_V = [J; Vᵀ]`` (37), and its inverse (31)."""
+
+    def __init__(self, task: Task, potentials: Potentials) -> None:
+        self.task, self.potentials, self.arm = task, potentials, None
+        self._report = 0.0, 1.0
+
+    def leaf(self, q: Array) -> Array:
+        """Evaluate c = h(q) (r,)."""
+        return self.potentials.value(q)
+
+    def inverses(self, Q: Array) -> Array:
+        """Evaluate G_r (K, n, m) at the rows of Q (K, n): the first m columns of J_V⁻¹ (31)."""
+        J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
+        return augmented_inverse(J, V)[:, :, : self.task.m]
+
+    def velocities(self, Q: Array, Xdot: Array) -> Array:
+        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+        return (self.inverses(Q) @ Xdot[..., None])[..., 0]
+
+    def velocity(self, q: Array, xdot: Array) -> Array:
+        """Compute ``q̇ = J_V⁻¹ [ẋ; 0]`` (n,)."""
+        still = np.zeros(self.task.r)
+        return self._solved(q, self._augmented(q), np.concatenate([xdot, still]))
+
+    def step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        limits: StepLimits | None,
+    ) -> Array:
+        """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,)."""
+        task, share = self.task, 1.0 if gain is None else gain * dt
+        J_V = self._augmented(q)
+        x_error, still = task.error(q, target), np.zeros(task.r)
+        c_error = still if leaf is None else leaf - self.potentials.value(q)
+        rhs = share * np.concatenate([x_error, c_error])
+        if twist is not None:
+            if not np.isfinite(twist).all():
+                raise failure(task, q, twist)
+            rhs += dt * np.concatenate([task.task_velocity(q, twist), still])
+        if limits is None:
+            return q + self._solved(q, J_V, rhs)
+        x, used = self._damped(q, J_V, rhs, limits.damping)
+        self._report = used, 1.0
+        most = limits.velocity_limit * dt
+        if not (np.abs(x) <= most).all():
+            rhs[task.m :] = 0.0
+            x_task, _ = self._damped(q, J_V, rhs, limits.damping)
+            x, slowed = within(x, x_task, most)
+            self._report = used, slowed
+        return q + x
+
+    def report(self) -> tuple[float, float]:
+        """Return the damping λ of the last step with limits, and the factor of the limits."""
+        return self._report
+
+    def _augmented(self, q: Array) -> Array:
+        """Evaluate J_V (n, n)."""
+        if not np.isfinite(q).all():
+            raise failure(self.task, q, q)
+        with np.errstate(over="ignore", invalid="ignore"):  # tested when solved
+            V = self.potentials.gradient(q)
+        return np.concatenate([self.task.jacobian(q), V.T])
+
+    def _solved(self, q: Array, J_V: Array, rhs: Array) -> Array:
+        """Solve ``J_V x = rhs``."""
+        if not np.isfinite(rhs).all():
+            raise failure(self.task, q, rhs)
+        try:
+            inverse = np.linalg.inv(J_V)
+        except np.linalg.LinAlgError:
+            raise failure(self.task, q, rhs) from None
+        x = inverse @ rhs
+        if not (np.isfinite(x).all() and is_regular(J_V, inverse)):
+            raise failure(self.task, q, rhs)
+        return x
+
+    def _damped(
+        self, q: Array, J_V: Array, rhs: Array, most: float
+    ) -> tuple[Array, float]:
+        """Solve ``J_V x = rhs``, damped if ``most``, λ_max, is above 0; return x and λ."""
+        if not most:
+            return self._solved(q, J_V, rhs), 0.0
+        x, used = damped(J_V, rhs, most)
+        if not np.isfinite(x).all():
+            raise failure(self.task, q, rhs)
+        return x, used
 
 
 def checked_solve(

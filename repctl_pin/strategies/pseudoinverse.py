@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from math import inf, prod
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import ddot
-from scipy.linalg.lapack import dposv
 
 from ..arguments import (
     Array,
@@ -22,18 +19,13 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError, SingularityError
-from ..model.fast_kinematics import in_place
 from ..model.task import Task, own_task
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from ..threads import PerThread
-from .fast_loop import checked_velocity, failure
+from .native_arm import library_arm
+from .native_law import call_memory, holding_library
+from .step_arguments import as_velocity_arguments, failure
 from .strategy import described
-
-WELL_CONDITIONED = 1e-2
-"""Minimum sine of the angle between a row of J and the span of the other rows to solve with J Jᵀ.
-
-Below it, J⁺ is computed from J itself, which is slower and more accurate.
-"""
 
 
 class Pseudoinverse:
@@ -80,7 +72,8 @@ class Pseudoinverse:
         SingularityError
             If J loses rank at q.
         """
-        return self._quick.own(q, xdot)
+        n, m = self.task.n, self.task.m
+        return self._quick.own(*as_velocity_arguments(q, xdot, n, m))
 
 
 class WeightedInverse:
@@ -158,52 +151,45 @@ class WeightedInverse:
 
 def _least_speed(
     task: Task, posture: Array | None = None, gain: float = 0.0
-) -> Callable[..., Array]:
-    """Create the fast function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``J⁺ = Jᵀ (J Jᵀ)⁻¹``.
+) -> Callable[[Array, Array], Array]:
+    """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``, per thread.
 
-    It uses preallocated memory and BLAS, see :mod:`repctl_pin.strategies.fast_loop`.
+    In C, it is least_speed.c. J⁺ is computed from J itself where ``J Jᵀ``, which squares the
+    condition number of J, is not accurate enough, and without the native library.
 
     Parameters
     ----------
     task
         Task to control.
     posture, gain
-        Posture q_p (n,) and gain K, 1/s, of ``z = K (q_p − q)``; without a posture, z is 0, and
-        ``q̇ = J⁺ ẋ``.
+        Posture q_p (n,) and gain K, 1/s; without a posture, z is 0.
     """
-    m, n = task.m, task.n
-    J, rhs, gram = np.zeros((m, n)), np.zeros(m), np.empty((m, m))
-    multiply, J_T, gram_T, pivots = J.dot, J.T, gram.T, gram.ravel()[:: m + 1]
-    jacobian, *_ = in_place(task, J, rhs)
-    tolerance = WELL_CONDITIONED**2
+    arm = library_arm(task)
+    given = {} if posture is None else {"posture": posture}
 
-    def velocity(q: Array, xdot: Array) -> Array:
-        jacobian(q)
-        rhs[:] = xdot
-        z = None if posture is None else gain * (posture - q)
-        if z is not None:
-            rhs[:] -= multiply(z)
-        multiply(J_T, gram)
-        squares = prod(pivots.tolist())  # ∏ ‖row‖²: free of the rows' units
-        _, y, info = dposv(gram_T, rhs, 0, 1)
-        # The pivots p of J Jᵀ = L Lᵀ satisfy ∏ p ≤ sin θ ∏ ‖row‖, θ the smallest angle between a
-        # row and the span of the others. NaN in q fails the first test, NaN in ẋ the second.
-        # Near a singularity J Jᵀ, which squares the condition number of J, is not accurate enough.
-        if (
-            not info
-            and prod(pivots.tolist()) ** 2 > tolerance * squares
-            and ddot(y, y) < inf
-        ):
-            return y.dot(J) if z is None else z + y.dot(J)
+    def plain(q: Array, xdot: Array) -> Array:
         if not (np.isfinite(q).all() and np.isfinite(xdot).all()):
             raise failure(task, q, xdot)
+        J = task.jacobian(q)
+        z = np.zeros(task.n) if posture is None else gain * (posture - q)
         try:
-            G = pseudoinverse(J)
-            return G @ xdot if z is None else z + G @ (xdot - J @ z)
+            return z + pseudoinverse(J) @ (xdot - J @ z)
         except (SingularityError, np.linalg.LinAlgError) as error:
             raise failure(task, q, xdot, str(error)) from None
 
-    return checked_velocity(n, m, velocity)
+    if arm is None:
+        return plain
+    parts, call = call_memory(task, arm, **given)
+    q_in, xdot_in, result = parts["q"], parts["xdot"], parts["result"]
+    parts["numbers"][1] = gain
+    run = holding_library().call_least_speed
+
+    def velocity(q: Array, xdot: Array) -> Array:
+        q_in[:] = q
+        xdot_in[:] = xdot
+        return result.copy() if run(call) else plain(q, xdot)
+
+    return velocity
 
 
 def _positive(weight: ArrayLike, n: int) -> Array:
@@ -312,4 +298,5 @@ class PostureControl:
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Compute q̇ (n,) for a task velocity ẋ (m,)."""
-        return self._quick.own(q, xdot)
+        n, m = self.task.n, self.task.m
+        return self._quick.own(*as_velocity_arguments(q, xdot, n, m))

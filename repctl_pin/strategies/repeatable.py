@@ -7,7 +7,7 @@ closed paths whose motions all stay in Ω.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
@@ -29,10 +29,10 @@ from ..model.task import Task
 from ..potentials.basis import Potentials, check_joints
 from ..redundancy.augmented import augmented_inverse
 from ..threads import PerThread
-from .control_step import python_loops
-from .fast_loop import FastLoop, step_limits
+from .control_step import control_laws
 from .on_leaf import solve
 from .pseudoinverse import at_rows, redundant
+from .step_arguments import as_step_arguments, as_velocity_arguments, step_limits
 from .strategy import Step, described
 
 _Outside = Literal["ignore", "warn", "raise"]
@@ -68,11 +68,8 @@ class RepeatableInverse:
     potentials
         r potentials h; their common level sets are the leaves on which the motion stays.
     region
-        Design region Ω, which the argument ``outside`` of :meth:`step` checks.
-    loops
-        Function of task and potentials that returns a factory of the fast functions of the control
-        loop. The factory is called once per thread; :func:`compiled` has one
-        for C.
+        Design region Ω, which the argument ``outside`` of :meth:`step` checks; by default that of
+        the potentials, if they have one: those of a cell function have their cell.
 
     Raises
     ------
@@ -96,7 +93,6 @@ class RepeatableInverse:
         potentials: Potentials,
         *,
         region: Bounded | None = None,
-        loops: Callable[[Task, Potentials], Callable[[], FastLoop]] = python_loops,
     ) -> None:
         potentials = require_type(
             potentials,
@@ -104,7 +100,9 @@ class RepeatableInverse:
             "potentials",
             "potentials, such as potentials.weighted(A)",
         )
-        if region is not None:
+        if region is None:
+            region = getattr(potentials, "region", None)
+        else:
             require_type(
                 region,
                 Bounded,
@@ -113,7 +111,7 @@ class RepeatableInverse:
             )
         self.task, self.potentials, self.region = redundant(task), potentials, region
         check_joints(potentials, self.task.n)
-        self._loops, self._loop = loops, PerThread(loops(self.task, potentials))
+        self._law = PerThread(control_laws(self.task, potentials))
 
     def __repr__(self) -> str:
         r = self.task.r
@@ -130,8 +128,8 @@ class RepeatableInverse:
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate G_r at every row of Q (K, n): (K, n, m)."""
-        if self._loop.own.inverses is not None:
-            return self._loop.own.inverses(as_configurations(Q, self.task.n, "batch()"))
+        if J is None:
+            return self._law.own.inverses(as_configurations(Q, self.task.n, "batch()"))
         Q, J = at_rows(self.task, Q, J)
         return augmented_inverse(J, self.potentials.gradients(Q))[:, :, : self.task.m]
 
@@ -158,15 +156,14 @@ class RepeatableInverse:
         if outside != "ignore":
             self._check_region(q, outside)
             self._check_limits(q, "q", outside)
-        return self._loop.own.velocity(q, xdot)
+        task = self.task
+        return self._law.own.velocity(*as_velocity_arguments(q, xdot, task.n, task.m))
 
     def velocities(self, Q: ArrayLike, Xdot: ArrayLike) -> Array:
         """Compute q̇ for every row of Q (K, n) and of Ẋ (K, m): (K, n)."""
         Q = as_configurations(Q, self.task.n, "velocities()")
         (Xdot,) = as_matrices(("Ẋ", Xdot, f"{len(Q)} {self.task.m}"), exact=True)
-        if self._loop.own.velocities is not None:
-            return self._loop.own.velocities(Q, Xdot)
-        return (self.batch(Q) @ Xdot[..., None])[..., 0]
+        return self._law.own.velocities(Q, Xdot)
 
     def step(
         self,
@@ -223,7 +220,9 @@ class RepeatableInverse:
             self._check_region(q, outside)
         free = velocity_limit is None and type(damping) is float and not damping
         bounds = None if free else step_limits(velocity_limit, damping, self.task.n)
-        following = self._loop.own.step(q, target, dt, twist, leaf, gain, bounds)
+        task = self.task
+        given = as_step_arguments(q, target, dt, twist, leaf, gain, task.n, task.r)
+        following = self._law.own.step(*given, bounds)
         if outside != "ignore":
             self._check_limits(following, "the next q", outside)
         return following
@@ -260,11 +259,12 @@ class RepeatableInverse:
         if outside != "ignore":
             self._check_region(q, outside)
         bounds = step_limits(velocity_limit, damping, self.task.n)
-        loop = self._loop.own
-        following = loop.step(q, target, dt, twist, leaf, gain, bounds)
+        task, law = self.task, self._law.own
+        given = as_step_arguments(q, target, dt, twist, leaf, gain, task.n, task.r)
+        following = law.step(*given, bounds)
         if outside != "ignore":
             self._check_limits(following, "the next q", outside)
-        return Step(following, *loop.report())
+        return Step(following, *law.report())
 
     def _check_region(self, q: ArrayLike, outside: str) -> None:
         """Warn or raise, as ``outside`` says, if q lies outside Ω."""
@@ -294,7 +294,7 @@ class RepeatableInverse:
 
     def leaf(self, q: ArrayLike) -> Array:
         """Evaluate c = h(q) (r,), the level of the leaf on which q lies and the motion stays."""
-        return self.potentials.value(vector(q, self.task.n, "q"))
+        return self._law.own.leaf(vector(q, self.task.n, "q"))
 
     def solve(
         self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None
@@ -348,7 +348,6 @@ class RepeatableInverse:
             "task": self.task,
             "potentials": self.potentials,
             "region": self.region,
-            "loops": self._loops,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""The governor in C: the same joints as in Python, all limits kept, no allocation, clean."""
+"""The exported governor: the joints of the library's, all limits kept, no allocation, clean."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ CASES = [
 
 @NEEDS_C
 @pytest.mark.parametrize(("make", "ticks"), CASES)
-def test_c_commands_the_joints_that_python_does(
+def test_it_commands_the_joints_that_the_library_does(
     make: Callable[[], tuple[rp.RepeatableInverse, np.ndarray, float, float]],
     ticks: int,
     tmp_path: Path,

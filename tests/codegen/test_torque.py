@@ -202,10 +202,15 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
         assert status == 0 and np.abs(tau - python).max() < AGREE * np.abs(python).max()
 
 
+@pytest.mark.parametrize("native", ["yes", "no"])
 def test_python_computes_the_torques_of_the_law(
-    panda_design: rp.Design, q_panda: np.ndarray
+    native: str,
+    panda_design: rp.Design,
+    q_panda: np.ndarray,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """With the robot's own M and b: any gains, with and without an observer at its limits."""
+    monkeypatch.setenv("REPCTL_NATIVE", native)
     inverse, task, rng = (
         panda_design.inverse,
         panda_design.task,

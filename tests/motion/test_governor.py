@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from arms import Q_PANDA
 from cell_functions import function_of
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.extensions.runtime import course, frame_motion, governor_law
 
 DT = 0.001
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -26,7 +27,7 @@ def planar(region: bool = False) -> rp.RepeatableInverse:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
     box = rp.Box(Q0, 0.1) if region else None
-    return rp.compiled(rp.RepeatableInverse(task, inverse.potentials, region=box))
+    return rp.RepeatableInverse(task, inverse.potentials, region=box)
 
 
 def governed(
@@ -63,11 +64,14 @@ def run(
 
 
 def used(
-    Q: np.ndarray, velocity: float, acceleration: float, jerk: float | None
+    Q: np.ndarray,
+    velocity: float | np.ndarray,
+    acceleration: float,
+    jerk: float | None,
 ) -> float:
     """Largest share of a limit that samples use, by their differences alone."""
     shares = [
-        np.abs(np.diff(Q, k, axis=0)).max() / DT**k / most
+        (np.abs(np.diff(Q, k, axis=0)) / DT**k / most).max()
         for k, most in enumerate((velocity, acceleration, jerk), 1)
         if most is not None
     ]
@@ -216,60 +220,50 @@ def test_at_low_jerk_it_arrives_and_does_not_turn_back(jerk: float) -> None:
         assert left[-1] < 1e-9 and np.diff(left).max() < 1e-5
 
 
-def test_a_landing_is_as_long_as_it_can_be_without_turning_back() -> None:
-    """The quintic to rest over the distance 1: its last derivative that is not 0 changes sign."""
-    for speed, rate in ((1.0, -0.4), (1.0, 0.0), (0.3, 2.0), (0.0, 1.0)):
-        T = governor_law.longest_landing(speed, rate)
-        for share, turns_back in ((0.99, False), (1.01, True)):
-            one = np.eye(6)[0]
-            free = course.FreeCourse(planar().task, pin.SE3.Identity())
-            motion = frame_motion.landing(free, speed * one, rate * one, one, share * T)
-            t = np.linspace(0.0, share * T, 4001)
-            way = np.array([motion.placement(s).translation[0] for s in t])
-            assert (way.max() > 1 + 1e-12) == turns_back
-    assert governor_law.longest_landing(1.0, -1.0) == np.inf
-    assert governor_law.longest_landing(0.0, 0.0) == np.inf
-
-
 def test_an_input_that_is_not_heeded_yet_is_not_reached() -> None:
     governor = governed()
     assert governor.step(moved())[1] is rp.Status.OK
     assert governor.step(moved(0.1))[1] is rp.Status.SLOWED
 
 
-def test_the_rates_of_frame_motions_are_derivatives() -> None:
-    """ω and ω̇ by finite differences of the placement; the ends of each kind of motion."""
-    rng = np.random.default_rng(0)
-    start = course.FreeCourse(planar().task, pin.SE3.Random())
-    twist, rate, later, way = rng.normal(size=(4, 6))
-    step = 1e-4
-    motions = [
-        frame_motion.change_of_acceleration(start, twist, rate, later, 0.8),
-        frame_motion.brake(start, twist, rate, 1.1),
-        frame_motion.landing(start, twist, rate, 1.5 * way, 0.9),
-    ]
-    for motion in motions:
-        for t in (0.01, 0.3, 0.79):
-            places = [motion.placement(t + k * step) for k in (-1, 0, 1)]
-            omega = pin.log3(places[2].rotation @ places[0].rotation.T) / (2 * step)
-            v = (places[2].translation - places[0].translation) / (2 * step)
-            found, derivative = motion.rates(t)
-            np.testing.assert_allclose(found, np.concatenate([v, omega]), atol=1e-6)
-            ahead, behind = motion.rates(t + step)[0], motion.rates(t - step)[0]
-            np.testing.assert_allclose(
-                derivative, (ahead - behind) / (2 * step), atol=1e-5
-            )
-        first = motion.rates(0.0)
-        np.testing.assert_allclose(first[0], twist, atol=1e-12)
-        np.testing.assert_allclose(first[1], rate, atol=1e-12)
-    for motion in motions[1:]:
-        np.testing.assert_allclose(
-            motion.rates(motion.duration), np.zeros((2, 6)), atol=1e-9
-        )
-    end = motions[2].placement(0.9)
-    np.testing.assert_allclose(
-        end.rotation, pin.exp3(1.5 * way[3:]) @ start.place.rotation, atol=1e-12
-    )
+def test_a_rotation_is_held_by_a_pose_task() -> None:
+    """ω of the frame by differences of its placement, after a turn of more than 0.6 rad."""
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    inverse = control(task, Q_PANDA, rp.Polynomial(Q_PANDA, 2, 0.5))
+    governor = rp.Governor(inverse, DT, rp.Limits(acceleration=7.0, jerk=3000.0))
+    governor.start(Q_PANDA)
+    twist = np.array([0.02, 0.0, -0.03, 0.3, 0.5, -0.2])
+    Q, said = run(governor, 1200, twist=twist)
+    first, last, end = (task.placement(Q[k]) for k in (0, -2, -1))
+    assert said[-1] is rp.Status.OK
+    assert np.linalg.norm(pin.log3(end.rotation @ first.rotation.T)) > 0.6
+    omega = pin.log3(end.rotation @ last.rotation.T) / DT
+    np.testing.assert_allclose(omega, twist[3:], atol=1e-7)
+    v = (end.translation - last.translation) / DT
+    np.testing.assert_allclose(v, twist[:3], atol=1e-7)
+    assert used(Q, task.velocity_limit, 7.0, 3000.0) <= 1 + 1e-9
+
+
+def test_a_copy_goes_on_as_the_governor_does() -> None:
+    governor = governed()
+    run(governor, 150, moved(0.2, -0.4))
+    copy = pickle.loads(pickle.dumps(governor))
+    Q, _ = run(governor, 300, moved(0.2, -0.4))
+    np.testing.assert_array_equal(run(copy, 300, moved(0.2, -0.4))[0], Q)
+    np.testing.assert_array_equal(copy.leaf, governor.leaf)
+
+
+def test_what_c_cannot_hold_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = rp.Limits(acceleration=5.0)
+    task = planar().task
+    posture = rp.ExtendedJacobian(task, lambda q: q[:1] ** 2)
+    assert isinstance(posture, rp.RepeatableInverse)
+    with pytest.raises(rp.InputError, match="cannot be written as C"):
+        rp.Governor(posture, DT, limits)
+    monkeypatch.setenv("REPCTL_NATIVE", "no")
+    with pytest.raises(rp.InputError, match="requires the native library") as caught:
+        rp.Governor(planar(), DT, limits)
+    assert "unset REPCTL_NATIVE" in str(caught.value)
 
 
 def test_bad_arguments_are_named() -> None:

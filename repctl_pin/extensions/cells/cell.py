@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ from ...arguments import (
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement, as_placements
 from ...model.task import Task, require_task
+from ...native import CHART, REGION, filled_struct, point
 from ...regions.sobol import scrambled_points
 from .cell_arguments import LEAST_WIDTH, as_middle, sizes, stacked
 from .kinematics import placed
@@ -340,6 +342,34 @@ class Cell:
         """Test whether a placement lies in the cell."""
         U, off = self.coordinates(*stacked(self.task, [place], "placement"))
         return bool(self._contains(U, off)[0])
+
+    # ---- in C
+    # -------------------------------------------------------------------------------------------
+
+    def _native_region(self) -> Any:
+        """Create the struct :data:`REGION` of the cell as a region Ω, for the native library."""
+        ints, reals, scalars = self._tables()
+        region, _ = filled_struct(REGION, {}, {}, {})
+        point(region, "chart", [filled_struct(CHART, ints, reals, scalars)[0]])
+        return region
+
+    def _tables(
+        self,
+    ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
+        """Return the members of the struct :data:`CHART` that describe the cell: arrays of
+        integers, arrays of numbers, and single numbers."""
+        lower, upper = self.whole._course_bounds()
+        bounds = np.where(self.widths == 0, TURNED, self.widths * (1 + EDGE))
+        reals: dict[str, ArrayLike] = {
+            "p": self.placement.translation,
+            "R": self.placement.rotation,
+            "center": self._offset,
+            "bounds": bounds,
+            "scale": 1 / self._active_widths,
+            "lower": lower,
+            "upper": upper,
+        }
+        return {"moved": self.moved}, reals, {"k": self.k}
 
     # ---- symmetries
     # --------------------------------------------------------------------------------

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...solvers import newton_rows
 from .cell import Cell
-from .chart_solve import compiled_chain
 from .kinematics import placed, solved
 from .monomials import Monomials
+from .native_points import native_points
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
@@ -124,7 +124,7 @@ class Chart:
         q_ref, n_ref, p_goal, R_goal = self.goals(U) if goals is None else goals
         if Q is None:
             Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
-        fast = compiled_chain(cell.task)
+        fast = native_points(cell.task)
         if fast is not None:
             Q, R, J, residual, size = fast.solved(
                 (p_goal, R_goal),

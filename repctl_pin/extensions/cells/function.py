@@ -20,7 +20,7 @@ from ...arguments import (
     vector,
 )
 from ...errors import InputError
-from ...model.chain_formulas import Placement, as_placement
+from ...model.chain_formulas import Placement, as_placement, as_placements
 from ...model.task import Task
 from ...redundancy import leaf_margin
 from ...strategies import RepeatableInverse
@@ -28,9 +28,9 @@ from ...threads import PerThread
 from .cell import Cell
 from .cell_potentials import CellPotentials
 from .chart import Chart
-from .fast_function import OutsideError, evaluation
 from .kinematics import null_bases, placed
-from .targets import as_poses, homogeneous
+from .native_function import native_function
+from .targets import FORMS, as_poses, homogeneous
 
 MOST_THREADS = 256
 _MARCH = 0.05
@@ -72,7 +72,9 @@ class InverseFunction:
 
     def __init__(self, chart: Chart, *, keep_limits: bool = True) -> None:
         self.chart, self.keep_limits = chart, keep_limits
-        self._evaluate = PerThread(partial(evaluation, chart))
+        self._native = native_function(chart, keep_limits)
+        if self._native is not None:
+            self._one = PerThread(self._native.of_one)
 
     @property
     def cell(self) -> Cell:
@@ -103,18 +105,18 @@ class InverseFunction:
         """
         if not isinstance(target, pin.SE3):
             target = as_placement(target)
-        try:
-            c = None if leaf is None else self._leaf(leaf)
-            q = self._evaluate.own(target, c)
-        except (OutsideError, AttributeError, TypeError):
-            u = self.cell.coordinates_of(target)  # says what is wrong with the target
-            raise InputError(
-                f"no configuration exists on this leaf at {self.cell.where(u)}"
-            ) from None
-        checked = self.keep_limits or (c is not None and c.any())
-        if checked and self.task.limit_margin(q).min() < 0:
-            raise self._beyond(q, target)
-        return q
+        c = None if leaf is None else self._leaf(leaf)
+        if self._native is not None:
+            q = self._one.own(target, c)
+            if q is not None:
+                return q
+        u = self.cell.coordinates_of(target)  # says what is wrong with the target
+        Q, error = self._law(
+            u[None], np.zeros((1, self.task.r)) if c is None else c[None]
+        )
+        if error is not None:
+            raise error[1]
+        return Q[0]
 
     def batch(
         self,
@@ -137,7 +139,7 @@ class InverseFunction:
             Result for a target outside the cell or without a configuration: an error, or a row of
             NaN.
         threads
-            Number of threads of a compiled function; this one uses a single thread.
+            Number of threads.
 
         Raises
         ------
@@ -145,14 +147,42 @@ class InverseFunction:
             If a target is outside the cell, has no configuration, or its rotation matrix is not a
             rotation. The message names the target by its number, counted from 0.
         """
-        cell, threads = self.cell, as_int(threads, "threads", 1, MOST_THREADS)
+        threads = as_int(threads, "threads", 1, MOST_THREADS)
         require_choice(missing, ("raise", "nan"), "missing")
+        if self._native is None:
+            return self._law_at(targets, leaf, missing)
+        if not isinstance(targets, np.ndarray):
+            placements = as_placements(targets, "target", FORMS)
+            targets = homogeneous(*as_poses(self.task, placements))
+        if targets.ndim < 2:
+            return self._law_at(targets, leaf, missing)  # which refuses them
+        try:
+            c = np.ascontiguousarray(self._leaves(leaf, len(targets)))
+            Q = self._native.of_many(targets, c, self._matrices, threads)
+            failed = np.flatnonzero(np.isnan(Q[:, 0]))
+            if len(failed):  # it says why
+                Q[failed] = self._law_at(targets[failed], c[failed], missing)
+        except InputError:  # again, for the number of the target
+            return self._law_at(targets, leaf, missing)
+        return Q
+
+    def _law_at(
+        self,
+        targets: Sequence[Placement] | Array,
+        leaf: ArrayLike | None,
+        missing: Literal["raise", "nan"],
+    ) -> Array:
+        """Evaluate F at targets as :meth:`batch` does, in NumPy."""
+        cell = self.cell
         U, off = self._coordinates(targets)
         c = self._leaves(leaf, len(U))
         if missing == "raise":
-            return self._batch(cell.inside(U, off), c, threads)
+            Q, error = self._law(cell.inside(U, off), c)
+            if error is not None:
+                raise InputError(f"target {error[0]}: {error[1]}")
+            return Q
         Q, good = np.full((len(U), self.task.n), np.nan), cell._contains(U, off)
-        Q[good] = self._batch(U[good], c[good], threads, missing=True)
+        Q[good], _ = self._law(U[good], c[good])
         return Q
 
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
@@ -184,29 +214,34 @@ class InverseFunction:
         C = np.where(good[:, None], CellPotentials(self.chart).values(Q), np.nan)
         return homogeneous(p, R), C
 
-    def _batch(
-        self, U: Array, C: Array, threads: int, *, missing: bool = False
-    ) -> Array:
-        """Evaluate F (K, n) at coordinates U (K, k) inside the cell, on the leaves C (K, r).
+    def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:
+        """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, on the leaves C (K, r).
 
-        With ``missing``, rows without a configuration are NaN; otherwise they raise an InputError.
+        Rows without a configuration are NaN. Returns also the first of them, and why, if any.
         """
-        cell = self.cell
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)
         Q = points.Q + shift
-        if not points.found.all() and not missing:
-            at = int(np.argmin(points.found))
-            raise InputError(
-                f"target {at}: no configuration exists on this leaf at {cell.where(U[at])}"
-            )
         broken = self.task.limit_margin(Q).min(axis=1, initial=np.inf) < 0
         broken &= self.keep_limits | C.any(axis=1)
-        if broken.any() and not missing:
-            at = int(np.argmax(broken))
-            raise InputError(f"target {at}: {self._beyond(Q[at], cell.at(U[at]))}")
+        error = None
+        for rows in (~points.found, broken):
+            if rows.any() and error is None:
+                at = int(np.argmax(rows))
+                error = at, self._refused(Q[at], U[at], found=bool(points.found[at]))
         Q[broken | ~points.found] = np.nan
-        return Q
+        return Q, error
+
+    def _matrices(self, targets: Array) -> Array:
+        """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside."""
+        if targets.shape[1:] == (4, 4) and targets.dtype == float:
+            return np.ascontiguousarray(targets)
+        if targets.ndim != 2 or targets.shape[1] == 7:
+            return homogeneous(*as_poses(self.task, targets))
+        U, off = self._coordinates(targets)
+        p, R = self.cell.placements(U)
+        p[~self.cell._contains(U, off)] = np.nan
+        return homogeneous(p, R)
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate ∂F/∂x (n, m) at a target, the joint velocity per task velocity."""
@@ -215,9 +250,7 @@ class InverseFunction:
     @cached_property
     def inverse(self) -> RepeatableInverse:
         """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
-        return RepeatableInverse(
-            self.task, CellPotentials(self.chart), region=self.cell
-        )
+        return RepeatableInverse(self.task, CellPotentials(self.chart))
 
     def leaves(self, target: Placement) -> Array:
         """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.
@@ -273,9 +306,12 @@ class InverseFunction:
             leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c"
         )
 
-    def _beyond(self, q: Array, target: pin.SE3) -> InputError:
+    def _refused(self, q: Array, u: Array, *, found: bool) -> InputError:
+        """Create the error at coordinates u (k,): no configuration, or q beyond a joint limit."""
+        where = self.cell.where(u)
+        if not found:
+            return InputError(f"no configuration exists on this leaf at {where}")
         joint = int(np.argmin(self.task.limit_margin(q)))
-        where = self.cell.where(self.cell.coordinates_of(target))
         name = self.task.joint_names[joint]
         return InputError(
             f"at {where}, {name} = {q[joint]:.4g} would be outside its limits"

@@ -10,7 +10,7 @@ import numpy as np
 from ...arguments import Array
 from ...model.task import Task
 from ...redundancy import align
-from .chart_solve import compiled_chain
+from .native_points import native_points
 
 _REGULAR = 1e-6
 """Value of (σ_min / σ_max)² of J above which J Jᵀ gives the null space to an accuracy of 1e-10."""
@@ -25,7 +25,7 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
     Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K, m, n).
     """
-    fast = compiled_chain(task)
+    fast = native_points(task)
     if fast is not None:
         return fast.placed(Q)
     drive, nv = task.drive, task.model.nv

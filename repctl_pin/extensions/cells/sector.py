@@ -174,6 +174,30 @@ class Sector(Cell):
         ).any():
             raise InputError("a sector needs a radius, height or half_angle above 0")
 
+    # ---- in C
+    # -------------------------------------------------------------------------------------------
+
+    def _tables(
+        self,
+    ) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
+        """Return the members of the struct :data:`CHART` that describe the sector."""
+        ints, reals, scalars = super()._tables()
+        (radius, height), basis = self.middle, self.directions
+        ints["coordinate"] = self._removed
+        ints["joint"] = [one.joint for one in self.removed]
+        bounds = np.array(reals["bounds"])
+        bounds[list(self.free)] = np.inf
+        reals |= {
+            "bounds": bounds,
+            "sign": [one.sign for one in self.removed],
+            "origin": self.axis[0],
+            "basis": basis,
+            "turn": basis @ self.placement.rotation,
+        }
+        scalars |= {"sector": 1, "removed": len(self.removed)}
+        scalars |= {"radius": radius, "height": height, "spin": self.spin_middle}
+        return ints, reals, scalars
+
     # ---- symmetries
     # --------------------------------------------------------------------------------
 

@@ -14,10 +14,8 @@ from ...design.design_result import Design
 from ...errors import InputError, SingularityError
 from ...motion.limits import Limits, joint_limits
 from ..cells.cell_design import CellDesign
-from ..runtime.codegen.compile import compiled
-from ..runtime.codegen.compiled_governor import CompiledGovernor
+from ..runtime.governor import Governor, Status
 from ..runtime.leaf_change import leaf_change
-from ..runtime.status import Status
 from .messages import SAME, JointReadings, SteadyTime, clock_difference, target_of
 
 _LEAF = 1e-9
@@ -63,7 +61,7 @@ class Servo:
     rate
         Ticks per second, 1/s.
     limits
-        Limits of acceleration, speed and jerk, as for :class:`Governor`, which runs in C.
+        Limits of acceleration, speed and jerk, as for :class:`Governor`.
     timeout
         Maximum age of measured joints, of a target and of a twist, s.
     tolerance
@@ -89,8 +87,8 @@ class Servo:
             if isinstance(design, CellDesign)
             else design.inverse
         )
-        self._inverse, self.task = compiled(inverse), inverse.task
-        self._governor = CompiledGovernor(inverse, self.dt, limits)
+        self._inverse, self.task = inverse, inverse.task
+        self._governor = Governor(inverse, self.dt, limits)
         self._limits = joint_limits(self.task, limits)
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name

@@ -5,11 +5,9 @@ from ...plugins import Extension
 EXTENSION = Extension(
     __name__,
     names={
-        "codegen.compile": "compiled",
         "codegen.export": "export_c",
-        "governor": "Governor",
+        "governor": "Governor Status",
         "impedance": "LeafImpedance",
-        "status": "Status",
     },
     commands={"export": "export_command"},
 )

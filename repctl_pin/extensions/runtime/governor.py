@@ -2,56 +2,67 @@
 
 from __future__ import annotations
 
+import ctypes
+from enum import IntEnum
+from typing import Any
+
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_numbers, positive, require_type, row, shown
-from ...errors import InputError, SingularityError
-from ...model.chain_formulas import Placement, as_placement, is_rotation
-from ...motion.limits import Limits, joint_limits
+from ...errors import InputError
+from ...model.chain_formulas import Placement, as_placement
+from ...model.task import Task
+from ...motion.limits import JointLimits, Limits, joint_limits
+from ...native import GOVERNOR_CALL, filled_struct, required_library
+from ...strategies.native_arm import native_arm
 from ...strategies.repeatable import RepeatableInverse
-from .governor_law import (
-    CommandLimits,
-    Now,
-    arrival_speed,
-    braking,
-    closing,
-    fastest,
-    next_rate,
-    way_of_release,
-)
-from .governor_plans import MOST, STRIDE, Planner
-from .leaf_direction import leaf_direction
-from .status import BLOCKED
-from .status import Status as Status
-from .target_joints import TargetJoints
 
-_SLOWER, _FASTER, _SLOWEST = 0.7, 1.1, 1e-3
-"""Factor of the speed after a plan that violates a limit, factor after a plan that does not, and
-minimum of their product."""
+_TARGET, _TWIST = 1, 2
+"""Bits that tell C which of its two inputs is given."""
 
-_NEAR, _REACHED = 1e-10, 1e-6
-"""Maximum distance of the joints from a target that counts as reached, rad or m. Maximum error of
-the joint speeds, as a fraction of their limits, at a twist that counts as reached."""
 
-_SAME = 1e-7
-"""Maximum distance of q from the target's configuration, rad or m, at which an arm at the target
-counts as being in that configuration."""
+class Status(IntEnum):
+    """Outcome of a tick of :class:`Governor`.
 
-_CLOSE, _ALIKE = 0.3, 0.1
-"""Conditions to return to the straight line to a target: maximum distance of q from the target's
-configuration, rad or m, and maximum error of the line's first-order motion of the joints to it, as
-a fraction of that distance."""
+    Attributes
+    ----------
+    OK
+        The target is reached, or the frame has the requested twist.
+    SINGULAR
+        J_V is singular ahead, or the target is out of reach: the arm stops before it.
+    BAD_NUMBER
+        A number of the input is not finite or too large, or its matrix is not a rotation: the arm
+        stops.
+    OUTSIDE
+        The region Ω ends ahead: the arm stops before its edge.
+    SLOWED
+        On the way, as fast as the limits of speed, acceleration and jerk allow.
+    LIMIT
+        A joint limit is ahead: the arm slows down and stops before it.
 
-_STUCK, _SLOW = 25, 0.02
-"""Number of plans without progress after which the straight line is left, and the fraction of the
-speed limits below which all joint speeds count as no progress."""
+    Examples
+    --------
+    >>> governor = rp.Governor(design.inverse, 0.001, rp.Limits(acceleration=5.0))
+    >>> governor.start(q0)
+    >>> q, status = governor.step(task.placement(q0))
+    >>> status is rp.Status.OK
+    True
+    """
 
-_HUGE = 1e6
-"""Magnitude from which positions and speeds of an input are refused, m, m/s or rad/s."""
+    OK = 0
+    SINGULAR = 1
+    BAD_NUMBER = 2
+    OUTSIDE = 3
+    SLOWED = 4
+    LIMIT = 5
 
-_Input = tuple[pin.SE3 | None, Array | None]
+
+BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
+"""Outcomes of a tick in which something ahead stops the arm."""
+
+
+_STATUS = {int(status): status for status in Status}
 
 
 class Governor:
@@ -118,42 +129,51 @@ class Governor:
             raise InputError(
                 "the governor's limits are of the robot's own joints; use the original task"
             )
-        dt = positive(dt, "dt", "s")
-        kept = joint_limits(task, limits)
-        for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
-            if value is not None:
-                raise InputError(
-                    ": a governor does not keep it",
-                    argument=name,
-                    remedy=f"omit {name}= of limits",
-                )
-        if not np.isfinite(kept.velocity).all():
-            name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
+        self._dt = positive(dt, "dt", "s")
+        self._kept = _kept_limits(task, limits)
+        self._margin = positive(margin, "margin", "rad (m)", zero=True)
+        self._lower, self._upper = task.lower + self._margin, task.upper - self._margin
+        if not (self._lower < self._upper).all():
+            name = task.joint_names[int(np.argmax(self._lower >= self._upper))]
             raise InputError(
-                f"velocity= is missing in limits: the URDF has no speed limit of {name!r}",
-                remedy="give a speed limit per joint",
+                f"margin = {self._margin:g} leaves no range of {name!r}; give a smaller one"
             )
-        jerks = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
-        margin = positive(margin, "margin", "rad (m)", zero=True)
-        lower, upper = task.lower + margin, task.upper - margin
-        if not (lower < upper).all():
-            name = task.joint_names[int(np.argmax(lower >= upper))]
-            raise InputError(
-                f"margin = {margin:g} leaves no range of {name!r}; give a smaller one"
-            )
-        self._margin, self._stride = margin, max(int(STRIDE / dt + 0.5), 1)
-        self._bounds = CommandLimits(
-            kept.velocity,
-            kept.acceleration,
-            jerks,
-            lower,
-            upper,
-            dt,
-            self._stride * dt,
-        )
-        self._planner = Planner(inverse, self._bounds)
-        self._joints = TargetJoints(inverse, self._bounds)
+        native = required_library("a governor")
         self._on = False
+        self._state = np.zeros(native.governor_bytes(), np.uint8)
+        self._connect()
+
+    def _connect(self) -> None:
+        """Let C find the arm, the state, the limits and the memory of a tick."""
+        task, kept = self._task, self._kept
+        jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
+        bounds = [kept.velocity, kept.acceleration, jerk, [self._margin]]
+        memory = {
+            "limits": np.concatenate(bounds),
+            "target": np.zeros(16),
+            "twist": np.zeros(6),
+            "q": np.zeros(task.n),
+            "result": np.zeros(task.n),
+        }
+        inverse = self._inverse
+        self._arm = native_arm(task, inverse.potentials, inverse.region)
+        own = {"arm": ctypes.addressof(self._arm), "state": self._state.ctypes.data}
+        self._call = filled_struct(GOVERNOR_CALL, {}, memory, own | {"dt": self._dt})[0]
+        self._address = ctypes.c_void_p(ctypes.addressof(self._call))
+        self._target, self._twist = memory["target"].reshape(4, 4), memory["twist"]
+        self._begin, self._q = memory["q"], memory["result"]
+        self._native = required_library("a governor", holds=True)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy needs; its connection to C is made again."""
+        own = ("_arm", "_call", "_address", "_target", "_twist", "_begin", "_native")
+        kept = {name: value for name, value in vars(self).items() if name not in own}
+        return kept | {"_state": self._state.copy(), "_q": self._q.copy()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._connect()
+        self._q[:] = state["_q"]
 
     def __repr__(self) -> str:
         state = f"at q = {row(self.q)}" if self._on else "not started"
@@ -162,12 +182,14 @@ class Governor:
     @property
     def q(self) -> Array:
         """Commanded configuration (n,)."""
-        return self._started().history[-1].copy()
+        self._check_started()
+        return self._q.copy()
 
     @property
     def leaf(self) -> Array:
         """Level c (r,) of the leaf on which the commanded configuration stays."""
-        return self._started().solver.leaf.copy()
+        self._check_started()
+        return self._leaf.copy()
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
@@ -185,7 +207,7 @@ class Governor:
             If J_V is singular there.
         """
         q = self._task.check(q, "the start")
-        short = np.minimum(q - self._bounds.lower, self._bounds.upper - q)
+        short = np.minimum(q - self._lower, self._upper - q)
         if (worst := int(np.argmin(short))) >= 0 and short[worst] < 0:
             raise InputError(
                 f"the start is too near to the limit of {self._task.joint_names[worst]!r}: "
@@ -199,13 +221,12 @@ class Governor:
                 "or use an inverse without a region"
             )
         self._inverse(q)
-        self._planner.start(q)
-        self._joints.start(q, self._planner.solver.leaf)
-        self._on, self._wait, self._pace = True, 0, 1.0
-        self._status = self._cause = Status.OK
-        self._heard: _Input = (None, None)
-        self._landing: pin.SE3 | None = None
-        self._stuck, self._by_joints, self._exhausted = 0, False, False
+        self._leaf = self._inverse.leaf(q)
+        self._begin[:] = q
+        status = Status(self._native.call_governor_start(self._address))
+        assert status is Status.OK, status  # all else was refused above
+        self._q[:] = q
+        self._on = True
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
@@ -234,200 +255,53 @@ class Governor:
             If an argument has the wrong type or size. Numbers that are not finite raise nothing:
             the arm stops, with ``Status.BAD_NUMBER``.
         """
-        planner = self._started()
-        goal, rates = taken_input(target, twist)
-        usable = self._usable(goal, rates)
-        if usable and self._wait <= 0:
-            planner.solver.left = MOST
-            self._status = self._replan(goal, rates)
-            self._wait, self._heard = self._stride, (goal, rates)
-        self._wait -= 1
-        q = planner.next().copy()
-        if not usable:
-            return q, Status.BAD_NUMBER
-        if self._status is Status.OK and not _same(self._heard, (goal, rates)):
-            return q, Status.SLOWED  # of an input that no plan has heeded yet
-        return q, self._status
+        self._check_started()
+        if target is not None and twist is not None:
+            raise InputError(
+                "target and twist are mutually exclusive; give one of them"
+            )
+        given = 0
+        if target is not None:
+            self._target[:] = as_placement(target).homogeneous
+            given = _TARGET
+        elif twist is not None:
+            self._twist[:] = _as_twist(twist)
+            given = _TWIST
+        status = self._native.call_governor_step(self._address, given)
+        return self._q.copy(), _STATUS[status]
 
-    def _usable(self, target: pin.SE3 | None, twist: Array | None) -> bool:
-        """Test whether an input is finite, below 1e6, and its rotation matrix is a rotation."""
-        if twist is not None and not (np.abs(twist) < _HUGE).all():
-            return False
-        if target is None:
-            return True
-        turns = self._task.kind in ("pose", "axis")
-        return bool((np.abs(target.translation) < _HUGE).all()) and (
-            not turns or is_rotation(target.rotation.ravel().tolist())
-        )
-
-    def _started(self) -> Planner:
+    def _check_started(self) -> None:
         if not self._on:
             raise InputError(
                 "the governor has not started; call start(q) with the robot's joints"
             )
-        return self._planner
-
-    # ---- the law -------------------------------------------------------------------------------
-
-    def _replan(self, target: pin.SE3 | None, twist: Array | None) -> Status:
-        """Look for a new plan, and return the status; without one, the last plan continues."""
-        if target is None or target != self._heard[0]:
-            self._stuck, self._by_joints = 0, False
-        try:
-            now = self._planner.now()
-        except SingularityError:
-            return Status.SINGULAR
-        if target is not None:
-            return self._approach(now, target)
-        return self._follow(now, np.zeros(6) if twist is None else twist)
-
-    def _follow(self, now: Now, twist: Array) -> Status:
-        """Plan the next motion by a twist (6,) of the frame, and return the status."""
-        rate = self._task.task_velocity(now.q, twist)
-        way = now.course.velocity(rate)
-        status = self._drive(now, way, 1.0)
-        left_out = now.G @ (rate - now.course.task_rates() @ way)
-        if status is Status.OK and not self._is_slow(left_out):
-            return Status.OUTSIDE  # along a coordinate of width 0
-        return status
-
-    def _approach(self, now: Now, target: pin.SE3) -> Status:
-        """Plan the next motion towards a target, or the stop at it, and return the status."""
-        planner = self._planner
-        landed = planner.plan.lands and target == self._landing
-        if landed:  # only in ticks without a plan
-            self._joints.look_for(target)
-            if not planner.at_rest():
-                return Status.SLOWED
-        if self._stuck > _STUCK and self._other_way(now, target):
-            return self._status
-        way = now.course.way(target)
-        g = now.joint_rates(way)
-        if landed or (planner.at_rest() and np.abs(g).max() < _NEAR):
-            if not landed:
-                self._joints.look_for(target)
-            if self._is_there(now.q):
-                return Status.OK if now.course.holds(target) else Status.OUTSIDE
-            if not self._by_joints:
-                return Status.SLOWED
-        if self._by_joints:
-            way, g = self._way_of_joints(now, way, g)
-        a, jerk = braking(self._bounds, now, g)
-        tries = not self._by_joints and not self._exhausted
-        if tries and planner.land(now, way, g, a, jerk):
-            self._landing, self._pace = target, 1.0
-            return Status.SLOWED
-        self._exhausted = (
-            planner.solver.left < 0
-        )  # by the landing: the next tick is for a stride
-        left = 1.0 - way_of_release(*closing(now, g), jerk)
-        speed = arrival_speed(left, a, jerk, 2 * self._bounds.stride)
-        status = self._drive(now, way, speed, lands=True)
-        slow = (np.abs(now.qdot) < _SLOW * self._bounds.velocity).all()
-        self._stuck = self._stuck + 1 if slow and status in BLOCKED else 0
-        return status
-
-    def _is_there(self, q: Array) -> bool:
-        """Test whether q, which has the target's pose, is the target's configuration F(x; c).
-
-        If it is not, the motion towards that configuration follows.
-        """
-        joints = self._joints
-        if joints.found is not None and np.abs(q - joints.found).max() > _SAME:
-            self._by_joints = True
-        return joints.known and not self._by_joints
-
-    def _way_of_joints(self, now: Now, way: Array, g: Array) -> tuple[Array, Array]:
-        """Choose the displacements of the course (6,) and of the joints (n,) to plan along.
-
-        They lead towards the target's configuration; ``way`` and ``g`` are those of the straight
-        line, which are returned if they lead there, too.
-        """
-        assert self._joints.found is not None
-        distance = self._joints.found - now.q
-        size = float(np.abs(distance).max())
-        if size < _CLOSE and np.abs(distance - g).max() < _ALIKE * size:
-            self._by_joints = False
-            return way, g
-        direction = leaf_direction(self._inverse, now.q, self._joints.found)
-        way = now.course.velocity(self._task.jacobian(now.q) @ direction)
-        return way, now.joint_rates(way)
-
-    def _other_way(self, now: Now, target: pin.SE3) -> bool:
-        """Move towards the target's configuration from now on, as the straight line is blocked.
-
-        At the edge of a cell, come to rest first and begin again: from rest, the straight line does
-        not leave the cell. Returns True while the arm comes to rest, or while that configuration is
-        still being computed.
-        """
-        if now.course.bounded and self._status is Status.OUTSIDE:
-            if not self._planner.at_rest():
-                return True
-            self._stuck, self._by_joints, self._pace = 0, False, 1.0
-            return False
-        self._joints.look_for(target)
-        if not self._joints.known:
-            return True
-        self._by_joints |= self._joints.found is not None
-        self._stuck = 0
-        return False
-
-    def _drive(
-        self, now: Now, way: Array, asked: float, *, lands: bool = False
-    ) -> Status:
-        """Plan the fastest motion along a displacement (6,) of the course within all limits.
-
-        ``asked`` is the requested speed, as a multiple of the displacement per s; ``lands`` says
-        that it ends at a target. Returns the tick's status.
-        """
-        if not way.any():
-            return self._reached(now, way)
-        by_speed, by_limit = fastest(self._bounds, now, way)
-        speed = min(asked, min(by_speed, by_limit) * self._pace)
-        later = next_rate(self._bounds, now, way * speed)
-        cause = self._planner.go_on(now, later)
-        if cause is Status.SLOWED:
-            self._planner.go_on(now, (now.later + later) / 2)
-            return cause
-        if cause is not Status.OK:
-            self._pace, self._cause = max(_SLOWER * self._pace, _SLOWEST), cause
-            return cause
-        self._pace = min(_FASTER * self._pace, 1.0)
-        if self._pace < 1:
-            return self._cause
-        if by_limit < min(by_speed, asked):
-            return Status.LIMIT
-        return Status.SLOWED if lands else self._reached(now, way)
-
-    def _reached(self, now: Now, twist: Array) -> Status:
-        """Compare the velocity with the requested one (6,): OK if equal, else SLOWED."""
-        away = now.joint_rates(twist - now.twist)
-        return Status.OK if self._is_slow(away) else Status.SLOWED
-
-    def _is_slow(self, qdot: Array) -> bool:
-        """Test whether joint speeds (n,) are negligible."""
-        return bool((np.abs(qdot) <= _REACHED * self._bounds.velocity).all())
 
 
-def taken_input(target: Placement | None, twist: ArrayLike | None) -> _Input:
-    """Convert a target to SE3 or a twist to an array (6,); their numbers need not be finite."""
-    if target is not None and twist is not None:
-        raise InputError("target and twist are mutually exclusive; give one of them")
-    goal = None if target is None else pin.SE3(as_placement(target))
-    if twist is None:
-        return goal, None
+def _as_twist(twist: ArrayLike) -> Array:
+    """Convert a twist to an array (6,); its numbers need not be finite."""
     rates = as_numbers(twist)
     if rates is None or rates.shape != (6,):
         raise InputError(
             f"must be 6 numbers (v, ω), m/s and rad/s; got {shown(twist)}",
             argument="twist",
         )
-    return goal, rates.copy()
+    return rates
 
 
-def _same(one: _Input, other: _Input) -> bool:
-    """Test whether two inputs (target, twist) are equal; no input is equal to the twist 0."""
-    if other[0] is not None:
-        return one[0] is not None and bool(one[0] == other[0])
-    before, now = (np.zeros(6) if x[1] is None else x[1] for x in (one, other))
-    return one[0] is None and np.array_equal(before, now)
+def _kept_limits(task: Task, limits: Limits) -> JointLimits:
+    """Convert limits to arrays of the joints; refuse those that a governor does not keep."""
+    kept = joint_limits(task, limits)
+    for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
+        if value is not None:
+            raise InputError(
+                ": a governor does not keep it",
+                argument=name,
+                remedy=f"omit {name}= of limits",
+            )
+    if not np.isfinite(kept.velocity).all():
+        name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
+        raise InputError(
+            f"velocity= is missing in limits: the URDF has no speed limit of {name!r}",
+            remedy="give a speed limit per joint",
+        )
+    return kept

@@ -25,10 +25,11 @@ from ...arguments import (
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement
 from ...model.task import Task
+from ...strategies.native_arm import library_arm
 from ...strategies.repeatable import RepeatableInverse
 from ...strategies.strategy import described
 from ...threads import PerThread
-from .torque_law import Gains, Observer, torque_law
+from .torque_law import Gains, NativeTorques, NumPyTorques, Observer
 
 
 class LeafImpedance:
@@ -116,7 +117,7 @@ class LeafImpedance:
             positive(observer_rate, "observer_rate", "1/s"),
             per_joint(observer_limit, task.n, "observer_limit"),
         )
-        self._law = PerThread(partial(torque_law, task, inverse.potentials, self.gains))
+        self._law = PerThread(partial(_torque_law, inverse, self.gains))
         self._dynamics = PerThread(partial(_dynamics, task))
         try:
             np.linalg.cholesky(task.inertias(task.reference[None])[0])
@@ -239,6 +240,16 @@ def _stiffness(given: ArrayLike, m: int) -> Array:
             f"stiffness must be two numbers above 0, N/m and Nm/rad, or {m}; got {shown(given)}"
         )
     return values
+
+
+def _torque_law(
+    inverse: RepeatableInverse, gains: Gains
+) -> NumPyTorques | NativeTorques:
+    """Create the torque law of one thread: in C, or in NumPy where C cannot hold the inverse."""
+    task = inverse.task
+    law = NumPyTorques(task, inverse.potentials, gains)
+    arm = library_arm(task, inverse.potentials)
+    return law if arm is None else NativeTorques(arm, law, gains, (task.n, task.r))
 
 
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:

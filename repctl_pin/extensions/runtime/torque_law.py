@@ -1,26 +1,20 @@
-"""Torque law of :class:`LeafImpedance`, in preallocated memory.
-
-See :mod:`repctl_pin.strategies.fast_loop`.
-"""
+"""Torque law of :class:`LeafImpedance`: in C, and in NumPy as its formulas stand."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import inf
-from typing import NamedTuple
+import ctypes
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.blas import daxpy, ddot, dgemv, dnrm2
-from scipy.linalg.lapack import dpotrf, dsyev, dtrtrs
 
 from ...arguments import Array
-from ...errors import InputError
-from ...model import fast_kinematics
+from ...errors import InputError, SingularityError
 from ...model.task import Task
-from ...potentials import fast_potentials
+from ...native import TORQUE_CALL, filled_struct, required_library
 from ...potentials.basis import Potentials
-from ...strategies.control_step import checked_solve
+from ...redundancy.augmented import augmented_inverse
+from ...strategies.step_arguments import failure
 
 _DIFFERENCE = 1e-3
 """Length of the two steps ±Δq of the central difference along q̇, rad or m."""
@@ -66,73 +60,33 @@ class Observer(NamedTuple):
         self.state[:] = 0.0
 
 
-def torque_law(
-    task: Task, potentials: Potentials, gains: Gains
-) -> Callable[..., Array]:
-    """Create the function (q, q̇, M, b, target, twist, leaf, observer) → τ (n,), for one thread.
+class NumPyTorques:
+    """Torque law as its formulas stand, the reference of the one in C.
 
     ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` (37): the end effector
     accelerates by ẍ and the potentials by ḧ, independently.
 
-    ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, where D gives every mode the damping ratio ζ: for the
-    Cholesky factor L of M and ``W = √K J L⁻ᵀ``, ``W Wᵀ = U k Uᵀ``, it is
-    ``√K ẍ = U (k Uᵀ √K e + 2 ζ √k Uᵀ √K (ẋ* − ẋ))``, without an inverse of J M⁻¹ Jᵀ.
+    ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, where D gives every mode the damping ratio ζ: with
+    ``A = √K J M⁻¹ Jᵀ √K`` it is ``√K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ)``.
 
     ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``. The observer's estimate of the disturbance of ḧ is
     ``d = κ (ḣ − w)``, ``ẇ = ḧ``; its torque is scaled down to the limit of every joint.
+
+    Parameters
+    ----------
+    task
+        The task.
+    potentials
+        The potentials h.
+    gains
+        The gains.
     """
-    n, m = task.n, task.m
-    memory, rhs, errors = np.zeros(n * n), np.zeros(2 * n), np.zeros(2 * m)
-    J_V, y = memory.reshape((n, n), order="F"), rhs.reshape((n, 2), order="F")
-    pair = errors.reshape((2, m))  # e, and its rate
-    rates, bent, away = np.zeros(n), np.zeros(n), np.zeros(n - m)
-    J, error, lag, hdot = J_V[:m], pair[0], pair[1], rates[m:]
-    xddot, hddot, disturbance = y[:m, 0], y[m:, 0], y[m:, 1]
-    jacobian, aim, velocity = fast_kinematics.in_place(task, J, error)
-    slope, gap = fast_potentials.in_place(potentials, J_V[m:], away)
-    K, rows, twice = (
-        gains.stiffness,
-        np.sqrt(gains.stiffness)[:, None],
-        2 * gains.damping,
-    )
-    kappa, limit = gains.observer_rate, gains.observer_limit
-    spring = gains.leaf_frequency**2
-    damper = 2 * gains.leaf_damping * gains.leaf_frequency
 
-    def evaluate(q: Array) -> None:
-        jacobian(q)
-        slope(q)
+    def __init__(self, task: Task, potentials: Potentials, gains: Gains) -> None:
+        self._task, self._potentials, self._gains = task, potentials, gains
 
-    solved = checked_solve(task, memory, J_V, y, evaluate)
-
-    def curvature(q: Array, qdot: Array) -> None:
-        """Write ``J̇_V q̇`` into ``bent`` by a central difference along q̇.
-
-        It is exact for the rows of potentials of degree 3, else to 1e-6 of its size.
-        """
-        speed = dnrm2(qdot)
-        if speed * speed == 0.0:
-            bent[:] = 0.0
-            return
-        step = _DIFFERENCE / speed
-        evaluate(daxpy(qdot, q.copy(), n, step))
-        dgemv(0.5 / step, J_V, qdot, 0.0, bent, overwrite_y=1)
-        evaluate(daxpy(qdot, q.copy(), n, -step))
-        dgemv(-0.5 / step, J_V, qdot, 1.0, bent, overwrite_y=1)
-
-    def hand(M: Array) -> Array:
-        """Compute the acceleration ẍ (m,) of the spring and damper at the end effector."""
-        factor, info = dpotrf(M.T, lower=1)  # M is symmetric, and M.T needs no copy
-        if info:
-            raise InputError("the joint-space inertia M is not positive definite")
-        X = dtrtrs(factor, J.T, lower=1)[0]
-        k, U, _ = dsyev(rows * X.T.dot(X) * rows.T)  # (√K J M⁻¹ Jᵀ √K) = U k Uᵀ
-        k = np.maximum(k, 0.0)
-        U *= rows
-        modes = pair.dot(U)
-        return U.dot(k * modes[0] + twice * np.sqrt(k) * modes[1]) / K
-
-    def torque(
+    def __call__(
+        self,
         q: Array,
         qdot: Array,
         M: Array,
@@ -142,39 +96,144 @@ def torque_law(
         leaf: Array,
         observer: Observer | None,
     ) -> Array:
-        curvature(q, qdot)
-        evaluate(q)
-        aim(target)
-        gap(leaf)
-        dgemv(1.0, J_V, qdot, 0.0, rates, overwrite_y=1)
-        np.negative(rates[:m], lag)
-        if twist is not None:
-            daxpy(velocity(twist), lag, m)
-        size = ddot(memory, memory) + ddot(errors, errors) + ddot(M.ravel(), M.ravel())
-        if not size < inf:
-            raise _not_finite()
-        pull = spring * away - damper * hdot
-        xddot[:], hddot[:] = hand(M), pull
-        daxpy(bent, rhs, n, -1.0)
-        disturbance[:] = 0.0 if observer is None else kappa * (hdot - observer.state)
-        if not ddot(rhs, rhs) < inf:
-            raise _not_finite()
-        force = M.dot(solved(q))
-        tau = force[:, 0] + b
+        """Compute the torques τ (n,)."""
+        task, gains, m = self._task, self._gains, self._task.m
+        e = task.error(q, target)
+        J_V = self._augmented(q)
+        rates = J_V @ qdot  # (ẋ, ḣ)
+        lag = (0.0 if twist is None else task.task_velocity(q, twist)) - rates[:m]
+        xddot = self._hand(J_V[:m], M, e, lag)
+        h, hdot = self._potentials.value(q), rates[m:]
+        omega, zeta = gains.leaf_frequency, gains.leaf_damping
+        hddot = omega**2 * (leaf - h) - 2 * zeta * omega * hdot
+        wanted = np.concatenate([xddot, hddot]) - self._curvature(q, qdot)
+        d = np.zeros(task.n)
         if observer is not None:
-            opposed = force[:, 1]
-            share = 1.0 / max(1.0, *map(abs, (opposed / limit).tolist()))
-            tau -= share * opposed
-        if not ddot(tau, tau) < inf:
+            d[m:] = gains.observer_rate * (hdot - observer.state)
+        if not (np.isfinite(wanted).all() and np.isfinite(d).all()):
+            raise _not_finite()
+        try:
+            inverse = augmented_inverse(J_V[:m], J_V[m:].T)
+        except SingularityError:
+            raise failure(task, q, d) from None
+        opposed = M @ inverse @ d
+        share = 1 / max(1.0, np.abs(opposed / gains.observer_limit).max())
+        tau = M @ inverse @ wanted + b - share * opposed
+        if not np.isfinite(tau).all():
             raise _not_finite()
         if observer is not None:
-            state = hdot - (share / kappa) * disturbance + observer.dt * pull
+            state = hdot - share / gains.observer_rate * d[m:] + observer.dt * hddot
             if not np.isfinite(state).all():
                 raise _not_finite()
             observer.state[:] = state
-        return tau
+        return np.asarray(tau, float)
 
-    return torque
+    def _augmented(self, q: Array) -> Array:
+        """Evaluate J_V (n, n)."""
+        return np.vstack([self._task.jacobian(q), self._potentials.gradient(q).T])
+
+    def _hand(self, J: Array, M: Array, e: Array, lag: Array) -> Array:
+        """Compute the acceleration ẍ (m,) of the spring and damper at the end effector."""
+        root = np.sqrt(self._gains.stiffness)
+        try:
+            np.linalg.cholesky(M)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "the joint-space inertia M is not positive definite"
+            ) from None
+        A = root[:, None] * (J @ np.linalg.solve(M, J.T)) * root
+        if not (np.isfinite(A).all() and np.isfinite(e).all()):
+            raise _not_finite()
+        values, U = np.linalg.eigh(A)
+        half = (U * np.sqrt(np.maximum(values, 0.0))) @ U.T  # A^½
+        damper = 2 * self._gains.damping * half @ (root * lag)
+        return np.asarray((A @ (root * e) + damper) / root, float)
+
+    def _curvature(self, q: Array, qdot: Array) -> Array:
+        """Evaluate ``J̇_V q̇`` (n,) by a central difference along q̇.
+
+        It is exact for the rows of potentials of degree 3, else to 1e-6 of its size.
+        """
+        speed = float(np.linalg.norm(qdot))
+        if speed == 0.0:
+            return np.zeros(len(q))
+        if not speed < np.inf:
+            raise _not_finite()
+        step = _DIFFERENCE / speed
+        change = self._augmented(q + step * qdot) - self._augmented(q - step * qdot)
+        return np.asarray(change @ qdot / (2 * step), float)
+
+
+class NativeTorques:
+    """Torque law in C on arguments that are already checked, with the memory of one thread.
+
+    Parameters
+    ----------
+    arm
+        Struct Arm of the inverse.
+    reference
+        The same law in NumPy, which names what C refuses.
+    gains
+        The gains.
+    sizes
+        Numbers n of joints and r of potentials.
+    """
+
+    def __init__(
+        self, arm: Any, reference: NumPyTorques, gains: Gains, sizes: tuple[int, int]
+    ) -> None:
+        n, r = sizes
+        self._arm, self._reference = arm, reference
+        damping = gains.damping, gains.leaf_frequency, gains.leaf_damping
+        numbers = np.array([*damping, gains.observer_rate])
+        packed = np.concatenate([gains.stiffness, gains.observer_limit, numbers])
+        self._q, self._qdot, self._bias = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._inertia, self._target = np.zeros((n, n)), np.zeros((4, 4))
+        self._twist, self._leaf, self._tau = np.zeros(6), np.zeros(r), np.zeros(n)
+        memory = {
+            "q": self._q,
+            "qdot": self._qdot,
+            "inertia": self._inertia,
+            "bias": self._bias,
+            "target": self._target,
+            "twist": self._twist,
+            "leaf": self._leaf,
+            "gains": packed,
+            "result": self._tau,
+        }
+        own = {"arm": ctypes.addressof(arm)}
+        self._call = filled_struct(TORQUE_CALL, {}, memory, own)[0]
+        self._address = ctypes.c_void_p(ctypes.addressof(self._call))
+        self._run = required_library("the torque law", holds=True).call_torque
+
+    def __call__(
+        self,
+        q: Array,
+        qdot: Array,
+        M: Array,
+        b: Array,
+        target: pin.SE3,
+        twist: Array | None,
+        leaf: Array,
+        observer: Observer | None,
+    ) -> Array:
+        """Compute the torques τ (n,)."""
+        self._q[:] = q
+        self._qdot[:] = qdot
+        self._inertia[:] = M
+        self._bias[:] = b
+        self._target[:] = target.homogeneous
+        self._leaf[:] = leaf
+        if twist is not None:
+            self._twist[:] = twist
+        dt, state = 0.0, None
+        if observer is not None:
+            dt, state = observer.dt, observer.state.ctypes.data
+        given = int(twist is not None)
+        if self._run(self._address, given, ctypes.c_double(dt), ctypes.c_void_p(state)):
+            self._reference(q, qdot, M, b, target, twist, leaf, None)  # raises
+            raise _not_finite()
+        return self._tau.copy()
 
 
 def _not_finite() -> InputError:

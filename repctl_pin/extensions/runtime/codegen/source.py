@@ -9,18 +9,16 @@ import numpy as np
 from ...._version import __version__
 from ....arguments import require_type
 from ....errors import InputError
-from ....model.task import Task
-from ....regions import Box, Region, Tube, WorkspaceBox
+from ....regions import Region
+from ....strategies.native_arm import native_arm
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
 from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
-from .cell_function import function_code
-from .expressions import Graph, assignments
-from .governor import governor_source
-from .kinematics import ChainExpressions
-from .potentials import potential_functions
-from .text import comment, filled, integer, row, table
+from .cell_function import function_code, native_files
+from .constants import constants
+from .governor import governor_source, torque_code
+from .text import comment, filled, pasted
 
 _MEANING = {
     "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",
@@ -98,27 +96,24 @@ def write_source(
             "a cell as Ω can be written as C for the inverse of its own function only; "
             "use a box, a tube or a workspace box, or an inverse without a region"
         )
-    potentials = potential_functions(inverse.potentials, task.n, name)
-    kind = task.kind if task.kind in ("pose", "axis") else "position"
-    rotation = "rotation_free.c" if kind == "position" else "rotation.c"
-    parts = ChainExpressions(task).code() | {
+    arm = native_arm(task, inverse.potentials, kept)
+    headers, sources = native_files(inverse, kept)
+    chart = "#define CHART\n\n" if headers else ""
+    parts = {
         "about": about(control, kept),
         "n": task.n,
         "m": task.m,
         "r": task.r,
-        "potentials": "\n".join(potentials).rstrip("\n"),
-        "parts": "\n".join(
-            f"    {name}_potential_{i}(q, h, V);" for i in range(len(potentials))
-        ),
-        "error": filled(rotation, name, {})
-        + filled(f"error_{kind}.c", name, {"rows": integer(task.rows)}).rstrip("\n"),
-        "inside": _inside(kept, task, name).rstrip("\n"),
-        "limits": filled("limits.c", name, _limits(task)).rstrip("\n"),
+        "joints": arm.joints,
+        "terms": max(part.count for part in arm.held["part"]),
+        "declared": chart + pasted("arm.h", *headers),
+        "tables": constants(arm, "Arm", f"{name}_tables"),
+        "library": pasted("arm.c", *sources),
         "staying": int(cell is not None),
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
-    governed = governor_source(task, name, cell) if governor else ("", "", "")
-    torque = [filled(f"torque.{end}", name, {}) for end in ("h", "c")]
+    governed = governor_source(task, name) if governor else ("", "", "")
+    torque = torque_code(name)
     header = parts | {
         "torque": torque[0],
         "function": declared,
@@ -131,15 +126,8 @@ def write_source(
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
-    """Return the region that ``name_inside`` checks: the given one, by default the inverse's own Ω.
-
-    Without either, it is the cell if the inverse is that of a cell function, else None.
-    """
-    if region is None:
-        region = inverse.region
-    if region is None and isinstance(inverse.potentials, CellPotentials):
-        return inverse.potentials.chart.cell.whole
-    return region
+    """Return the region that ``name_inside`` checks: the given one, else the inverse's own Ω."""
+    return inverse.region if region is None else region
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
@@ -148,23 +136,6 @@ def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
         return False
     own = inverse.potentials.chart.cell.whole
     return repr(own) == repr(cell) and np.array_equal(own.widths, cell.widths)
-
-
-def _limits(task: Task) -> dict[str, str]:
-    """Write the limits of the robot's joints, and C assignments of these joints from q.
-
-    The joints are not q itself if the task has other joint coordinates.
-    """
-    lower, upper, _ = task.joint_limits
-    graph = Graph()
-    q = [graph.input(f"q[{i}]") for i in range(task.n)]
-    joints = {
-        f"joint[{i}]": graph.total(
-            graph.number(t) * x for t, x in zip(weights, q, strict=True)
-        )
-        for i, weights in enumerate(task.coordinate_matrix)
-    }
-    return {"lower": row(lower), "upper": row(upper), "joints": assignments(joints)}
 
 
 def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) -> str:
@@ -205,39 +176,3 @@ def _of(region: Bounded | None) -> str:
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))
-
-
-def _inside(region: Bounded | None, task: Task, name: str) -> str:
-    """Write the C function that tests whether q is in a region; without one, every q is."""
-    if region is None:
-        return filled("inside_any.c", name, {})
-    if isinstance(region, Cell):
-        return filled("inside_cell.c", name, {})
-    if isinstance(region, Tube):
-        parts = {
-            "radius": row(region.radius),
-            "count": len(region.samples),
-            "samples": table(region.samples),
-        }
-        return filled("inside_tube.c", name, parts)
-    if isinstance(region, Box):
-        return filled(
-            "inside_box.c",
-            name,
-            {"center": row(region.center), "half": row(region.half_width)},
-        )
-    if isinstance(region, WorkspaceBox):
-        axes = [axis for axis in task.rows if axis < 3]
-        parts = {
-            "center": row(region.within.center),
-            "half": row(region.within.half_width),
-            "count": len(axes),
-            "axes": integer(axes),
-            "position": row(region.position),
-            "width": row(region.half_width),
-        }
-        return filled("inside_workspace.c", name, parts)
-    raise InputError(
-        f"a region of type {type(region).__name__} cannot be written as C; "
-        "use a box, a tube or a workspace box, or an inverse without a region"
-    )

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from ....errors import InputError
-from .expressions import number
 
 _PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
 _LONGEST = 80
@@ -69,7 +68,7 @@ def comment(text: str) -> str:
 
 def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
     """Format rows of doubles as the rows of a two-dimensional C initialiser."""
-    return ",\n".join(f"{indent}{{{', '.join(map(number, row))}}}" for row in rows)
+    return ",\n".join(f"{indent}{{{', '.join(map(value, row))}}}" for row in rows)
 
 
 def row(values: Iterable[float]) -> str:
@@ -86,7 +85,15 @@ def value(x: float) -> str:
     """Format a double, which may be infinite or nan, as a C expression."""
     if math.isnan(x):
         return "(HUGE_VAL - HUGE_VAL)"
-    return number(x) if math.isfinite(x) else "HUGE_VAL" if x > 0 else "-HUGE_VAL"
+    if math.isfinite(x):
+        return repr(float(x) + 0.0)  # the shortest text that parses to the same double
+    return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
+
+
+def number(value: float) -> str:
+    """Format a finite number in C by the shortest text that parses to the same double."""
+    assert math.isfinite(value)
+    return repr(float(value) + 0.0)
 
 
 def integer(values: Iterable[int]) -> str:
@@ -97,6 +104,26 @@ def integer(values: Iterable[int]) -> str:
 def _template(file: str) -> str:
     """Read a template of C code, in which ``@part`` and ``arm`` stand for parts and the name."""
     return (files(__package__) / "assets" / file).read_text(encoding="utf-8")
+
+
+def pasted(*names: str) -> str:
+    """Read files of the native library, without what is for its build only.
+
+    Files that they include are left out, but those for one place, without an include guard, are
+    pasted there.
+    """
+    return "\n".join(_pasted(name) for name in names)
+
+
+def _pasted(name: str) -> str:
+    text = (files("repctl_pin.native") / name).read_text(encoding="utf-8")
+    text = re.sub(r"(?ms)^#ifdef LEVEL.*?^#endif\n+", "", text)
+
+    def included(found: re.Match[str]) -> str:
+        inner = "" if found[1].startswith("<") else _pasted(found[1].strip('"'))
+        return "" if "#ifndef REPCTL_" in inner else inner
+
+    return re.sub(r"(?m)^#include (\S+).*\n+", included, text)
 
 
 def filled(file: str, name: str, parts: Mapping[str, object]) -> str:

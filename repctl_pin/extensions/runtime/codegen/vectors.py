@@ -14,7 +14,7 @@ from ....model.task import Task
 from ....regions import Region
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.function import InverseFunction
-from ..torque_law import Gains, Observer, torque_law
+from ..torque_law import Gains, NumPyTorques, Observer
 
 STATUS = ("OK", "SINGULAR", "BAD_NUMBER", "OUTSIDE")
 OK, SINGULAR, BAD_NUMBER, OUTSIDE = range(4)
@@ -176,7 +176,7 @@ def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Arr
     if vector.observer is not None:
         observer = Observer(vector.observer.copy(), vector.dt)
     leaf = np.zeros(task.r) if vector.leaf is None else vector.leaf
-    law = torque_law(task, inverse.potentials, vector.gains)
+    law = NumPyTorques(task, inverse.potentials, vector.gains)
     q, qdot, M, b = vector.q, vector.joint_speed, vector.M, vector.bias
     status, tau = asked(
         lambda: law(q, qdot, M, b, vector.target, vector.twist, leaf, observer), task.n

@@ -13,67 +13,7 @@
  *     for (;;) status = arm_governor_step(&governor, &target, NULL, q);        send q to the robot
  */
 
-/* Limits of a governor. */
-typedef struct {
-    double velocity[ARM_N];     /* rad/s or m/s */
-    double acceleration[ARM_N]; /* rad/s^2 or m/s^2 */
-    double jerk[ARM_N];         /* rad/s^3 or m/s^3; HUGE_VAL: no limit */
-    double margin;              /* distance kept from the joint limits, rad or m */
-} arm_limits;
-
-#define ARM_DEGREE @degree /* of the polynomials of a plan */
-#define ARM_PIECES @pieces /* their maximum number */
-
-/* Placement of the frame, and its coordinates in a cell, which are not used without one. */
-typedef struct {
-    arm_pose place;
-    double y[6];
-} arm_course;
-
-/* Motion of the frame on a straight line: phi(t) = sum C[k] t^k; p + phi_v, exp(phi_w) R, or y + phi in a cell. */
-typedef struct {
-    arm_course start;
-    double C[6][6], begin, duration;
-} arm_motion;
-
-/* q(t) = sum C[k] u^k, u from -1 to 1 between two times. */
-typedef struct {
-    double begin, end, C[ARM_DEGREE + 1][ARM_N];
-    int degree;
-} arm_piece;
-
-/* Motions of the frame, one after the other to rest, and the joints that follow from them. */
-typedef struct {
-    arm_course start;
-    arm_motion motion[3];
-    arm_piece piece[ARM_PIECES];
-    double q[ARM_N], qdot[ARM_N], time;
-    int motions, pieces, lands;
-} arm_plan;
-
-/* Joints of a target: those at the end of the straight line from the start, found step by step. */
-typedef struct {
-    arm_motion motion;
-    arm_course course;
-    arm_pose target;
-    double start[ARM_N], q[ARM_N], share, step;
-    int begun, known, found;
-} arm_line;
-
-/* State of a governor, owned by the caller. Its members are read and written by the functions below only. */
-typedef struct {
-    arm_limits limits;
-    arm_plan plan[2];
-    arm_pose landing, heard;
-    double heard_twist[6], dt, stride, leaf[ARM_R], lower[ARM_N], upper[ARM_N], history[3][ARM_N];
-    double pace, longer, reach;
-    arm_line line;
-    long long tick, next, ticks;
-    int taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
-    arm_status status, cause;
-    int started;
-} arm_governor;
-
+@structs
 /* Fill limits: the speed limits of the URDF (HUGE_VAL if it has none: set them), no acceleration (set it), no jerk
  * limit, margin 0. */
 void arm_governor_limits(arm_limits *limits);

@@ -1,14 +1,5 @@
 
-/* Gains of arm_torque(), filled by arm_torque_defaults(). */
-typedef struct {
-    double stiffness[ARM_M];      /* K of the end effector, one per row of J, N/m and Nm/rad, above 0 */
-    double damping;               /* damping ratio of the end effector; 1 is critical */
-    double leaf_frequency;        /* natural frequency of the return to the leaf, rad/s */
-    double leaf_damping;          /* damping ratio of the return to the leaf */
-    double observer_rate;         /* rate at which the observer follows a disturbance of the leaf, 1/s */
-    double observer_limit[ARM_N]; /* maximum torque of the observer in each joint, Nm or N, above 0 */
-} arm_gains;
-
+@structs
 /* Fill gains with the defaults of Python's LeafImpedance. */
 void arm_torque_defaults(arm_gains *gains);
 

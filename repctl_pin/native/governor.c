@@ -1,0 +1,602 @@
+/* The governor: the next joints to command, on a leaf, within all limits. */
+
+#include <math.h>
+#include <stddef.h>
+
+#include "governor.h"
+
+#define TINY 1e-300
+#define STRIDE 0.004 /* time between two plans, s */
+
+/* Shares of the limits that plans aim at; the remainder is for the change of G along the path. */
+#define AIM_SPEED 0.985
+#define AIM_ACCELERATION 0.95
+#define AIM_JERK 0.8
+#define AIM_BRAKING 0.75 /* before targets and joint limits */
+
+#define REGULAR 0.01 /* regularity of the configuration in which a plan ends, at least: nearer to a singularity, an arm
+                        at rest could not leave it */
+#define MOST_EVALUATIONS 130          /* of a tick */
+#define SAMPLES_PER_EVALUATION 16.0   /* samples of a plan that take as long as an evaluation */
+#define MOST_SAMPLES 40               /* what they count at most */
+
+/* State at the beginning of a plan: qdot = B twist, qddot = B rate + bend; later: the rate of the last stop after a
+   stride. */
+typedef struct {
+  Course course;
+  double q[MOST_N], qdot[MOST_N], G[MOST_N * 6], B[MOST_N * 6], B_ahead[MOST_N * 6];
+  double twist[6], rate[6], later[6], bend[MOST_N], room[MOST_N];
+} Now;
+
+/* Speed from which a deceleration a after a delay stops within a distance; a can be infinite. */
+static double approach_speed(double distance, double a, double lag) {
+  if (distance <= 0.0) return 0.0;
+  if (lag * lag * a > 1e12 * distance) return distance / lag;
+  return a * (sqrt(lag * lag + 2.0 * distance / a) - lag);
+}
+
+/* Acceleration beyond which a stop within a distance becomes no shorter. */
+static double peak_acceleration(double distance, double jerk) { return cbrt(jerk * jerk * distance); }
+
+/* Speed from which a stop after a delay ends within a distance: the deceleration rises to at most a and falls to 0 at a
+   rate of at most jerk. */
+static double arrival_speed(double distance, double a, double jerk, double lag) {
+  if (distance <= 0.0) return 0.0;
+  if (peak_acceleration(distance, jerk) < a) a = peak_acceleration(distance, jerk);
+  return approach_speed(distance, a, lag + a / (2.0 * jerk));
+}
+
+/* Compute B x for a velocity x in the coordinates of the course. */
+static void joint_rates(const Arm *arm, const double *B, const double twist[6], double x[]) {
+  (void)arm;
+  for (int i = 0; i < N; i++) {
+    x[i] = 0.0;
+    for (int a = 0; a < 6; a++) x[i] += B[i * 6 + a] * twist[a];
+  }
+}
+
+/* B = G E. */
+static void joint_columns(const Arm *arm, const double *G, const double *E, double *B) {
+  (void)arm;
+  for (int i = 0; i < N; i++)
+    for (int b = 0; b < 6; b++) {
+      B[i * 6 + b] = 0.0;
+      for (int a = 0; a < M; a++) B[i * 6 + b] += G[i * M + a] * E[a * 6 + b];
+    }
+}
+
+/* Evaluate the state at this tick; return 0 at a singularity. */
+static int state_now(const Arm *arm, const Governor *g, Now *now) {
+  const Plan *plan = &g->plan[g->taken];
+  const double t = (double)g->tick * g->dt;
+  const Piece *piece = piece_of(plan, t);
+  double ahead[N], qddot[N], spare[6], x[N], E[M * 6], G[N * M];
+  for (int i = 0; i < N; i++) {
+    now->q[i] = g->history[2][i];
+    now->qdot[i] = qddot[i] = 0.0;
+  }
+  plan_course_at(arm, plan, t, &now->course);
+  course_at(arm, now->q, &now->course);
+  plan_rates(arm, plan, t, now->twist, now->rate);
+  plan_rates(arm, plan, t + g->stride, spare, now->later);
+  if (piece) piece_derivatives(arm, piece, t, now->qdot, qddot);
+  for (int i = 0; i < N; i++) ahead[i] = now->q[i] + 2.0 * g->stride * now->qdot[i];
+  if (find_inverse(arm, now->q, now->G) != OK || find_inverse(arm, ahead, G) != OK) return 0;
+  course_task_rates(arm, &now->course, E);
+  joint_columns(arm, now->G, E, now->B);
+  joint_columns(arm, G, E, now->B_ahead);
+  joint_rates(arm, now->B, now->rate, x);
+  for (int i = 0; i < N; i++) {
+    const double A = g->limits.acceleration[i];
+    now->bend[i] = qddot[i] - x[i];
+    now->room[i] = A - fabs(now->bend[i]) > 0.3 * A ? A - fabs(now->bend[i]) : 0.3 * A;
+  }
+  return 1;
+}
+
+/* Find the largest speeds along a direction, in shares of it per s: by the speed limits, and by the joint limits. */
+static void fastest_along(const Arm *arm, const Governor *g, const Now *now, const double way[6], double *by_speed,
+            double *by_room) {
+  double x[N], ahead[N];
+  joint_rates(arm, now->B, way, x);
+  joint_rates(arm, now->B_ahead, way, ahead);
+  *by_speed = *by_room = HUGE_VAL;
+  for (int i = 0; i < N; i++) {
+    const double room = x[i] > 0.0 ? g->upper[i] - now->q[i] : now->q[i] - g->lower[i];
+    const double here = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
+    const double size = fabs(ahead[i]) > here ? fabs(ahead[i]) : here;
+    const double a = AIM_BRAKING * g->limits.acceleration[i], jerk = AIM_JERK * g->limits.jerk[i];
+    const double toward = arrival_speed(room, a, jerk, 2.0 * g->stride) / here;
+    const double speed = AIM_SPEED * g->limits.velocity[i] / size;
+    if (speed < *by_speed) *by_speed = speed;
+    if (toward < *by_room) *by_room = toward;
+  }
+}
+
+/* Compute the deceleration before a target and its largest rate of change, in shares of the joint displacement x. */
+static double braking_rate(const Arm *arm, const Governor *g, const Now *now, const double x[], double *jerk) {
+  double a = HUGE_VAL;
+  (void)arm;
+  *jerk = HUGE_VAL;
+  for (int i = 0; i < N; i++) {
+    const double size = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
+    if (now->room[i] / size < a) a = now->room[i] / size;
+    if (g->limits.jerk[i] / size < *jerk) *jerk = g->limits.jerk[i] / size;
+  }
+  *jerk *= AIM_BRAKING * AIM_JERK;
+  a *= AIM_BRAKING;
+  return peak_acceleration(1.0, *jerk) < a ? peak_acceleration(1.0, *jerk) : a;
+}
+
+/* Speed and acceleration along the joint displacement x, in shares of it. */
+static void closing_speed(const Arm *arm, const Now *now, const double x[], double *speed, double *a) {
+  double y[N], z[N], square = 0.0;
+  *speed = *a = 0.0;
+  joint_rates(arm, now->B, now->twist, y);
+  joint_rates(arm, now->B, now->rate, z);
+  for (int i = 0; i < N; i++) {
+    square += x[i] * x[i];
+    *speed += x[i] * y[i];
+    *a += x[i] * z[i];
+  }
+  if (!(square >= TINY)) square = TINY;
+  *speed /= square;
+  *a /= square;
+}
+
+/* Way on which an acceleration a > 0 falls to 0; 0 for a deceleration. */
+static double release_way(double speed, double a, double jerk) {
+  const double t = a > 0.0 ? a / jerk : 0.0;
+  return speed * t + a * t * t / 3.0;
+}
+
+/* Choose the derivative of the twist after the next stride, on the way to another twist. */
+static void next_rate(const Arm *arm, const Governor *g, const Now *now, const double wish[6], double later[6]) {
+  const double T = g->stride;
+  double gap[6], change[6], x[N], fits = HUGE_VAL, jerk = HUGE_VAL, most = HUGE_VAL, share;
+  for (int i = 0; i < 6; i++) gap[i] = wish[i] - now->twist[i] - T / 2.0 * now->rate[i];
+  joint_rates(arm, now->B, gap, x);
+  for (int i = 0; i < N; i++) {
+    const double size = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
+    const double sign = x[i] > 0.0 ? 1.0 : x[i] < 0.0 ? -1.0 : 0.0;
+    const double room = (AIM_ACCELERATION * g->limits.acceleration[i] - sign * now->bend[i]) / size;
+    if (room < fits) fits = room;
+    if (g->limits.jerk[i] / size < jerk) jerk = g->limits.jerk[i] / size;
+  }
+  share = approach_speed(1.0, AIM_JERK * jerk, T);
+  if (!(fits > 0.0)) fits = 0.0;
+  if (fits < share) share = fits;
+  for (int i = 0; i < 6; i++) change[i] = share * gap[i] - now->rate[i];
+  joint_rates(arm, now->B, change, x);
+  for (int i = 0; i < N; i++) {
+    const double size = fabs(x[i]) > TINY ? fabs(x[i]) : TINY;
+    if (AIM_JERK * g->limits.jerk[i] * T / size < most) most = AIM_JERK * g->limits.jerk[i] * T / size;
+  }
+  if (most > 1.0) most = 1.0;
+  for (int i = 0; i < 6; i++) later[i] = now->rate[i] + most * change[i];
+}
+
+/* Measure the samples of a plan: the largest shares of the limits that are used before and after a time, and whether
+   the joints stay inside their limits. Speeds count as before: a longer stop does not lower them. */
+static int shares_used(const Arm *arm, const Governor *g, const Plan *plan, double begin, double *before, double *after) {
+  const double dt = g->dt;
+  const long last = (long)ceil(plan->time / dt) + 3;
+  double H[3][N], per_speed[N], per_acceleration[N], per_jerk[N];
+  double speed = 0.0, first = 0.0, later = 0.0;
+  int piece = 0;
+  for (int i = 0; i < N; i++) {
+    per_speed[i] = 1.0 / (g->limits.velocity[i] * dt);
+    per_acceleration[i] = 1.0 / (g->limits.acceleration[i] * dt * dt);
+    per_jerk[i] = 1.0 / (g->limits.jerk[i] * dt * dt * dt);
+  }
+  for (int k = 0; k < 3; k++)
+    for (int i = 0; i < N; i++) H[k][i] = g->history[k][i];
+  for (long k = 1; k <= last; k++) {
+    const double t = (double)k * dt;
+    double q[N], worst = 0.0;
+    while (piece < plan->pieces && t > plan->piece[piece].end) piece++;
+    if (piece < plan->pieces)
+      piece_at(arm, &plan->piece[piece], t, q);
+    else
+      for (int i = 0; i < N; i++) q[i] = plan->q[i];
+    for (int i = 0; i < N; i++) {
+      const double d1 = q[i] - H[2][i], e1 = H[2][i] - H[1][i], d2 = d1 - e1;
+      const double d3 = d2 - (e1 - (H[1][i] - H[0][i]));
+      const double v = fabs(d1) * per_speed[i], a = fabs(d2) * per_acceleration[i];
+      const double j = fabs(d3) * per_jerk[i];
+      if (!(q[i] >= g->lower[i] - 1e-12 && q[i] <= g->upper[i] + 1e-12)) return 0;
+      if (!(v <= speed)) speed = v;
+      if (!(a <= worst)) worst = a;
+      if (!(j <= worst)) worst = j;
+      H[0][i] = H[1][i];
+      H[1][i] = H[2][i];
+      H[2][i] = q[i];
+    }
+    if (plan->lands && !(speed <= 1.0 && worst <= 1.0)) return 0; /* a landing is not tried again */
+    if (t > begin) {
+      if (!(worst <= later)) later = worst;
+    } else if (!(worst <= first))
+      first = worst;
+  }
+  *before = speed > first ? speed : first;
+  *after = later;
+  return 1;
+}
+
+/* Tell whether an arm at rest at q can leave it: q is not, or not more than now, singular. */
+static int can_leave(const Arm *arm, const double q[], const Now *now) {
+  const double there = regularity(arm, q);
+  return there > 0.0 && (there >= REGULAR || there >= regularity(arm, now->q));
+}
+
+static int plan_failure(const Governor *g) {
+  if (g->left < 0) return SLOWED;
+  return g->outside ? OUTSIDE : SINGULAR;
+}
+
+/* Append a motion, in pieces as long as the last ones could be. */
+static int plan_append_long(const Arm *arm, Governor *g, Plan *plan, double travel) {
+  const double parts = ceil(travel / g->reach);
+  const int count = parts > 16.0 ? 16 : parts > 1.0 ? (int)parts : 1;
+  const int made = plan_append(arm, g, plan, 1, count);
+  if (made) {
+    g->reach = travel / made > 1e-3 ? travel / made : 1e-3;
+    if (made == count) g->reach = 0.15;
+  } else if (g->left < 0)
+    g->reach = 0.15; /* shorter pieces are more than a tick can evaluate */
+  return made;
+}
+
+/* Count the samples of a plan as evaluations, as they take as long; return 0 if too few are left. */
+static int affords(Governor *g, const Plan *plan) {
+  const double count = plan->time / g->dt / SAMPLES_PER_EVALUATION;
+  g->left -= count < MOST_SAMPLES ? (int)count : MOST_SAMPLES;
+  return g->left >= 0;
+}
+
+static void plan_take(Governor *g) {
+  g->taken = 1 - g->taken;
+  g->tick = 0;
+}
+
+/* Add a stop to a plan, as short as the limits allow; take the plan if it serves. */
+static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, const Course *course,
+                           const double twist[6], const double rate[6]) {
+  const int motions = plan->motions, pieces = plan->pieces;
+  const double begin = plan->time;
+  double x[N], q[N], qdot[N], fast = 0.0, shortest = 0.0, jerk = 0.0;
+  joint_rates(arm, now->B, twist, x);
+  for (int i = 0; i < N; i++) {
+    const double size = fabs(x[i]), time = 1.5 * size / (AIM_ACCELERATION * now->room[i]);
+    if (size > fast) fast = size;
+    if (time > shortest) shortest = time;
+    if (6.0 * size / (AIM_JERK * g->limits.jerk[i]) > jerk) jerk = 6.0 * size / (AIM_JERK * g->limits.jerk[i]);
+    q[i] = plan->q[i];
+    qdot[i] = plan->qdot[i];
+  }
+  if (sqrt(jerk) > shortest) shortest = sqrt(jerk);
+  for (int k = 0; k < 2; k++) {
+    double T = g->longer * shortest, before, after;
+    if (T < 4.0 * g->dt) T = 4.0 * g->dt;
+    plan->motions = motions;
+    plan->pieces = pieces;
+    plan->time = begin;
+    for (int i = 0; i < N; i++) {
+      plan->q[i] = q[i];
+      plan->qdot[i] = qdot[i];
+    }
+    motion_brake(&plan->motion[motions], course, twist, rate, T);
+    if (!plan_append_long(arm, g, plan, fast * T / 2.0)) return plan_failure(g);
+    if (!can_leave(arm, plan->q, now)) return SINGULAR;
+    if (!affords(g, plan)) return SLOWED;
+    if (!shares_used(arm, g, plan, begin, &before, &after)) return LIMIT;
+    if (!(before <= 1.0)) return SLOWED;
+    if (after <= 1.0) {
+      g->longer = 0.98 * g->longer > 1.0 ? 0.98 * g->longer : 1.0;
+      plan_take(g);
+      return OK;
+    }
+    g->longer *= 1.05 * after < 1.6 ? 1.05 * after : 1.6;
+    if (g->longer > 4.0) g->longer = 4.0;
+  }
+  return SLOWED;
+}
+
+/* Plan a stride, the end of its acceleration, and a stop; take the plan if it serves. */
+static int try_stride(const Arm *arm, Governor *g, const Now *now, const double later[6]) {
+  Plan *plan = &g->plan[1 - g->taken];
+  Motion *motion = plan->motion;
+  Course course;
+  double twist[6], rate[6], x[N], release = g->dt;
+  int bounded = 1;
+  plan_begin(arm, plan, &now->course, now->q, now->qdot);
+  motion_change(motion, &now->course, now->twist, now->rate, later, g->stride);
+  if (!plan_append(arm, g, plan, 0, 1)) return plan_failure(g);
+  motion_course_at(arm, motion, g->stride, &course);
+  motion_rates(arm, motion, g->stride, twist, rate);
+  joint_rates(arm, now->B, rate, x);
+  for (int i = 0; i < N; i++) {
+    if (!(g->limits.jerk[i] < HUGE_VAL)) bounded = 0;
+    if (fabs(x[i]) / (AIM_JERK * g->limits.jerk[i]) > release) release = fabs(x[i]) / (AIM_JERK * g->limits.jerk[i]);
+  }
+  if (bounded) {
+    const double zero[6] = {0.0};
+    Course start = course;
+    motion++;
+    motion_change(motion, &start, twist, rate, zero, release);
+    if (!plan_append(arm, g, plan, release > 0.02, 1)) return plan_failure(g);
+    motion_course_at(arm, motion, release, &course);
+    motion_rates(arm, motion, release, twist, rate);
+  } else
+    for (int i = 0; i < 6; i++) rate[i] = 0.0;
+  return try_stop(arm, g, plan, now, &course, twist, rate);
+}
+
+/* Plan to come to rest at a displacement, if it is near; return 1 if the plan is taken. */
+static int try_landing(const Arm *arm, Governor *g, const Now *now, const double way[6], const double x[], double a,
+                           double jerk, double speed, double closing, double rise) {
+  static const double longer[2][3] = {{1.0, 1.15, 1.4}, {0.95, 1.0, 1.05}};
+  Plan *plan = &g->plan[1 - g->taken];
+  double travel = 0.0, T, before, after;
+  int fast;
+  for (int i = 0; i < N; i++)
+    if (fabs(x[i]) > travel) travel = fabs(x[i]);
+  fast = closing > 0.0 && closing * closing / (2.0 * a) >= 0.75;
+  if (fast)
+    T = 2.0 / closing;
+  else {
+    const double peak = sqrt(a + closing * closing / 2.0);
+    if (peak > speed || travel > 0.03) return 0;
+    T = (2.0 * peak - closing) / a;
+  }
+  T += 1.5 * a / jerk;
+  g->turn = (g->turn + 1) % 3;
+  T *= longer[fast][g->turn];
+  if (longest_landing(closing, rise) < T) T = longest_landing(closing, rise);
+  if (T < 3.0 * g->dt) T = 3.0 * g->dt;
+  plan_begin(arm, plan, &now->course, now->q, now->qdot);
+  plan->lands = 1;
+  motion_land(plan->motion, &now->course, now->twist, now->rate, way, T);
+  if (!plan_append_long(arm, g, plan, travel) || !can_leave(arm, plan->q, now)) return 0;
+  if (!affords(g, plan)) return 0;
+  if (!shares_used(arm, g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
+  plan_take(g);
+  return 1;
+}
+
+/* Tell whether joint speeds are negligible. */
+static int is_slow(const Arm *arm, const Governor *g, const double x[]) {
+  (void)arm;
+  for (int i = 0; i < N; i++)
+    if (!(fabs(x[i]) <= 1e-6 * g->limits.velocity[i])) return 0;
+  return 1;
+}
+
+/* Tell whether the velocity is the one asked for. */
+static int reached_status(const Arm *arm, const Governor *g, const Now *now, const double way[6]) {
+  double away[6], x[N];
+  for (int i = 0; i < 6; i++) away[i] = way[i] - now->twist[i];
+  joint_rates(arm, now->B, away, x);
+  return is_slow(arm, g, x) ? OK : SLOWED;
+}
+
+/* Go on in a direction for a stride, as fast as the limits allow. */
+static int drive(const Arm *arm, Governor *g, const Now *now, const double way[6], double asked, int lands) {
+  double by_speed, by_room, speed, wish[6], later[6];
+  int cause, i = 0;
+  while (i < 6 && way[i] == 0.0) i++;
+  if (i == 6) return reached_status(arm, g, now, way);
+  fastest_along(arm, g, now, way, &by_speed, &by_room);
+  speed = (by_speed < by_room ? by_speed : by_room) * g->pace;
+  if (asked < speed) speed = asked;
+  for (i = 0; i < 6; i++) wish[i] = way[i] * speed;
+  next_rate(arm, g, now, wish, later);
+  cause = try_stride(arm, g, now, later);
+  if (cause == SLOWED) {
+    for (i = 0; i < 6; i++) later[i] = (now->later[i] + later[i]) / 2.0;
+    try_stride(arm, g, now, later);
+    return cause;
+  }
+  if (cause != OK) {
+    g->pace = 0.7 * g->pace > 1e-3 ? 0.7 * g->pace : 1e-3;
+    g->cause = cause;
+    return cause;
+  }
+  g->pace = 1.1 * g->pace < 1.0 ? 1.1 * g->pace : 1.0;
+  if (g->pace < 1.0) return g->cause;
+  if (by_room < by_speed && by_room < asked) return LIMIT;
+  return lands ? SLOWED : reached_status(arm, g, now, way);
+}
+
+/* Direct the frame so that the joints approach those of the target, along the leaf. */
+static void way_of_joints(const Arm *arm, Governor *g, const Now *now, double way[6], double x[]) {
+  double p[3], R[9], J[M][N], rate[M], d[N], size = 0.0, miss = 0.0;
+  for (int i = 0; i < N; i++) {
+    const double apart = g->line.q[i] - now->q[i];
+    if (!(fabs(apart) <= size)) size = fabs(apart);
+    if (!(fabs(apart - x[i]) <= miss)) miss = fabs(apart - x[i]);
+  }
+  if (size < 0.3 && miss < 0.1 * size) {
+    g->by_joints = 0;
+    return;
+  }
+  leaf_direction(arm, now->q, g->line.q, d);
+  place(arm, now->q, p, R, J);
+  for (int a = 0; a < M; a++) {
+    rate[a] = 0.0;
+    for (int i = 0; i < N; i++) rate[a] += J[a][i] * d[i];
+  }
+  course_rates_of(arm, &now->course, rate, way);
+  joint_rates(arm, now->B, way, x);
+}
+
+/* Take the way of the joints, as the straight line is blocked; return 1 while they are looked for. At the edge of a
+   cell, come to rest and begin again: from rest, the straight line does not leave the cell. */
+static int other_way(const Arm *arm, Governor *g, const Pose *target, int rests) {
+  if (has_bounds(arm) && g->status == OUTSIDE) {
+    if (!rests) return 1;
+    g->stuck = g->by_joints = 0;
+    g->pace = 1.0;
+    return 0;
+  }
+  look_for(arm, g, target);
+  if (!g->line.known) return 1;
+  g->by_joints |= g->line.found;
+  g->stuck = 0;
+  return 0;
+}
+
+/* Count the plans without progress. */
+static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status) {
+  int slow = status == LIMIT || status == OUTSIDE || status == SINGULAR;
+  (void)arm;
+  for (int i = 0; i < N; i++)
+    if (!(fabs(now->qdot[i]) < 0.02 * g->limits.velocity[i])) slow = 0;
+  g->stuck = slow ? g->stuck + 1 : 0;
+}
+
+/* Move towards a target for a stride, or come to rest there. */
+static int to_target(const Arm *arm, Governor *g, const Now *now, const Pose *target) {
+  const Plan *plan = &g->plan[g->taken];
+  const int rests = (double)(g->tick - 3) * g->dt >= plan->time;
+  const int lands = plan->lands && equal_poses(target, &g->landing);
+  double way[6], x[N], travel = 0.0, a, jerk, speed, rise, left, by_speed, by_room;
+  int status;
+  if (lands) look_for(arm, g, target); /* only in ticks without a plan */
+  if (lands && !rests) return SLOWED;
+  if (g->stuck > 25 && other_way(arm, g, target, rests)) return g->status;
+  course_way(arm, &now->course, target, way);
+  joint_rates(arm, now->B, way, x);
+  for (int i = 0; i < N; i++)
+    if (!(fabs(x[i]) <= travel)) travel = fabs(x[i]);
+  if (lands || (rests && travel < 1e-10)) {
+    if (!lands) look_for(arm, g, target);
+    if (is_there(arm, g, now->q)) return course_holds(arm, target) ? OK : OUTSIDE;
+    if (!g->by_joints) return SLOWED;
+  }
+  if (g->by_joints) way_of_joints(arm, g, now, way, x);
+  a = braking_rate(arm, g, now, x, &jerk);
+  closing_speed(arm, now, x, &speed, &rise);
+  fastest_along(arm, g, now, way, &by_speed, &by_room);
+  if (!g->by_joints && !g->exhausted && try_landing(arm, g, now, way, x, a, jerk, by_speed, speed, rise)) {
+    g->landing = *target;
+    g->pace = 1.0;
+    return SLOWED;
+  }
+  g->exhausted = g->left < 0; /* by the landing: the next tick is for a stride */
+  left = 1.0 - release_way(speed, rise, jerk);
+  status = drive(arm, g, now, way, arrival_speed(left, a, jerk, 2.0 * g->stride), 1);
+  count_stuck(arm, g, now, status);
+  return status;
+}
+
+/* Move by a twist of the frame for a stride. */
+static int follow(const Arm *arm, Governor *g, const Now *now, const double *twist) {
+  double rate[M], left_out[M], way[6], E[M * 6], x[N];
+  int status;
+  for (int a = 0; a < M; a++) rate[a] = 0.0;
+  if (twist) add_rate(arm, now->course.place.R, twist, 1.0, rate);
+  course_rates_of(arm, &now->course, rate, way);
+  status = drive(arm, g, now, way, 1.0, 0);
+  course_task_rates(arm, &now->course, E);
+  for (int a = 0; a < M; a++) {
+    left_out[a] = rate[a];
+    for (int b = 0; b < 6; b++) left_out[a] -= E[a * 6 + b] * way[b];
+  }
+  for (int i = 0; i < N; i++) {
+    x[i] = 0.0;
+    for (int a = 0; a < M; a++) x[i] += now->G[i * M + a] * left_out[a];
+  }
+  return status == OK && !is_slow(arm, g, x) ? OUTSIDE : status; /* along a coordinate of width 0 */
+}
+
+static int is_small(const double *x, int count) {
+  for (int i = 0; i < count; i++)
+    if (!(fabs(x[i]) < 1e6)) return 0;
+  return 1;
+}
+
+/* Tell whether the last plan heeds an input, or whether it is newer. */
+static int is_heeded(const Governor *g, const Pose *target, const double *twist) {
+  if (target) return g->heeds_target && equal_poses(target, &g->heard);
+  if (g->heeds_target) return 0;
+  for (int i = 0; i < 6; i++)
+    if ((twist ? twist[i] : 0.0) != g->heard_twist[i]) return 0;
+  return 1;
+}
+
+/* Begin at rest at q, if the arguments are right. */
+static int start_at_rest(const Arm *arm, Governor *g, const double q[], double dt, const Limits *limits) {
+  double G[N * M], still[N];
+  if (!all_finite(q, N) || !(dt > 0.0 && dt < HUGE_VAL)) return BAD_NUMBER;
+  if (!(limits->margin >= 0.0 && limits->margin < HUGE_VAL)) return BAD_NUMBER;
+  for (int i = 0; i < N; i++) {
+    if (!(limits->velocity[i] > 0.0 && limits->velocity[i] < HUGE_VAL)) return BAD_NUMBER;
+    if (!(limits->acceleration[i] > 0.0 && limits->acceleration[i] < HUGE_VAL)) return BAD_NUMBER;
+    if (!(limits->jerk[i] > 0.0)) return BAD_NUMBER;
+    if (!(q[i] >= arm->lower[i] + limits->margin && q[i] <= arm->upper[i] - limits->margin)) return LIMIT;
+  }
+  if (find_inside(arm, q) != OK) return OUTSIDE;
+  if (find_inverse(arm, q, G) != OK || find_leaf(arm, q, g->leaf) != OK) return SINGULAR;
+  g->limits = *limits;
+  g->dt = dt;
+  g->ticks = STRIDE / dt >= 1.5 ? (long long)(STRIDE / dt + 0.5) : 1;
+  g->stride = (double)g->ticks * dt;
+  for (int i = 0; i < N; i++) {
+    g->lower[i] = arm->lower[i] + limits->margin;
+    g->upper[i] = arm->upper[i] - limits->margin;
+    g->line.start[i] = q[i];
+    still[i] = 0.0;
+    for (int k = 0; k < 3; k++) g->history[k][i] = q[i];
+  }
+  course_begin(arm, q, &g->line.course);
+  plan_begin(arm, &g->plan[0], &g->line.course, q, still);
+  g->taken = g->turn = g->heeds_target = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
+  for (int i = 0; i < 6; i++) g->heard_twist[i] = 0.0;
+  g->tick = 3; /* all differences are 0 */
+  g->next = 0;
+  g->pace = g->longer = 1.0;
+  g->reach = 0.15;
+  g->status = g->cause = OK;
+  return OK;
+}
+
+/* Begin at rest at q. */
+SHARED int govern_from(const Arm *arm, Governor *g, const double q[], double dt, const Limits *limits) {
+  g->status = start_at_rest(arm, g, q, dt, limits);
+  g->started = g->status == OK;
+  return g->status;
+}
+
+/* Compute the next joints to command, towards a target or by a twist; without both it stops. */
+SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, double q_next[]) {
+  int usable = !(target && twist);
+  if (!g->started) return g->status == OK ? BAD_NUMBER : g->status;
+  if (target && !(is_small(target->p, 3) && (arm->kind == POSITION || rotation(target->R)))) usable = 0;
+  if (twist && !is_small(twist, 6)) usable = 0;
+  if (usable && g->tick >= g->next) {
+    Now now;
+    g->left = MOST_EVALUATIONS;
+    if (!target || !g->heeds_target || !equal_poses(target, &g->heard)) g->stuck = g->by_joints = 0;
+    if (!state_now(arm, g, &now))
+      g->status = SINGULAR;
+    else if (target)
+      g->status = to_target(arm, g, &now, target);
+    else
+      g->status = follow(arm, g, &now, twist);
+    g->next = g->tick + g->ticks;
+    g->heeds_target = target != NULL;
+    if (target) g->heard = *target;
+    for (int i = 0; i < 6; i++) g->heard_twist[i] = twist ? twist[i] : 0.0;
+  }
+  g->tick++;
+  for (int i = 0; i < N; i++) {
+    g->history[0][i] = g->history[1][i];
+    g->history[1][i] = g->history[2][i];
+  }
+  plan_at(arm, &g->plan[g->taken], (double)g->tick * g->dt, g->history[2]);
+  for (int i = 0; i < N; i++) q_next[i] = g->history[2][i];
+  if (!usable) return BAD_NUMBER;
+  if (g->status == OK && !is_heeded(g, target, twist)) return SLOWED;
+  return g->status;
+}

@@ -1,0 +1,73 @@
+"""The struct Arm of arm.h: a task, potentials, limits and a design region as tables for C."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..errors import InputError
+from ..model.joint_chain import native_chain
+from ..model.task import Task
+from ..native import REGION, filled_struct, library, point
+from ..potentials.basis import Potentials
+from ..potentials.tables import native_parts
+from ..regions import Box, Tube, WorkspaceBox
+
+
+def native_arm(
+    task: Task, potentials: Potentials | None = None, region: Any = None
+) -> Any:
+    """Create the struct :data:`ARM` of a task with potentials and a region Ω.
+
+    Raises
+    ------
+    InputError
+        If C cannot hold the task (more than 64 joints), the potentials (functions in Python) or the
+        region.
+    """
+    made = native_chain(task)
+    if made is None:
+        raise InputError(
+            f"{task!r} has more than 64 joints, too many for the code in C"
+        )
+    arm, _ = made
+    if potentials is not None:
+        parts = native_parts(potentials, task.n)
+        arm.parts = len(parts)
+        point(arm, "part", parts)
+    if region is not None:
+        point(arm, "region", [native_region(region, task)])
+    return arm
+
+
+def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
+    """Create the struct :data:`ARM`; None if there is no native library, or C cannot hold it."""
+    if library() is None:
+        return None
+    try:
+        return native_arm(task, potentials)
+    except InputError:
+        return None
+
+
+def native_region(region: Any, task: Task) -> Any:
+    """Create the struct :data:`REGION` of a region, which may have its own ``_native_region``."""
+    if isinstance(region, Tube):
+        samples, half = region.samples, region.radius
+    elif isinstance(region, Box):
+        samples, half = region.center[None], region.half_width
+    elif isinstance(region, WorkspaceBox):
+        samples, half = region.within.center[None], region.within.half_width
+    elif hasattr(region, "_native_region"):
+        return region._native_region()
+    else:
+        raise InputError(
+            f"a region of type {type(region).__name__} cannot be written as C; use a box, a tube "
+            "or a workspace box, or an inverse without a region"
+        )
+    reals = {"center": samples, "half": half}
+    axes = []
+    if isinstance(region, WorkspaceBox):
+        axes = [int(axis) for axis in task.rows if axis < 3]
+        reals |= {"position": region.position, "width": region.half_width}
+    sizes = {"count": len(samples), "axes": len(axes)}
+    return filled_struct(REGION, {"axis": axes}, reals, sizes)[0]

@@ -1,0 +1,160 @@
+"""The control law of a repeatable inverse in the native library (arm.c), for one thread."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..model.task import Task
+from ..native import CALL, filled_struct, library
+from ..potentials.basis import Potentials
+from ..redundancy.augmented import augmented_inverse
+from .step_arguments import StepLimits, failure
+
+_WHOLE_STEP = -1.0
+_TWIST, _LEAF, _BOUNDED = 1, 2, 4
+_SINGULAR = 1
+
+
+@cache
+def holding_library() -> ctypes.PyDLL:
+    """Load the library once more: its functions then keep Python's global interpreter lock."""
+    native = library()
+    assert native is not None
+    return ctypes.PyDLL(native._name)
+
+
+def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
+    """Allocate the arguments of C functions for one thread: the struct Call of calls.c.
+
+    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays.
+    """
+    n, m, r = task.n, task.m, task.r
+    sizes = {"q": n, "xdot": m, "twist": 6, "leaf": r, "limit": n}
+    sizes |= {"target": 16, "numbers": 5, "result": n}
+    parts = {name: np.zeros(size) for name, size in sizes.items()} | more
+    call, _ = filled_struct(CALL, {}, parts, {"arm": ctypes.addressof(arm)})
+    call.held["arm"] = arm
+    return call.held, ctypes.byref(call)  # which holds the struct, and it the arrays
+
+
+class NativeLaw:
+    """Control law in C on arguments that are already checked, with the memory of one thread.
+
+    Calls for one configuration keep Python's global interpreter lock, which is faster; calls for
+    batches release it.
+
+    Parameters
+    ----------
+    task, potentials
+        Task and potentials, for error messages.
+    arm
+        Their struct Arm, from :func:`native_arm`.
+    """
+
+    def __init__(self, task: Task, potentials: Potentials, arm: Any) -> None:
+        self._task, self._potentials, self.arm = task, potentials, arm
+        parts, self._call = call_memory(task, arm)
+        self._q, self._xdot, self._twist = parts["q"], parts["xdot"], parts["twist"]
+        self._leaf, self._limit = parts["leaf"], parts["limit"]
+        self._target = parts["target"].reshape(4, 4)
+        self._numbers, self._result = parts["numbers"], parts["result"]
+        held = holding_library()
+        self._run_velocity, self._run_step = held.call_velocity, held.call_step
+        self._run_leaf = held.call_leaf
+
+    def velocity(self, q: Array, xdot: Array) -> Array:
+        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
+        self._q[:] = q
+        self._xdot[:] = xdot
+        status = self._run_velocity(self._call)
+        if status:
+            raise self._refused(status, q)
+        return self._result.copy()
+
+    def leaf(self, q: Array) -> Array:
+        """Evaluate c = h(q) (r,)."""
+        self._q[:] = q
+        status = self._run_leaf(self._call)
+        if status:
+            raise self._refused(status, q)
+        return self._result[: self._task.r].copy()
+
+    def step(
+        self,
+        q: Array,
+        target: pin.SE3,
+        dt: float,
+        twist: Array | None,
+        leaf: Array | None,
+        gain: float | None,
+        bounds: StepLimits | None,
+    ) -> Array:
+        """Compute the next q (n,)."""
+        given = 0
+        self._q[:] = q
+        self._target[:] = target.homogeneous
+        numbers = self._numbers
+        numbers[0] = dt
+        numbers[1] = _WHOLE_STEP if gain is None else gain
+        if leaf is not None:
+            self._leaf[:] = leaf
+            given |= _LEAF
+        if twist is not None:
+            self._twist[:] = twist
+            given |= _TWIST
+        if bounds is not None:
+            self._limit[:] = bounds.velocity_limit
+            numbers[2] = bounds.damping
+            given |= _BOUNDED
+        status = self._run_step(self._call, given)
+        if status:
+            raise self._refused(status, q, target)
+        return self._result.copy()
+
+    def report(self) -> tuple[float, float]:
+        """Return the damping λ of the last step, and the factor of the speed limits."""
+        return float(self._numbers[3]), float(self._numbers[4])
+
+    def inverses(self, Q: Array) -> Array:
+        """Evaluate G_r (K, n, m) at the rows of Q (K, n)."""
+        task, h = self._task, self._potentials
+        G = np.empty((len(Q), task.n, task.m))
+        if self._run_rows("call_inverses", Q, G):
+            return G
+        J, V = task.jacobians(Q), h.gradients(Q)  # for the error
+        return augmented_inverse(J, V)[:, :, : task.m]
+
+    def velocities(self, Q: Array, Xdot: Array) -> Array:
+        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
+        Qdot = np.empty((len(Q), self._task.n))
+        if self._run_rows("call_velocities", Q, Xdot, Qdot):
+            return Qdot
+        return (self.inverses(Q) @ Xdot[..., None])[..., 0]
+
+    def _run_rows(self, name: str, *arrays: Array) -> bool:
+        """Call a C function on all rows of arrays, the last of which receives the results.
+
+        Return whether it succeeded at each row.
+        """
+        native = library()
+        assert native is not None
+        kept = [np.ascontiguousarray(array) for array in arrays]
+        run = native[name]
+        run.restype = ctypes.c_long
+        rows = (ctypes.c_void_p(array.ctypes.data) for array in kept)
+        count = len(kept[0])
+        done: int = run(ctypes.byref(self.arm), ctypes.c_long(count), *rows)
+        return done == count
+
+    def _refused(self, status: int, q: Array, target: Any = None) -> Exception:
+        """Create the exception for a status of C."""
+        if status != _SINGULAR and target is not None and np.isfinite(q).all():
+            self._task.error(q, target)  # raises if it is not a rotation
+        bad = 0.0 if status == _SINGULAR else np.nan
+        return failure(self._task, q, np.array([bad]))

@@ -1,0 +1,106 @@
+"""Argument checks of control steps, and the errors of steps that cannot be computed.
+
+Arrays of doubles of the right size are passed on as they are; other values are converted, or
+refused by an error that names the argument. Python's function calls take as long as the arithmetic
+of a step, so the tests come first.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy import ndarray
+from numpy.typing import ArrayLike
+
+from ..arguments import FLOAT, Array, per_joint, positive, row, vector
+from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement, as_placement
+from ..model.task import Task
+from ..redundancy.augmented import SINGULAR
+
+
+class StepLimits(NamedTuple):
+    """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max."""
+
+    velocity_limit: Array
+    damping: float
+
+
+def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> StepLimits:
+    """Check the limits of a step, as :meth:`RepeatableInverse.step` takes them."""
+    damping = positive(damping, "damping", zero=True)
+    limit = inf if velocity_limit is None else velocity_limit
+    return StepLimits(per_joint(limit, n, "a speed limit"), damping)
+
+
+def as_velocity_arguments(
+    q: ArrayLike, xdot: ArrayLike, n: int, m: int
+) -> tuple[Array, Array]:
+    """Check q (n,) and ẋ (m,) of a velocity."""
+    if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
+        q = vector(q, n, "q")
+    if not (type(xdot) is ndarray and xdot.dtype is FLOAT and xdot.shape == (m,)):
+        xdot = vector(xdot, m, "ẋ", "m/s and rad/s")
+    return q, xdot
+
+
+def as_step_arguments(
+    q: ArrayLike,
+    target: Placement,
+    dt: float,
+    twist: ArrayLike | None,
+    leaf: ArrayLike | None,
+    gain: float | None,
+    n: int,
+    r: int,
+) -> tuple[Array, pin.SE3, float, Array | None, Array | None, float | None]:
+    """Check the arguments of a step, and return them in this order."""
+    if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
+        q = vector(q, n, "q")
+    if not (isinstance(dt, float) and 0.0 < dt < inf):
+        dt = positive(dt, "dt", "s")
+    if not isinstance(target, pin.SE3):
+        target = as_placement(target, "the target")
+    if leaf is not None and not (
+        type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == (r,)
+    ):
+        leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
+    if gain is not None and not (isinstance(gain, float) and 0.0 <= gain * dt <= 2.0):
+        gain = _as_gain(gain, dt)
+    if twist is not None and not (
+        type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == (6,)
+    ):
+        twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+    return q, target, dt, twist, leaf, gain
+
+
+def _as_gain(gain: float, dt: float) -> float:
+    """Check a feedback gain, 1/s, and convert it to a float.
+
+    A step removes the share gain · dt of the error.
+    """
+    value = (
+        gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
+    )
+    if not 0.0 <= value * dt <= 2.0:
+        raise InputError(
+            f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"
+        )
+    return value
+
+
+def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
+    """Create the exception for a step without a finite solution.
+
+    It is an InputError if q or ``rhs`` is not finite, else a SingularityError.
+    """
+    if not np.isfinite(q).all():
+        return InputError(f"q must be {task.n} finite numbers; got {row(q)}")
+    if not np.isfinite(rhs).all():
+        return InputError(
+            "the task velocity ẋ or the target, the leaf and dt must be finite numbers"
+        )
+    return SingularityError(f"{singular or SINGULAR}, at q = {row(q)}")
