@@ -203,3 +203,14 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     ),
 }
 """By name: what makes the inverse and a configuration in the middle of where it serves."""
+
+
+def in_numpy(inverse: rp.RepeatableInverse) -> rp.RepeatableInverse:
+    """The same inverse on the NumPy law, which is that of arms that C cannot hold."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("REPCTL_NATIVE", "no")
+        other = rp.RepeatableInverse(
+            inverse.task, inverse.potentials, region=inverse.region
+        )
+        other.leaf(inverse.task.reference)  # chooses its law
+    return other

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from arms import Q_PANDA
 from cell_functions import function_of
-from controls import NEEDS_C, own_cache  # noqa: F401
+from controls import in_numpy
 
 import repctl_pin as rp
 
@@ -94,9 +94,8 @@ def test_a_copy_of_an_inverse_is_one_for_another_thread(
 
 SHARED = (
     "F",
-    "F in C",
     "a step",
-    "a step in C",
+    "a step in NumPy",
     "a bounded step",
     "a cell's step",
     "J⁺",
@@ -109,14 +108,13 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
     """One object that several threads ask, as a function of seven numbers from −1 to 1."""
     inverse, task, q0 = design.inverse, design.task, Q_PANDA
     target, leaf, xdot = task.placement(q0), inverse.leaf(q0), np.ones(6)
-    if what in ("F", "F in C", "a cell's step"):
+    if what in ("F", "a cell's step"):
         F = function_of("poses")
         if what == "a cell's step":
             middle, c = F(F.cell.placement), np.zeros(1)
             return lambda x: F.inverse.step(
                 middle + 0.01 * x, F.cell.placement, 0.01, leaf=c
             )
-        F = rp.compiled(F) if what == "F in C" else F
         return lambda x: F(F.cell.at(0.5 * x[:6]))
     if what == "J⁺":
         one = rp.Pseudoinverse(task)
@@ -128,12 +126,12 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
         return lambda x: np.append(
             task.jacobian(q0 + 0.1 * x), task.placement(q0 + 0.1 * x).translation
         )
-    fast = rp.compiled(inverse) if what == "a step in C" else inverse
+    law = in_numpy(inverse) if what == "a step in NumPy" else inverse
 
     def step(x: np.ndarray) -> np.ndarray:
         if what != "a bounded step":
-            return fast.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
-        step = fast.damped_step(
+            return law.step(q0 + 0.05 * x, target, 0.01, xdot, leaf=leaf, gain=20.0)
+        step = law.damped_step(
             q0 + 0.05 * x,
             target,
             0.01,
@@ -146,10 +144,9 @@ def shared(what: str, design: rp.Design) -> Callable[[np.ndarray], object]:
     return step
 
 
-@NEEDS_C
 @pytest.mark.parametrize("what", SHARED)
 def test_one_object_serves_many_threads(
-    what: str, panda_design: rp.Design, many_switches, quick_compiler: None
+    what: str, panda_design: rp.Design, many_switches
 ) -> None:
     ask = shared(what, panda_design)
     X = np.random.default_rng(2).uniform(-1, 1, (4, 100, 7))

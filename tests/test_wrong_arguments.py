@@ -20,7 +20,6 @@ SLOW = (
     "study",
     "stable_",
     "export_c",
-    "compiled",
 )
 """What is left to the slow test: a call that is taken, though one of its arguments is odd, takes
 its time."""

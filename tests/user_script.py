@@ -80,7 +80,7 @@ def designs(task: rp.Task) -> rp.Design:
     slowed: float = step.slowed
     print(slowed, step.damping, control.velocity(q0, [0.1, 0.0], outside="raise"))
     print(control.solve(task.placement(q0), q0, leaf=[0.0]), control.batch([q0, q0]))
-    fast: rp.RepeatableInverse = rp.compiled(control)
+    fast: rp.RepeatableInverse = control
     print(fast.velocities([q0], [[0.1, 0.0]]), rp.export_c(control, "c", name="arm"))
     print(
         rp.compare(design, design), rp.save(design, "d.json"), rp.load("d.json", task)
@@ -111,7 +111,7 @@ def cells(task: rp.Task) -> None:
         incomplete="shrink",
         options=rp.FitOptions(held_out=64),
     )
-    function: rp.InverseFunction = rp.compiled(found.function)
+    function: rp.InverseFunction = found.function
     print(
         function(np.eye(4), leaf=[0.0]),
         function.batch(poses),

@@ -232,7 +232,6 @@ def right_calls(folder: Path) -> list[Call]:
             "q_now": q0 + 0.05, "motion": motion, "limits": limits, "to": "nearest",
             "rate": 100.0, "bodies": False,
         },
-        "compiled": {"control": inverse},
         "export_c": {
             "control": inverse, "folder": folder / "c", "name": "arm_control", "region": box,
         },
@@ -417,9 +416,8 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Recording, "read"): {"file": frames_file, "task": task},
         (rp.Relabeled, "save"): {"file": folder / "again.npz"},
     }
-    fast, fast_function = rp.compiled(inverse), rp.compiled(found.function)
     things = [
-        cell, found, found.function, found.inverse, fast, fast_function, rp.Bodies(arm), angle,
+        cell, found, found.function, found.inverse, rp.Bodies(arm), angle,
         viewer, recording, relabeled,
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,

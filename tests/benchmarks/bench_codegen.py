@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from controls import in_numpy
 
 import repctl_pin as rp
 
@@ -201,11 +202,11 @@ def test_the_longest_of_a_million_steps(
     assert longest < 50 * median
 
 
-def test_compiled_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
-    """From Python, feedback and leaf included: at most a tenth of q += dt pinv(J) (ẋ + K e)."""
+def test_a_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
+    """From Python, feedback and leaf included: at most 0.12 of q += dt pinv(J) (ẋ + K e)."""
     task, inverse = panda_pose, control(panda_pose, 2)
-    fast, leaf, target, twist = (
-        rp.compiled(inverse),
+    plain, leaf, target, twist = (
+        in_numpy(inverse),
         inverse.leaf(Q0),
         panda_pose.placement(Q0 + 0.01),
         np.full(6, 0.1),
@@ -238,8 +239,8 @@ def test_compiled_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
     best = best_of(
         {
             "pinv": pinv,
-            "python": ours(inverse),
-            "c": ours(fast),
+            "python": ours(plain),
+            "c": ours(inverse),
             "jacobian": jacobian(task),
         },
         100,
@@ -250,18 +251,18 @@ def test_compiled_step_beside_the_pinv_loop(panda_pose: rp.Task, say) -> None:
             for name, t in best.items()
         )
     )
-    assert best["c"] < 0.10 * best["pinv"]
+    assert best["c"] < 0.12 * best["pinv"]
 
 
 def test_batches(panda_pose: rp.Task, say) -> None:
     """Vectorised NumPy and Pinocchio beside one call of C."""
     inverse = control(panda_pose, 2)
-    fast, rng = rp.compiled(inverse), np.random.default_rng(0)
+    plain, rng = in_numpy(inverse), np.random.default_rng(0)
     Q, Xdot = Q0 + rng.uniform(-0.3, 0.3, (200, 7)), rng.normal(size=(200, 6))
     best = best_of(
         {
-            "python": lambda: inverse.velocities(Q, Xdot),
-            "c": lambda: fast.velocities(Q, Xdot),
+            "python": lambda: plain.velocities(Q, Xdot),
+            "c": lambda: inverse.velocities(Q, Xdot),
         },
         200,
     )

@@ -14,7 +14,7 @@ import pytest
 from arms import Q_PANDA, planar_urdf, spatial_urdf
 from cell_functions import cell_of
 from commands import main, refused, told
-from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
+from controls import CONTROLS, NEEDS_C, in_numpy
 from test_bases import Ball
 
 import repctl_pin as rp
@@ -76,7 +76,7 @@ def disagreement(
 
     Relative where a result is above 1, and to what rounding does where J_V's condition is above
     10⁴."""
-    fast, rng, worst, none = rp.compiled(inverse), np.random.default_rng(1), 0.0, 0
+    plain, rng, worst, none = in_numpy(inverse), np.random.default_rng(1), 0.0, 0
     for k in range(count):
         q = q0 + spread * rng.uniform(-1, 1, len(q0)) * (5.0 if k % 8 == 7 else 1.0)
         if k % 16 == 15:
@@ -85,8 +85,8 @@ def disagreement(
         hard = max(1.0, 1e-4 * float(np.linalg.cond(J_V)))
         for ask in questions(inverse, q0, q, rng):
             python, c = (
+                answer(lambda ask=ask: ask(plain)),
                 answer(lambda ask=ask: ask(inverse)),
-                answer(lambda ask=ask: ask(fast)),
             )
             assert isinstance(python, str) == isinstance(c, str), (k, q, python, c)
             if isinstance(python, str):
@@ -139,7 +139,7 @@ def test_c_computes_what_python_computes_at_10000(name: str, tmp_path: Path) -> 
 def test_singular_configurations_are_refused_alike() -> None:
     """A stretched planar arm, and the panda's own singularities."""
     inverse, _ = CONTROLS["planar7r, xy, degree 3"](Path())
-    fast = rp.compiled(inverse)
+    plain = in_numpy(inverse)
     target, count = pin.SE3(np.eye(3), np.array([1.0, 0.5, 0.0])), 0
     for q in (np.zeros(7), np.eye(7)[0], np.eye(7)[0] * 1e-9, np.r_[0.3, np.zeros(6)]):
         for ask in (
@@ -147,11 +147,11 @@ def test_singular_configurations_are_refused_alike() -> None:
             lambda one, q=q: one.step(q, target, 0.01),
         ):
             assert [
-                answer(lambda ask=ask, one=one: ask(one)) for one in (inverse, fast)
+                answer(lambda ask=ask, one=one: ask(one)) for one in (plain, inverse)
             ] == ["singular"] * 2
             count += 1
         ours, theirs = (
-            one.damped_step(q, target, 0.01, damping=0.1) for one in (inverse, fast)
+            one.damped_step(q, target, 0.01, damping=0.1) for one in (plain, inverse)
         )
         assert np.abs(ours.q - theirs.q).max() < AGREE
         assert ours.damping == pytest.approx(theirs.damping) != 0
@@ -188,8 +188,8 @@ def test_near_singular_configurations_are_refused_alike(
     task, rng = rp.Robot.load(arm).task(None, kind), np.random.default_rng(4)
     q0 = task.reference + rng.uniform(0.2, 0.6, task.n)
     inverse = nearly_singular(task, q0, size)
-    fast, xdot, V_T = (
-        rp.compiled(inverse),
+    plain, xdot, V_T = (
+        in_numpy(inverse),
         rng.normal(size=task.m),
         inverse.potentials.gradient(q0).T,
     )
@@ -208,7 +208,7 @@ def test_near_singular_configurations_are_refused_alike(
             continue
         expected = "singular" if sine < 1e-6 else "answered"
         for ask in questions:
-            for one in (inverse, fast):
+            for one in (plain, inverse):
                 found = answer(lambda ask=ask, one=one, q=q: ask(one, q))
                 assert (found if isinstance(found, str) else "answered") == expected, (
                     sine,
@@ -222,16 +222,16 @@ def test_near_singular_configurations_are_refused_alike(
 @pytest.mark.parametrize("what", ["velocities", "batch"])
 def test_batches_are_rows(what: str, panda_design: rp.Design) -> None:
     inverse, rng = panda_design.inverse, np.random.default_rng(2)
-    fast = rp.compiled(inverse)
+    plain = in_numpy(inverse)
     Q, Xdot = Q_PANDA + rng.uniform(-0.4, 0.4, (50, 7)), rng.normal(size=(50, 6))
     if what == "velocities":
-        pairs = inverse.velocities(Q, Xdot), fast.velocities(Q[:, ::-1][:, ::-1], Xdot)
+        pairs = plain.velocities(Q, Xdot), inverse.velocities(Q[:, ::-1][:, ::-1], Xdot)
         with pytest.raises(rp.InputError, match="Ẋ"):
-            fast.velocities(Q, Xdot[:3])
+            inverse.velocities(Q, Xdot[:3])
     else:
-        pairs = inverse.batch(Q), fast.batch(Q)
+        pairs = plain.batch(Q), inverse.batch(Q)
         with pytest.raises(rp.InputError, match="batch"):
-            fast.batch(Q[0])
+            inverse.batch(Q[0])
     assert np.abs(pairs[0] - pairs[1]).max() < AGREE
 
 
@@ -376,7 +376,7 @@ def test_what_cannot_be_written_down_is_refused(
         (rp.ExtendedJacobian(panda_pose, Q_PANDA), "ExtendedMap cannot be written"),
         (rp.Pseudoinverse(panda_pose), "inverse must be a repeatable inverse"),
     ):
-        for refuse in (rp.compiled, lambda inverse: rp.export_c(inverse, tmp_path)):
+        for refuse in (lambda inverse: rp.export_c(inverse, tmp_path),):
             with pytest.raises(rp.InputError, match=words):
                 refuse(inverse)
     with pytest.raises(rp.InputError, match="a region of type Ball cannot be written"):

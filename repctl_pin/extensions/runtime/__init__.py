@@ -5,7 +5,6 @@ from ...plugins import Extension
 EXTENSION = Extension(
     __name__,
     names={
-        "codegen.compile": "compiled",
         "codegen.export": "export_c",
         "governor": "Governor Status",
         "impedance": "LeafImpedance",

@@ -40,7 +40,6 @@ Make = Callable[[Scene], ours.Step]
 
 def programs(folder: Path, inverse: rp.RepeatableInverse) -> dict[str, Make]:
     """Name everything that is compared, but the C program, which goes round by itself."""
-    fast = rp.compiled(inverse)
     return {
         REFERENCE: ours.pinv_loop,
         "J⁺ + posture": ours.with_posture,
@@ -53,7 +52,6 @@ def programs(folder: Path, inverse: rp.RepeatableInverse) -> dict[str, Make]:
         "roboplan + posture": partial(peers.roboplan_loop, folder=folder, posture=True),
         "ssik Tracker": peers.ssik_loop,
         "repctl_pin, Python": partial(ours.repeatable, inverse=inverse),
-        "repctl_pin, compiled": partial(ours.repeatable, inverse=fast),
     }
 
 

@@ -58,11 +58,10 @@ def programs(design: rp.CellDesign, scene: Scene) -> dict[str, ours.Step]:
         made["ssik Tracker"] = peers.ssik_loop(scene)
     except peers.AbsentError as error:
         print(f"ssik Tracker is left out: {error}")
-    F, fast = design.function, rp.compiled(design.inverse)
+    F = design.function
     return made | {
         "repctl_pin, F": lambda q, target: F(target),
         "repctl_pin, step": ours.repeatable(scene, design.inverse),
-        "repctl_pin, step compiled": ours.repeatable(scene, fast),
     }
 
 

@@ -90,6 +90,12 @@ def value(x: float) -> str:
     return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
 
 
+def number(value: float) -> str:
+    """Format a finite number in C by the shortest text that parses to the same double."""
+    assert math.isfinite(value)
+    return repr(float(value) + 0.0)
+
+
 def integer(values: Iterable[int]) -> str:
     """Format integers as a C initialiser, ``{1, 2}``."""
     return f"{{{', '.join(str(int(v)) for v in values)}}}"
