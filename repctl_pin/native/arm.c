@@ -238,7 +238,7 @@ SHARED void potentials(const Arm *arm, const double q[], const double p[3], cons
 
 /* ---- linear equations ---- */
 
-SHARED int finite(const double *x, int count) {
+SHARED int all_finite(const double *x, int count) {
   for (int i = 0; i < count; i++)
     if (!(fabs(x[i]) < HUGE_VAL)) return 0;
   return 1;
@@ -397,7 +397,7 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 
 SHARED int find_leaf(const Arm *arm, const double q[], double c[]) {
   double p[3], R[9], J[M][N], h[N], V[N][N];
-  if (!finite(q, N)) return BAD_NUMBER;
+  if (!all_finite(q, N)) return BAD_NUMBER;
   place(arm, q, p, R, J);
   potentials(arm, q, p, R, J, h, V);
   for (int j = 0; j < N - M; j++) c[j] = h[j];
@@ -415,11 +415,11 @@ static int augmented(const Arm *arm, const double q[], double A[][N], int swap[]
 SHARED int find_inverse(const Arm *arm, const double q[], double G[]) {
   double A[N][N], X[M][N];
   int swap[N];
-  if (!finite(q, N)) return BAD_NUMBER;
+  if (!all_finite(q, N)) return BAD_NUMBER;
   if (!augmented(arm, q, A, swap)) return SINGULAR;
   for (int a = 0; a < M; a++) {
     solve_unit(arm, A, swap, a, X[a]);
-    if (!finite(X[a], N)) return SINGULAR;
+    if (!all_finite(X[a], N)) return SINGULAR;
   }
   for (int a = 0; a < M; a++)
     for (int i = 0; i < N; i++) G[i * M + a] = X[a][i];
@@ -429,11 +429,11 @@ SHARED int find_inverse(const Arm *arm, const double q[], double G[]) {
 SHARED int find_velocity(const Arm *arm, const double q[], const double xdot[], double qdot[]) {
   double A[N][N], x[N];
   int swap[N];
-  if (!finite(q, N) || !finite(xdot, M)) return BAD_NUMBER;
+  if (!all_finite(q, N) || !all_finite(xdot, M)) return BAD_NUMBER;
   for (int i = 0; i < N; i++) x[i] = i < M ? xdot[i] : 0.0;
   if (!augmented(arm, q, A, swap)) return SINGULAR;
   solve(arm, A, swap, x);
-  if (!finite(x, N)) return SINGULAR;
+  if (!all_finite(x, N)) return SINGULAR;
   for (int i = 0; i < N; i++) qdot[i] = x[i];
   return OK;
 }
@@ -444,7 +444,7 @@ SHARED int find_velocity(const Arm *arm, const double q[], const double xdot[], 
 SHARED int find_inside(const Arm *arm, const double q[]) {
   const Region *region = arm->region;
   double p[3], R[9];
-  if (!finite(q, N)) return BAD_NUMBER;
+  if (!all_finite(q, N)) return BAD_NUMBER;
   if (!region) return OK;
 #ifdef CHART
   if (region->chart) {
@@ -519,7 +519,7 @@ SHARED int take_step(const Arm *arm, const double q[], const Pose *target, doubl
     if (options->gain != WHOLE_STEP) share = options->gain * dt;
     if (!(share >= 0.0 && share <= 2.0)) return BAD_NUMBER;
   }
-  if (!finite(q, N) || !(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
+  if (!all_finite(q, N) || !(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
   if (stay_inside && find_inside(arm, q) != OK) return OUTSIDE;
 
   place(arm, q, p, R, A);
@@ -528,14 +528,14 @@ SHARED int take_step(const Arm *arm, const double q[], const Pose *target, doubl
   for (int i = 0; i < M; i++) b[i] *= share;
   for (int i = 0; i < N - M; i++) b[M + i] = leaf ? share * (leaf[i] - h[i]) : 0.0;
   if (twist) add_rate(arm, R, twist, dt, b);
-  if (!finite(b, N)) return BAD_NUMBER;
+  if (!all_finite(b, N)) return BAD_NUMBER;
 
   if (damping > 0.0)
     damp(arm, &factors, damping);
   else if (!regular(arm, A, swap))
     return SINGULAR;
   apply_factors(arm, &factors, b, x);
-  if (!finite(x, N)) return SINGULAR;
+  if (!all_finite(x, N)) return SINGULAR;
 
   for (int i = 0; i < N; i++)
     if (!(fabs(x[i]) <= most[i])) long_step = 1;

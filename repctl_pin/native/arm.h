@@ -95,7 +95,7 @@ typedef struct {
   int by_values; /* 1 if s is used */
 } Factors;
 
-SHARED int finite(const double *x, int count);
+SHARED int all_finite(const double *x, int count);
 SHARED int factor(const Arm *arm, double A[][N], int swap[]);
 SHARED void solve(const Arm *arm, double LU[][N], const int swap[], double x[]);
 SHARED int regular(const Arm *arm, double A[][N], int swap[]);

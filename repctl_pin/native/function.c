@@ -23,7 +23,7 @@ SHARED double solve_chart(const Arm *arm, const Pose *target, const double *q_re
     }
     if (!factor(arm, A, swap)) return HUGE_VAL;
     solve(arm, A, swap, b);
-    if (!finite(b, N)) return HUGE_VAL;
+    if (!all_finite(b, N)) return HUGE_VAL;
     size = 0.0;
     for (int i = 0; i < N; i++)
       if (fabs(b[i]) > size) size = fabs(b[i]);
@@ -47,7 +47,7 @@ SHARED int find_coordinates(const Arm *arm, const Chart *chart, const Pose *targ
   double y[6];
   if (!(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
   cell_coordinates(arm, chart, target, y);
-  if (!finite(y, M)) return BAD_NUMBER;
+  if (!all_finite(y, M)) return BAD_NUMBER;
   scaled_coordinates(arm, chart, y, u, shift);
   return holds(arm, chart, y) ? OK : OUTSIDE;
 }

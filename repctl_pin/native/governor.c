@@ -528,7 +528,7 @@ static int is_heeded(const Governor *g, const Pose *target, const double *twist)
 /* Begin at rest at q, if the arguments are right. */
 static int start_at_rest(const Arm *arm, Governor *g, const double q[], double dt, const Limits *limits) {
   double G[N * M], still[N];
-  if (!finite(q, N) || !(dt > 0.0 && dt < HUGE_VAL)) return BAD_NUMBER;
+  if (!all_finite(q, N) || !(dt > 0.0 && dt < HUGE_VAL)) return BAD_NUMBER;
   if (!(limits->margin >= 0.0 && limits->margin < HUGE_VAL)) return BAD_NUMBER;
   for (int i = 0; i < N; i++) {
     if (!(limits->velocity[i] > 0.0 && limits->velocity[i] < HUGE_VAL)) return BAD_NUMBER;

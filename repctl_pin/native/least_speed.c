@@ -11,7 +11,7 @@
 int least_speed(const Arm *arm, const double q[], const double xdot[], const double *posture, double gain,
                 double qdot[]) {
   double p[3], R[9], J[M][N], L[M][M], y[M], z[N], squares = 1, pivots = 1;
-  if (!finite(q, N) || !finite(xdot, M)) return 0;
+  if (!all_finite(q, N) || !all_finite(xdot, M)) return 0;
   place(arm, q, p, R, J);
   for (int k = 0; k < N; k++) z[k] = posture ? gain * (posture[k] - q[k]) : 0;
   for (int i = 0; i < M; i++) { /* J J^T = L L^T, and L y = xdot - J z */
@@ -40,7 +40,7 @@ int least_speed(const Arm *arm, const double q[], const double xdot[], const dou
     y[i] /= L[i][i];
     for (int k = 0; k < N; k++) z[k] += y[i] * J[i][k];
   }
-  if (!finite(z, N)) return 0;
+  if (!all_finite(z, N)) return 0;
   for (int k = 0; k < N; k++) qdot[k] = z[k];
   return 1;
 }

@@ -105,11 +105,11 @@ SHARED int joint_torques(const Arm *arm, const double q[], const double qdot[], 
   double x[N], d[N], force[N], opposed[N], pull[N], estimate[N], share = 1.0;
   int swap[N];
 
-  if (!finite(q, N) || !finite(qdot, N) || !finite(inertia, N * N)) return BAD_NUMBER;
-  if (!finite(bias, N) || !finite(leaf, N - M)) return BAD_NUMBER;
+  if (!all_finite(q, N) || !all_finite(qdot, N) || !all_finite(inertia, N * N)) return BAD_NUMBER;
+  if (!all_finite(bias, N) || !all_finite(leaf, N - M)) return BAD_NUMBER;
   if (!(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
   if (!usable_gains(arm, gains) || !cholesky(arm, inertia, L)) return BAD_NUMBER;
-  if (observer && !(finite(observer, N - M) && dt > 0.0 && gains->observer_rate * dt <= 1.0)) return BAD_NUMBER;
+  if (observer && !(all_finite(observer, N - M) && dt > 0.0 && gains->observer_rate * dt <= 1.0)) return BAD_NUMBER;
 
   curvature(arm, q, qdot, x);
   evaluate(arm, q, p, R, A, h);
@@ -118,9 +118,9 @@ SHARED int joint_torques(const Arm *arm, const double q[], const double qdot[], 
   for (int i = 0; i < M; i++) lag[i] = 0.0;
   if (twist) add_rate(arm, R, twist, 1.0, lag);
   for (int i = 0; i < M; i++) lag[i] -= rates[i];
-  if (!finite(e, M) || !finite(lag, M) || !finite(x, N)) return BAD_NUMBER;
+  if (!all_finite(e, M) || !all_finite(lag, M) || !all_finite(x, N)) return BAD_NUMBER;
   for (int i = 0; i < N; i++)
-    if (!finite(A[i], N)) return BAD_NUMBER;
+    if (!all_finite(A[i], N)) return BAD_NUMBER;
 
   pull_hand(arm, L, A, gains, e, lag, force);
   for (int i = 0; i < N; i++) d[i] = 0.0;
@@ -132,7 +132,7 @@ SHARED int joint_torques(const Arm *arm, const double q[], const double qdot[], 
     d[M + i] = estimate[i];
   }
   for (int i = 0; i < N; i++) x[i] = force[i] - x[i];
-  if (!finite(x, N) || !finite(d, N)) return BAD_NUMBER;
+  if (!all_finite(x, N) || !all_finite(d, N)) return BAD_NUMBER;
   if (!regular(arm, A, swap)) return SINGULAR;
   solve(arm, A, swap, x);
   solve(arm, A, swap, d);
@@ -146,11 +146,11 @@ SHARED int joint_torques(const Arm *arm, const double q[], const double qdot[], 
     if (fabs(opposed[i]) * share > gains->observer_limit[i]) share = gains->observer_limit[i] / fabs(opposed[i]);
   }
   for (int i = 0; i < N; i++) force[i] += bias[i] - share * opposed[i];
-  if (!finite(force, N)) return BAD_NUMBER;
+  if (!all_finite(force, N)) return BAD_NUMBER;
   if (observer) {
     for (int i = 0; i < N - M; i++)
       estimate[i] = rates[M + i] - share / gains->observer_rate * estimate[i] + dt * pull[i];
-    if (!finite(estimate, N - M)) return BAD_NUMBER;
+    if (!all_finite(estimate, N - M)) return BAD_NUMBER;
     for (int i = 0; i < N - M; i++) observer[i] = estimate[i];
   }
   for (int i = 0; i < N; i++) tau[i] = force[i];

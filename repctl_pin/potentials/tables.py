@@ -23,7 +23,7 @@ POLYNOMIALS, FOURIER_SERIES, CELL = range(3)
 def native_parts(potentials: Potentials, n: int) -> list[Any]:
     """Create the structs :data:`PART` of the terms of a sum of potentials of n joints.
 
-    Potentials of an extension have a method ``native_part`` that creates theirs.
+    Potentials of an extension have a method ``_native_part`` that creates theirs.
 
     Raises
     ------
@@ -36,8 +36,8 @@ def native_parts(potentials: Potentials, n: int) -> list[Any]:
             parts.append(_polynomial(part, joints))
         elif isinstance(part, FourierMap):
             parts.append(_fourier(part, joints))
-        elif hasattr(part, "native_part"):
-            parts.append(part.native_part())
+        elif hasattr(part, "_native_part"):
+            parts.append(part._native_part())
         else:
             raise InputError(
                 f"potentials of type {type(part).__name__} cannot be written as C, because they "

@@ -121,6 +121,8 @@ class NumPyLaw:
         c_error = still if leaf is None else leaf - self.potentials.value(q)
         rhs = share * np.concatenate([x_error, c_error])
         if twist is not None:
+            if not np.isfinite(twist).all():
+                raise failure(task, q, twist)
             rhs += dt * np.concatenate([task.task_velocity(q, twist), still])
         if limits is None:
             return q + self._solved(q, J_V, rhs)

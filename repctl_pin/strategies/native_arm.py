@@ -50,15 +50,15 @@ def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
 
 
 def native_region(region: Any, task: Task) -> Any:
-    """Create the struct :data:`REGION` of a region, which may have its own ``native_region``."""
+    """Create the struct :data:`REGION` of a region, which may have its own ``_native_region``."""
     if isinstance(region, Tube):
         samples, half = region.samples, region.radius
     elif isinstance(region, Box):
         samples, half = region.center[None], region.half_width
     elif isinstance(region, WorkspaceBox):
         samples, half = region.within.center[None], region.within.half_width
-    elif hasattr(region, "native_region"):
-        return region.native_region()
+    elif hasattr(region, "_native_region"):
+        return region._native_region()
     else:
         raise InputError(
             f"a region of type {type(region).__name__} cannot be written as C; use a box, a tube "

@@ -346,7 +346,7 @@ class Cell:
     # ---- in C
     # -------------------------------------------------------------------------------------------
 
-    def native_region(self) -> Any:
+    def _native_region(self) -> Any:
         """Create the struct :data:`REGION` of the cell as a region Ω, for the native library."""
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})

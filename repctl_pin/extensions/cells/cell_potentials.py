@@ -70,7 +70,7 @@ class CellPotentials:
         D = np.concatenate([D, -np.swapaxes(n_ref, 1, 2) @ cell.along], axis=2)
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
 
-    def native_part(self) -> Any:
+    def _native_part(self) -> Any:
         """Create the struct :data:`PART` of the potentials, for the native library."""
         chart = native_chart(self.chart)
         part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})

@@ -39,7 +39,7 @@ typedef arm_report Report;
 arm_status arm_placement(const double q[ARM_N], arm_pose *pose)
 {
     arm_pose there;
-    if (!finite(q, N)) return ARM_BAD_NUMBER;
+    if (!all_finite(q, N)) return ARM_BAD_NUMBER;
     place(arm_tables, q, there.p, there.R, NULL);
     *pose = there;
     return ARM_OK;
@@ -49,7 +49,7 @@ arm_status arm_jacobian(const double q[ARM_N], double J[ARM_M * ARM_N])
 {
     double p[3], R[9], rows[M][N];
     int a, i;
-    if (!finite(q, N)) return ARM_BAD_NUMBER;
+    if (!all_finite(q, N)) return ARM_BAD_NUMBER;
     place(arm_tables, q, p, R, rows);
     for (a = 0; a < M; a++)
         for (i = 0; i < N; i++) J[a * N + i] = rows[a][i];

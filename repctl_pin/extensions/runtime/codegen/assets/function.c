@@ -13,7 +13,7 @@ long arm_F_batch(long count, const arm_pose *targets, const double *leaf, double
     int status[AT_ONCE];
     long a;
     int l;
-    if (leaf && !finite(leaf, ARM_R)) return 0;
+    if (leaf && !all_finite(leaf, ARM_R)) return 0;
     for (a = 0; a < count; a += AT_ONCE) {
         const int few = count - a < AT_ONCE ? (int)(count - a) : AT_ONCE;
         find_configurations(arm_tables, arm_tables->part->chart, @keep, few, targets + a, leaf, 0, q + a * ARM_N, status);
