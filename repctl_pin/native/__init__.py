@@ -86,7 +86,7 @@ CELL = _struct(
 )
 """The struct Cell of cell_bounds.c."""
 
-MARGINS = _struct(pointers="leaf sigma limit Q reach split")
+MARGINS = _struct(pointers="leaf sigma limit Q reach V split")
 """The struct Margins of cell_bounds.c."""
 
 ARM_ANGLE = _struct(

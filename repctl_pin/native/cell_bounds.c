@@ -28,6 +28,7 @@ typedef struct Cell {
 
 typedef struct Margins {
   double *leaf, *sigma, *limit, *Q, *reach;
+  double *V; /* r n (2 + k), or null: V along F, its value at the centre, its slopes, and the bound of all else */
   int *split;
 } Margins;
 
@@ -532,7 +533,7 @@ static int left_rest(double eps, const double *rho, double off[6][6], double C[6
 
 /* The leaf margin along F, with |F - q_0| <= Y: of V' = n_ref' - W J and the null space of J at F. */
 static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_, double C[6][6], const double *dJ,
-                                const double *Y) {
+                                const double *Y, double *out) {
   const Problem *g = s->chain;
   int n = g->n, N = g->N, r = g->r, k = s->space.k, m = s->m, rows = N + r;
   double eps = g->eps, V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], R[N * N], slopes[k * N * N];
@@ -587,6 +588,10 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
         x += W_away[y] * plain[y * N + i] + W_rest[y] * (at->J_most[y * N + i] + plain[y * N + i]);
       for (int j = 0; j < k; j++) size += fabs(at->dV[(j * r + f) * n + i]);
       V_rest[f][i] = x + eps * (size + x);
+      if (!out) continue;
+      double *y = out + (f * n + i) * (2 + k);
+      y[0] = at->V[f * n + i], y[1 + k] = V_rest[f][i];
+      for (int j = 0; j < k; j++) y[1 + j] = at->dV[(j * r + f) * n + i];
     }
   }
 
@@ -753,7 +758,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) F[i][c] = fabs(A[i * N + c]) + eps;
   if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* a right inverse of J */
-  out->leaf[box] = leaf_margin_along(s, at, A, C, dJ, Y);
+  out->leaf[box] = leaf_margin_along(s, at, A, C, dJ, Y, out->V ? out->V + box * g->r * n * (2 + k) : 0);
   if (!(out->leaf[box] > 0)) return;
   for (int i = 0; i < n; i++)
     for (int c = 0; c < 6; c++) square += Z[i][c] * Z[i][c];

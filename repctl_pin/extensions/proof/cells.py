@@ -51,8 +51,9 @@ distance of F from q_ref that a search found, plus the summand.
 _TURNED = {"pose": 0, "axis": 2}
 """First of the frame's axes whose direction a kind of task controls; the others control none."""
 
-_SIZES = 0.32 * 0.5 ** np.arange(6.0)
-"""Half-widths, in u, of the boxes in the middle of the cell on which middle links are compared."""
+_SIZES, _CORNERS = 0.16 * 0.75 ** np.arange(6.0), 4
+"""Half-widths, in u, of boxes on which middle links are compared, and the number of corners of the
+cell at which they lie."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,37 +132,54 @@ class CellProof:
         self._cell, self._arrays = self._cell_struct()
 
     def _tightness(self, chain: Chain) -> float:
-        """Sum the bounds of the leaf margin on boxes in the middle of the cell, for a chain.
+        """Sum the bounds of the leaf margin on boxes at corners of the cell, for a chain.
 
         The larger it is for a chain (a choice of the middle link), the fewer boxes are needed.
         """
         self.see_from(chain)
-        half = np.tile(_SIZES[:, None], (1, self.cell.k))
-        return float(self.bounds(np.zeros_like(half), half).leaf_margin.sum())
+        k = self.cell.k
+        at = np.random.default_rng(0).choice([-1.0, 1.0], (_CORNERS, k))
+        half = np.repeat(np.tile(_SIZES[:, None], (1, k)), _CORNERS, axis=0)
+        found = self.bounds((1 - half) * np.tile(at, (len(_SIZES), 1)), half)
+        return float(found.leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
         """Bound the margins of F over boxes Uc ± half, (K, k) each, and enclose its values."""
+        return self.bounds_from(Uc, half, self.start(Uc, half))
+
+    def bounds_from(
+        self, Uc: Array, half: Array, start: Array, gradients: Array | None = None
+    ) -> CellBounds:
+        """Bound the margins of F from the differences of its value and slopes from q_ref.
+
+        Parameters
+        ----------
+        Uc, half : (K, k) arrays
+            Centres and half-widths of the boxes.
+        start : (K, n, 1 + k) array
+            Differences, see :meth:`start`.
+        gradients : (K, r, n, 2 + k) array, optional
+            Filled with V along F: its value at the centre, its slopes times half, and a bound of
+            all else; unchanged where F was not enclosed.
+        """
         K, n = len(Uc), self.chain.n
-        shift = np.ascontiguousarray(self._shift(Uc, half))
         leaf, sigma, limit = np.zeros((3, K))
         Q, reach = np.full((2, K, n), np.nan)
         split = np.zeros(K, np.int32)
-        arrays = (leaf, sigma, limit, Q, reach, split)
-        out = MARGINS(*(array.ctypes.data for array in arrays))
-        Uc, half = np.ascontiguousarray(Uc, float), np.ascontiguousarray(half, float)
+        arrays = (leaf, sigma, limit, Q, reach, gradients, split)
+        out = MARGINS(*(None if x is None else x.ctypes.data for x in arrays))
+        given = [np.ascontiguousarray(x, float) for x in (Uc, half, start)]
         done = self._run(
             ctypes.byref(self._cell),
             ctypes.c_long(K),
-            ctypes.c_void_p(Uc.ctypes.data),
-            ctypes.c_void_p(half.ctypes.data),
-            ctypes.c_void_p(shift.ctypes.data),
+            *(ctypes.c_void_p(x.ctypes.data) for x in given),
             ctypes.byref(out),
         )
         if not done:
             raise MemoryError("no memory for the Taylor models of a cell")
         return CellBounds(leaf, sigma, limit, split, Q, reach)
 
-    def _shift(self, Uc: Array, half: Array) -> Array:
+    def start(self, Uc: Array, half: Array) -> Array:
         """Compute F − q_ref at Uc and its slopes times half: (K, n, 1 + k), both (K, k).
 
         The proof holds with any numbers; these make it tight.
