@@ -288,7 +288,6 @@ typedef struct {
   Model R[3][3], base[3][3], tip[3], o[3], p[3], x[3][3], xi[6], theta;
   Model twists[6][6];    /* of the pose, (v, w) per unit of each coordinate of the task: first from the base, then from the middle */
   Lanes sizes[3], trace; /* |p|, |e|, |s| */
-  Lanes fast[6][2];      /* |v|, |w| */
 } Closure;
 
 static Lanes length_of(const Model *x) {
@@ -306,14 +305,12 @@ static void twist_models(const Cell *s, Closure *f, const Model *p) {
       apply_models(g, f->base, x, v);
       for (int i = 0; i < 3; i++) copy(g, v + i, x + i);
     } else combine_columns(g, f->base, s->way + 3 * a, x);
-    f->fast[a][1] = all(0);
     if (moves(s->turn + 3 * a) || s->around[a] != 0 || s->twirl[a] != 0) {
       apply_models(g, f->base, x + 3, w), cross_models(g, p, w, moment);
       for (int i = 0; i < 3; i++) add(g, x + i, 1, moment + i, x + i), copy(g, w + i, x + 3 + i);
-      f->fast[a][1] = length_of(x + 3) + s->chain->eps;
     }
-    f->fast[a][0] = length_of(x) + s->chain->eps;
-    for (int i = 0; i < 6; i++) x[i].r += s->chain->eps * (1 + f->fast[a][0]);
+    Lanes size = s->chain->eps * (1 + length_of(x));
+    for (int i = 0; i < 6; i++) x[i].r += size;
   }
 }
 
@@ -386,10 +383,10 @@ typedef struct {
   double *q, *wide, *step, *eta;      /* n, n, N, n: q_0, its reach, |A (xi, -n_ref' eta)|, eta */
   double *first, *rest;               /* k N N, N N: A J_V - 1 at q_ref(u) */
   double *Wrows, *Wfirst, *Wrest;     /* (N + r) 6, k (N + r) N, (N + r) N: rows times J, see potential_rows */
-  double *J, *J_most;                 /* 6 N, 6 N: J at q_0(u_c), |J| at q_0(u) */
+  double *J, *J_most, *K_most;        /* 6 N, 6 N, 6 N: J at q_0(u_c), |J| and |C J| at q_0(u) */
   double *V, *dV, *V_rest;            /* r n, k r n, r n: n_ref - W' J for a polynomial W' */
   double *W_away, *rho, *off;         /* r 6, r 6, 6 6: |W' - W_c|, |w - W' E|, |C E - 1| */
-  double *fast, *steep;               /* m 2, r m n: |v|, |w| of the twists of the pose, |dn_ref| */
+  double *steep;                      /* r m n: |dn_ref| */
 } Lane;
 
 static void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
@@ -510,10 +507,10 @@ static int gauge(int n, int r, double V[r][n], double U[r][r], double G[r][r]) {
   return 1;
 }
 
-/* Bound W - W' = (w - W' E) E^-1, (6,), from rho = |w - W' E| and off = |C E - 1|: z = |rho (C E)^-1|, by its Neumann
-   series in the sum norm from the third term on, and |z| |C|. */
-static int left_rest(double eps, const double *rho, double off[6][6], double C[6][6], double *W_rest) {
-  double z[6], most = 0, sum = 0;
+/* Bound z with W - W' = z C, (6,), from rho = |w - W' E| and off = |C E - 1|: |rho (C E)^-1|, by its Neumann series in the
+   sum norm from the third term on. */
+static int left_rest(double eps, const double *rho, double off[6][6], double *z) {
+  double most = 0, sum = 0;
   for (int i = 0; i < 6; i++) {
     double row = 0;
     for (int c = 0; c < 6; c++) row += off[i][c];
@@ -523,21 +520,20 @@ static int left_rest(double eps, const double *rho, double off[6][6], double C[6
   for (int c = 0; c < 6; c++) {
     z[c] = rho[c] + most * most * sum / (1 - most);
     for (int i = 0; i < 6; i++) z[c] += rho[i] * off[i][c];
-  }
-  for (int c = 0; c < 6; c++) {
-    W_rest[c] = 0;
-    for (int i = 0; i < 6; i++) W_rest[c] += z[i] * fabs(C[i][c]) * (1 + 4 * eps);
+    z[c] *= 1 + 4 * eps;
   }
   return 1;
 }
 
-/* The leaf margin along F, with |F - q_0| <= Y: of V' = n_ref' - W J and the null space of J at F. */
+/* The leaf margin along F, with |F - q_0| <= Y: of V' = n_ref' - W J and the null space of J at F. In W J and W E = w, all
+   twists are seen from the middle link at q_0: those of the pose are then known, and J at F is turned and moved. */
 static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_, double C[6][6], const double *dJ,
                                 const double *Y, double *out) {
   const Problem *g = s->chain;
   int n = g->n, N = g->N, r = g->r, k = s->space.k, m = s->m, rows = N + r;
   double eps = g->eps, V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], R[N * N], slopes[k * N * N];
-  double eye[36], beside[rows * N], plain[6 * N], BW[n * rows * N], off[6][6], turned, moved, V_rest[r][n];
+  double eye[36], beside[rows * N], plain[6 * N], BW[n * rows * N], off[6][6], away[2][N], V_rest[r][n];
+  double turned, moved;
 
   for (int i = 0; i < 36; i++) eye[i] = i % 7 == 0;
   for (int i = 0; i < rows * N; i++) beside[i] = 0;
@@ -553,39 +549,42 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
   beside_chart(s, 6, 6, eye, dJ, at->q, at->wide, Y, Y, plain);
 
   middle_link(s, at, Y, &turned, &moved);
-  for (int c = 0; c < 6; c++) { /* the twists at F */
-    double away[6];
-    for (int x = 0; x < 6; x++) {
-      if (c >= m) away[x] = plain[x * N + n + c - m];
-      else away[x] = turned * at->fast[2 * c + x / 3] + (x < 3 ? moved * at->fast[2 * c + 1] : 0);
+  for (int c = 0; c < N; c++) { /* how far J at F is turned and moved: linear and angular */
+    double v[3], w[3];
+    for (int x = 0; x < 3; x++) {
+      v[x] = at->J_most[x * N + c] + plain[x * N + c];
+      w[x] = at->J_most[(3 + x) * N + c] + plain[(3 + x) * N + c];
     }
+    away[0][c] = (turned * norm3(v) + moved * norm3(w)) * (1 + eps), away[1][c] = turned * norm3(w) * (1 + eps);
+  }
+  for (int c = 0; c < 6; c++)
     for (int i = 0; i < 6; i++) {
       off[i][c] = at->off[i * 6 + c];
-      for (int x = 0; x < 6; x++) off[i][c] += fabs(C[i][x]) * away[x] * (1 + eps);
+      int d = n + c - m; /* a virtual joint */
+      for (int x = 0; x < 6 && c >= m; x++) off[i][c] += fabs(C[i][x]) * (plain[x * N + d] + away[x / 3][d]) * (1 + eps);
     }
-  }
 
   for (int f = 0; f < r; f++) {
     const double *W_c = at->Wrows + (N + f) * 6, *W_away = at->W_away + f * 6;
-    double rho[6], W_rest[6], linear = norm3(W_c), angular = norm3(W_c + 3);
+    double rho[6], z[6], J_rest[N], linear = norm3(W_c), angular = norm3(W_c + 3);
+    for (int x = 0; x < 3; x++) linear += W_away[x], angular += W_away[3 + x];
+    for (int c = 0; c < N; c++) { /* |W' (J(F) - J(q_0))| */
+      J_rest[c] = beside[(N + f) * N + c] + linear * away[0][c] + angular * away[1][c];
+      for (int y = 0; y < 6; y++) J_rest[c] += W_away[y] * plain[y * N + c];
+    }
     for (int c = 0; c < 6; c++) {
-      double x = 0;
-      if (c >= m) {
-        x = beside[(N + f) * N + n + c - m];
-        for (int y = 0; y < 6; y++) x += W_away[y] * plain[y * N + n + c - m];
-      } else {
-        const double *fast = at->fast + 2 * c;
-        double v = turned * fast[0] + moved * fast[1], w = turned * fast[1];
-        x = (linear + W_away[0] + W_away[1] + W_away[2]) * v + (angular + W_away[3] + W_away[4] + W_away[5]) * w;
-        for (int i = 0; i < n; i++) x += at->steep[(f * m + c) * n + i] * Y[i];
-      }
+      double x = c < m ? 0 : J_rest[n + c - m];
+      for (int i = 0; i < n && c < m; i++) x += at->steep[(f * m + c) * n + i] * Y[i];
       rho[c] = (at->rho[f * 6 + c] + x) * (1 + eps);
     }
-    if (!left_rest(eps, rho, off, C, W_rest)) return 0;
+    if (!left_rest(eps, rho, off, z)) return 0;
     for (int i = 0; i < n; i++) {
-      double x = at->V_rest[f * n + i] + beside[(N + f) * N + i], size = fabs(at->V[f * n + i]);
-      for (int y = 0; y < 6; y++)
-        x += W_away[y] * plain[y * N + i] + W_rest[y] * (at->J_most[y * N + i] + plain[y * N + i]);
+      double x = at->V_rest[f * n + i] + J_rest[i], size = fabs(at->V[f * n + i]);
+      for (int y = 0; y < 6; y++) {
+        double most = at->K_most[y * N + i];
+        for (int l = 0; l < 6; l++) most += fabs(C[y][l]) * (plain[l * N + i] + away[l / 3][i]);
+        x += z[y] * most;
+      }
       for (int j = 0; j < k; j++) size += fabs(at->dV[(j * r + f) * n + i]);
       V_rest[f][i] = x + eps * (size + x);
       if (!out) continue;
@@ -906,10 +905,23 @@ static void residual(const Cell *s, const Work *work, const Model *w, const Mode
   }
 }
 
+/* |row x - less| for a column x of six models */
+static Lanes size_after(const Cell *s, const Lanes *row, const Model **x, double less) {
+  double eps = s->chain->eps;
+  Lanes e = all(eps);
+  for (int m = 0; m < s->space.M; m++) {
+    Lanes v = all(m == 0 ? -less : 0);
+    for (int i = 0; i < 6; i++) v += row[i] * x[i]->p[m];
+    e += absolute(v);
+  }
+  for (int i = 0; i < 6; i++) e += absolute(row[i]) * (x[i]->r + eps * size_of(x[i]));
+  return e;
+}
+
 /* A polynomial W' with W' E about w, by Newton's steps W' <- W' + (w - W' E) C from W_c, each right to one more order;
-   what is left of it, |w - W' E| and |W' - W_c|, (r, 6) each; |C E - 1|, (6, 6); and V' = n_ref' - W' J. */
+   what is left of it, |w - W' E| and |W' - W_c|, (r, 6) each; |C E - 1|, (6, 6), |C J|, (6, N); and V' = n_ref' - W' J. */
 static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, Lanes (*C)[6], Lanes *away, Lanes *left,
-                             Lanes *off) {
+                             Lanes *off, Lanes *K_most) {
   const Space *g = &s->space;
   int n = s->chain->n, N = s->chain->N, r = s->chain->r;
   double eps = s->chain->eps;
@@ -939,20 +951,17 @@ static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, 
       for (int x = 0; x < 6; x++) product(g, W + x, work->J + x * N + i, &part), add(g, V, -1, &part, V);
     }
   }
-  for (int i = 0; i < 6; i++)
+  for (int i = 0; i < 6; i++) {
+    const Model *column[6];
     for (int c = 0; c < 6; c++) {
-      Lanes e = all(eps);
-      for (int m = 0; m < g->M; m++) {
-        Lanes v = all(m == 0 && i == c ? -1 : 0);
-        for (int x = 0; x < 6; x++) v += C[i][x] * twist_at(s, work, x, c)->p[m];
-        e += absolute(v);
-      }
-      for (int x = 0; x < 6; x++) {
-        const Model *y = twist_at(s, work, x, c);
-        e += absolute(C[i][x]) * (y->r + eps * size_of(y));
-      }
-      off[6 * i + c] = e;
+      for (int x = 0; x < 6; x++) column[x] = twist_at(s, work, x, c);
+      off[6 * i + c] = size_after(s, C[i], column, i == c);
     }
+    for (int c = 0; c < N; c++) {
+      for (int x = 0; x < 6; x++) column[x] = work->J + x * N + c;
+      K_most[i * N + c] = size_after(s, C[i], column, 0);
+    }
+  }
 }
 
 /* One lane of models: (count,) centres, (k, count) slopes, (count,) bounds of all else. */
@@ -975,7 +984,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   const Space *sp = &s->space;
   int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r, m_ = s->m, rows = N + r;
   Lanes u[k], h[k], A[N * N], first[k * N * N], rest[N * N], step[N];
-  Lanes W[rows * 6], Wfirst[k * rows * N], Wrest[rows * N], steep[r * m_ * n], C[6][6], W_away[r * 6], rho[r * 6], off[36];
+  Lanes W[rows * 6], Wfirst[k * rows * N], Wrest[rows * N], steep[r * m_ * n], C[6][6], W_away[r * 6], rho[r * 6], off[36], K_most[6 * N];
   for (int a = 0; a < k; a++)
     for (int l = 0; l < LANES; l++) {
       long box = at + (l < count ? l : 0);
@@ -1052,16 +1061,16 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   }
   after_A(s, w, A, first, rest, step);
   rows_times(s, rows, W, w->J, 6, N, N, 1, Wfirst, Wrest);
-  potential_models(s, w, W + N * 6, C, W_away, rho, off);
+  potential_models(s, w, W + N * 6, C, W_away, rho, off, K_most);
 
   double wide[n], eta_[n], step_[N], first_[k * N * N], rest_[N * N];
   double W_[rows * 6], Wfirst_[k * rows * N], Wrest_[rows * N], J_[6 * N], J_most[6 * N], V[r * n], dV[k * r * n];
-  double V_rest[r * n], away_[r * 6], rho_[r * 6], off_[36], fast[2 * m_], steep_[r * m_ * n];
+  double V_rest[r * n], away_[r * 6], rho_[r * 6], off_[36], steep_[r * m_ * n], K_[6 * N];
   for (int l = 0; l < count; l++) {
     long box = at + l;
     const Closure *f = &w->closure;
     Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l], q[l], wide, step_, eta_, first_, rest_, W_, Wfirst_,
-                 Wrest_, J_, J_most, V, dV, V_rest, away_, rho_, off_, fast, steep_};
+                 Wrest_, J_, J_most, K_, V, dV, V_rest, away_, rho_, off_, steep_};
     out->split[box] = 0, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
     double best = -1;
     for (int a = 0; a < k; a++) {
@@ -1077,10 +1086,9 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
     for (int i = 0; i < n; i++) eta_[i] = most_of(w->eta + i)[l];
     lanes_of(l, N, step, step_), lanes_of(l, N * N, rest, rest_), lanes_of(l, k * N * N, first, first_);
     lanes_of(l, rows * 6, W, W_), lanes_of(l, k * rows * N, Wfirst, Wfirst_), lanes_of(l, rows * N, Wrest, Wrest_);
-    lanes_of(l, r * 6, W_away, away_), lanes_of(l, r * 6, rho, rho_), lanes_of(l, 36, off, off_);
+    lanes_of(l, r * 6, W_away, away_), lanes_of(l, r * 6, rho, rho_), lanes_of(l, 36, off, off_), lanes_of(l, 6 * N, K_most, K_);
     lanes_of(l, r * m_ * n, steep, steep_), lane_of(sp, l, r * n, w->V, V, dV, V_rest);
     for (int i = 0; i < 6 * N; i++) J_[i] = w->J[i].p[0][l], J_most[i] = most_of(w->J + i)[l];
-    for (int c = 0; c < m_; c++) fast[2 * c] = f->fast[c][0][l], fast[2 * c + 1] = f->fast[c][1][l];
     one_cell_box(s, &lane, A_[l], C_[l], B[l], dJ_[l], box, out);
   }
 }

@@ -145,7 +145,10 @@ class _CellSearch:
                 np.where(points.found, 1.0, -1.0),
                 "no configuration exists on this leaf at that pose",
             ),
-            (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
+            (
+                leaf_margins(chart, points) - self.leaf,
+                "the leaf margin there is {leaf:.4g}",
+            ),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
             (
                 -away.max(axis=1),

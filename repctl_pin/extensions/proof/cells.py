@@ -220,7 +220,9 @@ class CellProof:
             "bases": [basis(axis) for axis in chain.a],
             "tips": tips(chain, slides_of(chain, self.farthest)),
         }
-        reals |= {name: getattr(poses, name) for name in type(poses).__dataclass_fields__}
+        reals |= {
+            name: getattr(poses, name) for name in type(poses).__dataclass_fields__
+        }
         scalars = {
             "chain": ctypes.addressof(self._chain),
             "space": space,
@@ -255,9 +257,7 @@ def _chain_struct(
     reals = {name: getattr(chain, name) for name in ("R", "p", "a", "shift", "reach")}
     reals |= {"o": chain.o, "S": chain.S[row, column]}
     sizes = {"P": len(chain.S), "k": chain.middle, "n": chain.n, "N": chain.N}
-    return filled_struct(
-        PROBLEM, ints, reals, {**sizes, "r": chain.N - 6, "eps": eps}
-    )
+    return filled_struct(PROBLEM, ints, reals, {**sizes, "r": chain.N - 6, "eps": eps})
 
 
 def farthest(chart: Chart) -> Array:
