@@ -16,6 +16,9 @@ from .errors import InputError, printable
 _THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
+CELL_THEOREM = 5
+"""Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is no leaf margin: it is larger."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -96,6 +99,15 @@ class Proof:
     def __bool__(self) -> bool:
         return self.proved
 
+    @property
+    def extra_speed_direction(self) -> float:
+        """Upper bound of the extra joint speed over J⁺, for any ẋ: ``‖G ẋ‖ / ‖J⁺ ẋ‖ − 1``.
+
+        It is ``1 / leaf_margin − 1``, since ``‖G J‖₂ = ‖I − G J‖₂`` is the inverse of the leaf
+        margin; infinite if no leaf margin is proved.
+        """
+        return 1 / self.leaf_margin - 1 if self.leaf_margin > 0 else np.inf
+
     def sealed(self, subject: str) -> Proof:
         """Bind the proof to what it proves, by its fingerprint; from then on it is unchangeable."""
         bound = replace(self, subject=subject, seal="")
@@ -116,6 +128,7 @@ class Proof:
             f"{state}: {self.what}",
             f"  leaf margin   {self._leaf_words}{_asked(self.asked_leaf_margin)}",
             f"  limit margin  {self._limit_words}{_asked(self.asked_limit_margin)}",
+            f"  extra speed   {self.extra_speed_words}",
             f"  σ_min(J)      {self._words(self.sigma_min)}",
             f"  boxes         {self.boxes} (theorem {self.theorem})",
             f"  least at      ({place}), in a box of half-widths {wide}",
@@ -126,6 +139,14 @@ class Proof:
         state = "proved" if self.proved else "not proved"
         leaf = f"leaf margin {self._leaf_words}"
         return f"<Proof: {state}, {leaf}, limit margin {self._limit_words}>"
+
+    @property
+    def extra_speed_words(self) -> str:
+        """Text of the bound of the extra joint speed, in per cent, rounded up."""
+        if not np.isfinite(self.extra_speed_direction):
+            return "no bound"
+        percent = np.ceil(1e4 * self.extra_speed_direction) / 100
+        return f"< {percent:g} % over J⁺ at every pose, in the worst direction"
 
     @property
     def _leaf_words(self) -> str:
@@ -152,18 +173,27 @@ class Proof:
         return f"> {_below(value)}"
 
 
-def own_proof(proof: Proof | None, subject: Callable[[], str]) -> Proof | None:
+def own_proof(
+    proof: Proof | None, subject: Callable[[], str], theorem: int = 0
+) -> Proof | None:
     """Return a proof of the subject; None, with a warning, if it proves something else.
 
-    ``subject`` computes the fingerprint of what the proof shall prove.
+    ``subject`` computes the fingerprint of what the proof shall prove, and ``theorem`` is the
+    lowest version of the theorem that bounds the same quantities.
     """
-    if proof is None or (proof.seal and proof.subject == subject()):
+    if proof is None:
+        return None
+    if not proof.seal:
+        why = "it has no fingerprint of what it proves"
+    elif proof.theorem < theorem:
+        why = (
+            f"its theorem {proof.theorem} bounds another quantity than the leaf margin, "
+            "a larger one"
+        )
+    elif proof.subject != subject():
+        why = "its fingerprint is that of another design, arm or region"
+    else:
         return proof
-    why = (
-        "its fingerprint is that of another design, arm or region"
-        if proof.seal
-        else "it has no fingerprint of what it proves"
-    )
     warnings.warn(
         f"the certificate “{proof.what}” was dropped: {why}; prove again with rp.prove or "
         "repctl check --prove",

@@ -21,7 +21,8 @@ from ..errors import InputError
 
 _LIBRARY = Path(__file__).with_name("librepctl.so.1")
 
-_REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
+REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
+"""How to get the native library."""
 
 
 def library() -> ctypes.CDLL | None:
@@ -38,7 +39,7 @@ def _loaded() -> ctypes.CDLL | None:
         except OSError as error:
             cause = f"it does not load ({error})"
     warnings.warn(
-        f"no native library: {cause}, so proofs take 4 to 20 times as long; {_REMEDY}",
+        f"no native library: {cause}, so proofs take 4 to 20 times as long; {REMEDY}",
         UserWarning,
         stacklevel=4,
     )
@@ -133,14 +134,14 @@ SPACE = _struct(ints="k M", pointers="left right first starts")
 CELL = _struct(
     ("chain", ctypes.c_void_p),
     ("space", SPACE),
-    ints="w terms F turning angled spun turned slides",
+    ints="w terms F turning angled spun m removed turned slides",
     doubles="tool columns",
     pointers="parent variable used fourth parts rest blur near lower upper farthest "
-    "o a d R0 D Omega angle spin bases tips",
+    "o a d R0 D Omega angle spin way turn around twirl widths along beneath powers bases tips",
 )
 """The struct Cell of cell_bounds.c."""
 
-MARGINS = _struct(pointers="leaf sigma limit Q reach split")
+MARGINS = _struct(pointers="leaf sigma limit Q reach V split")
 """The struct Margins of cell_bounds.c."""
 
 ARM_ANGLE = _struct(

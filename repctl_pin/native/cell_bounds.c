@@ -1,6 +1,6 @@
 /* A cell's function over boxes of poses: see docs/theory.md, "Proved, not sampled", "A cell".
 
-   The same mathematics as cells.py, LANES boxes at a time where there are Taylor models, one box at a time elsewhere. */
+   LANES boxes at a time where there are Taylor models, one box at a time elsewhere. */
 
 #include "chain.h"
 #include "leaf_margin_bounds.h"
@@ -10,6 +10,7 @@ typedef struct Cell {
   const Problem *chain;
   Space space;
   int w, terms, F, turning, angled, spun;  /* n (1 + r), monomials of the chart, and what moves the pose */
+  int m, removed;                          /* coordinates of the task, and those that symmetries take out of u */
   int turned, slides;                      /* first column of R that the task controls, 3: none; base axes left free */
   double tool, columns;                    /* the tool's distance, the largest column of S */
   const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
@@ -18,27 +19,29 @@ typedef struct Cell {
   const double *near, *lower, *upper;      /* n, n, n: d*, limits */
   const double *farthest;                  /* n: largest values of the joints */
   const double *o, *a, *d, *R0, *D, *Omega, *angle, *spin; /* 3, 3, 3, 3 3, 3 k, 3 k, k, k: the poses */
+  const double *way, *turn, *around, *twirl; /* m 3, m 3, m, m: motion of the pose along each coordinate, see pose_models */
+  const double *widths, *along;            /* k: m or rad per unit of u; n removed: motion of the joints */
+  const int *beneath, *powers;             /* k M, k M: derivatives of monomials, and their factors */
   const double *bases;                     /* P 3 3: rotations whose third columns are the axes */
   const double *tips;                      /* P: distances from the frame */
 } Cell;
 
 typedef struct Margins {
   double *leaf, *sigma, *limit, *Q, *reach;
+  double *V; /* r n (2 + k), or null: V along F, its value at the centre, its slopes, and the bound of all else */
   int *split;
 } Margins;
 
 static double norm3(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
-/* The leaf margin on a box where A J_V - I is known to first order in k variables of half-width 1: its slopes along, and
-   the bound R of all else. The last columns of A belong to V. */
-static int margin_of(const Problem *g, int k, double A[g->N][g->N], const double *R_, const double *along_,
-                     double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double beta, double *leaf,
-                     double *sigma) {
+/* The leaf margin on a box where A [J; V_c'] - I is known to first order in k variables of half-width 1: its slopes B,
+   and the bound R of all else. The last columns of A belong to V. */
+static double margin_of(const Problem *g, int k, double A[g->N][g->N], const double *R_, const double *B_,
+                        double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n]) {
   int n = g->n, N = g->N, r = g->r, split;
-  const double(*R)[N] = (const double(*)[N])R_, (*along)[N][N] = (const double(*)[N][N])along_;
-  double eps = g->eps, slack = 1 + eps, D[N][N], F[N][N], Y[N][N], DY[N][N], B[k][N][N], dN[k][N][r];
-  double X[n][r], T[n][r], e[n][r], first[N][r], rough[N][r], h[k], share[k], round[6 + r], defect = eps, below;
-  *leaf = *sigma = 0;
+  const double(*R)[N] = (const double(*)[N])R_, (*B)[N][N] = (const double(*)[N][N])B_;
+  double eps = g->eps, D[N][N], F[N][N], Y[N][N], DY[N][N], dN[k][N][r];
+  double X[n][r], T[n][r], e[n][r], first[N][r], rough[N][r], h[k], share[k], round[6 + r], defect = eps, below, leaf = 0;
   for (int i = 0; i < 6 + r; i++) round[i] = 0;
   if (r > 1) turn_gauge(n, N, r, k, A, V, dV, rest, round);
   for (int i = 0; i < n; i++)
@@ -55,10 +58,8 @@ static int margin_of(const Problem *g, int k, double A[g->N][g->N], const double
     h[j] = 1, share[j] = 0;
     for (int i = 0; i < N; i++) {
       for (int c = 0; c < N; c++) {
-        double s = along[j][i][c];
-        for (int a = 0; c < n && a < r; a++) s -= A[i][6 + a] * dV[a][c][j];
-        B[j][i][c] = s, D[i][c] += fabs(s);
-        if (i < n) share[j] += fabs(s);
+        D[i][c] += fabs(B[j][i][c]);
+        if (i < n) share[j] += fabs(B[j][i][c]);
       }
       for (int a = 0; a < r; a++) {
         double s = 0;
@@ -87,23 +88,20 @@ static int margin_of(const Problem *g, int k, double A[g->N][g->N], const double
       for (int c = 0; c < N; c++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
     }
   if (!enclose(N, eps, D, F, Y, DY)) return 0;
-  double square = 0;
-  for (int i = 0; i < n; i++) {
-    for (int j = 0; j < 6; j++) square += Y[i][j] * Y[i][j];
+  for (int i = 0; i < n; i++)
     for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
-  }
-  compare(g, k, h, X, T, V, dV, rest, defect, dN, first, e, share, spectral(n, r, &X[0][0], &below), leaf, &split);
-  if (*leaf > 0) *sigma = (1 - eps) / (sqrt(square) * slack * beta);
-  return *leaf > 0;
+  compare(g, k, h, X, T, V, dV, rest, defect, dN, first, e, share, spectral(n, r, &X[0][0], &below), &leaf, &split);
+  return leaf;
 }
 
 /* ---- Taylor models of the chart, the poses and the chain ---- */
 
-/* cos sqrt z, sin sqrt z / sqrt z and (1 - cos sqrt z) / z at z from 0 to pi^2: sums of (-z)^i / (2 i + m)! */
+/* cos sqrt z, sin sqrt z / sqrt z, (1 - cos sqrt z) / z and (1 - sin sqrt z / sqrt z) / z at z from 0 to pi^2: sums of
+   (-z)^i / (2 i + m)! */
 static void exponential(const Space *g, const Model *z, Model *out) {
   Lanes x = largest(z->p[0], 0);
   double fourth = 1. / 40320;
-  for (int m = 0; m < 3; m++) {
+  for (int m = 0; m < 4; m++) {
     Lanes f[4];
     for (int j = 0; j < 4; j++) {
       double term = j % 2 ? -1 : 1;
@@ -174,17 +172,46 @@ static void turn_model(const Cell *s, const Model *sine, const Model *cosine, Mo
   }
 }
 
-/* The place of the pose and its columns, from the base. */
-static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*R)[3]) {
+/* a x x for constant a */
+static void cross_constant(const Space *g, const double *a, const Model *x, Model *out) {
+  double hat[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0};
+  for (int i = 0; i < 3; i++) combine(g, hat + 3 * i, x, out + i);
+}
+
+static void constants(const Space *g, const double *a, Model *out) {
+  for (int i = 0; i < 3; i++) constant(g, a[i], out + i);
+}
+
+static int moves(const double *a) { return a[0] != 0 || a[1] != 0 || a[2] != 0; }
+
+/* J_l W: what the left Jacobian of exp at omega makes of a rate W of omega, W + d w x W + e (w w'W - z W) */
+static void left_jacobian(const Space *g, const Model *omega, const Model *z, const Model *d, const Model *e,
+                          const double *W, Model *out) {
+  Model turned[3], along, x, y;
+  constants(g, W, out);
+  cross_constant(g, W, omega, turned);
+  combine(g, W, omega, &along);
+  product(g, e, &along, &x), product(g, e, z, &y);
+  for (int i = 0; i < 3; i++) {
+    add(g, out + i, -W[i], &y, out + i);
+    product(g, d, turned + i, &along), add(g, out + i, -1, &along, out + i);
+    product(g, &x, omega + i, &along), add(g, out + i, 1, &along, out + i);
+  }
+}
+
+/* The place of the pose and its columns, from the base; and its velocity (v, w) per metre or radian of each of the m
+   coordinates of the task: a way that turns with the angle, a turn, a turn about the cell's axis, or about the tool's. */
+static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*R)[3], Model (*twists)[6]) {
   const Space *g = &s->space;
   Model sine, cosine, angle, e, f;
+  for (int a = 0; a < s->m; a++) constants(g, s->way + 3 * a, twists[a]), constants(g, s->turn + 3 * a, twists[a] + 3);
   for (int i = 0; i < 3; i++) {
     linear_model(g, s->D + i * g->k, u, h, p + i);
     constant(g, s->d[i], &e), add(g, p + i, 1, &e, p + i);
     for (int c = 0; c < 3; c++) constant(g, s->R0[3 * i + c], &R[c][i]);
   }
   if (s->turning) { /* (c + s w^ + d w w') R0 */
-    Model omega[3], z, c[3], turned[3], along;
+    Model omega[3], z, c[4], turned[3], along;
     constant(g, 0, &z);
     for (int i = 0; i < 3; i++) {
       linear_model(g, s->Omega + i * g->k, u, h, omega + i);
@@ -202,6 +229,8 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
       }
       for (int l = 0; l < 3; l++) copy(g, turned + l, &R[i][l]);
     }
+    for (int a = 0; a < s->m; a++)
+      if (moves(s->turn + 3 * a)) left_jacobian(g, omega, &z, c + 2, c + 3, s->turn + 3 * a, twists[a] + 3);
   }
   if (s->spun) {
     linear_model(g, s->spin, u, h, &angle), sine_cosine(g, &angle, &sine, &cosine);
@@ -211,6 +240,15 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
     linear_model(g, s->angle, u, h, &angle), sine_cosine(g, &angle, &sine, &cosine);
     turn_model(s, &sine, &cosine, p);
     for (int i = 0; i < 3; i++) turn_model(s, &sine, &cosine, R[i]);
+    for (int a = 0; a < s->m; a++) {
+      if (moves(s->way + 3 * a)) turn_model(s, &sine, &cosine, twists[a]);
+      if (moves(s->turn + 3 * a)) turn_model(s, &sine, &cosine, twists[a] + 3);
+    }
+  }
+  for (int a = 0; a < s->m; a++) {
+    if (s->around[a] != 0) cross_constant(g, s->a, p, twists[a]), constants(g, s->a, twists[a] + 3);
+    if (s->twirl[a] != 0)
+      for (int i = 0; i < 3; i++) copy(g, &R[2][i], twists[a] + 3 + i);
   }
   for (int i = 0; i < 3; i++) constant(g, s->o[i], &e), add(g, p + i, 1, &e, p + i);
 }
@@ -248,6 +286,7 @@ static void joint_model(const Cell *s, int l, const Model *theta, double sign, M
 
 typedef struct {
   Model R[3][3], base[3][3], tip[3], o[3], p[3], x[3][3], xi[6], theta;
+  Model twists[6][6];    /* of the pose, (v, w) per unit of each coordinate of the task: first from the base, then from the middle */
   Lanes sizes[3], trace; /* |p|, |e|, |s| */
 } Closure;
 
@@ -256,7 +295,26 @@ static Lanes length_of(const Model *x) {
   return root(a * a + b * b + c * c) * (1 + 1e-12);
 }
 
-/* The screws of the chain at q_ref, (P 6,), and the displacement from its frame to the pose. */
+/* The twists of the pose at place p, as seen from the middle link. */
+static void twist_models(const Cell *s, Closure *f, const Model *p) {
+  const Space *g = &s->space;
+  Model v[3], w[3], moment[3];
+  for (int a = 0; a < s->m; a++) {
+    Model *x = f->twists[a];
+    if (s->angled || s->around[a] != 0) {
+      apply_models(g, f->base, x, v);
+      for (int i = 0; i < 3; i++) copy(g, v + i, x + i);
+    } else combine_columns(g, f->base, s->way + 3 * a, x);
+    if (moves(s->turn + 3 * a) || s->around[a] != 0 || s->twirl[a] != 0) {
+      apply_models(g, f->base, x + 3, w), cross_models(g, p, w, moment);
+      for (int i = 0; i < 3; i++) add(g, x + i, 1, moment + i, x + i), copy(g, w + i, x + 3 + i);
+    }
+    Lanes size = s->chain->eps * (1 + length_of(x));
+    for (int i = 0; i < 6; i++) x[i].r += size;
+  }
+}
+
+/* The screws of the chain at q_ref, (P 6,), the displacement from its frame to the pose, and the pose's twists. */
 static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *f) {
   const Space *g = &s->space;
   const Problem *c = s->chain;
@@ -286,7 +344,9 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
     }
   }
   apply_models(g, f->base, f->p, e);
-  for (int i = 0; i < 3; i++) add(g, e + i, 1, f->o + i, e + i), add(g, e + i, -1, f->tip + i, e + i);
+  for (int i = 0; i < 3; i++) add(g, e + i, 1, f->o + i, e + i);
+  twist_models(s, f, e);
+  for (int i = 0; i < 3; i++) add(g, e + i, -1, f->tip + i, e + i);
   for (int i = 0; i < 3; i++)
     if (s->slides >> i & 1) { /* no way along an axis of the base that is not controlled */
       Model along, x;
@@ -316,12 +376,17 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
 
 /* ---- one box ---- */
 
-/* What the Taylor models give of one box. */
+/* What the Taylor models give of one box. A function is known by its value at the centre, its slopes along the k
+   variables and the bound of all else. */
 typedef struct {
   double p, e, s, trace;
-  double *q, *wide, *step;            /* n, n, N: q_ref, its reach, |A xi| */
+  double *q, *wide, *step, *eta;      /* n, n, N, n: q_0, its reach, |A (xi, -n_ref' eta)|, eta */
   double *first, *rest;               /* k N N, N N: A J_V - 1 at q_ref(u) */
-  double *n_c, *dn, *n_rest;          /* n r, n r k, n r */
+  double *Wrows, *Wfirst, *Wrest;     /* (N + r) 6, k (N + r) N, (N + r) N: rows times J, see potential_rows */
+  double *J, *J_most, *K_most;        /* 6 N, 6 N, 6 N: J at q_0(u_c), |J| and |C J| at q_0(u) */
+  double *V, *dV, *V_rest;            /* r n, k r n, r n: n_ref - W' J for a polynomial W' */
+  double *W_away, *rho, *off;         /* r 6, r 6, 6 6: |W' - W_c|, |w - W' E|, |C E - 1| */
+  double *steep;                      /* r m n: |dn_ref| */
 } Lane;
 
 static void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
@@ -349,9 +414,10 @@ static void remainders_of(const Problem *g, const double *theta, const double *e
   }
 }
 
-/* Bound |A (J(q) - J(q_ref))| for |q - q_ref| <= near and |q_ref - q_c| <= wide, and add it to R. */
-static void beside_chart(const Cell *s, const double *A, const double *norms, const double *B, const double *q,
-                         const double *wide, const double *near, double *R) {
+/* Bound |A (J(q) - J(q_0))| for |q - q_0| <= near and |q_0 - q_c| <= wide, and add it to R. A has some rows of pitch
+   numbers, and B (n, rows, N) = A dJ. Of a mean over q, mean bounds the mean of |q - q_0|; else it is near. */
+static void beside_chart(const Cell *s, int rows, int pitch, const double *A, const double *B, const double *q,
+                         const double *wide, const double *near, const double *mean, double *R) {
   const Problem *g = s->chain;
   int n = g->n, N = g->N, P = g->P;
   double both[n], theta[P], eta[P], one_v[N], one_w[N], two_v[N], two_w[N], total = 0, slides = 0, longest = 0;
@@ -364,31 +430,39 @@ static void beside_chart(const Cell *s, const double *A, const double *norms, co
     if (g->reach[l] > longest) longest = g->reach[l];
   }
   double size = 1 + 2 * total, v = g->eps * s->columns * (1 + longest + slides) * size, w = g->eps * s->columns * size;
-  for (int i = 0; i < N; i++) {
-    const double *x = A + i * N;
+  for (int i = 0; i < rows; i++) {
+    const double *x = A + i * pitch;
     double tiny = (fabs(x[0]) + fabs(x[1]) + fabs(x[2])) * v + (fabs(x[3]) + fabs(x[4]) + fabs(x[5])) * w;
     for (int c = 0; c < N; c++) {
       double e = tiny;
-      e += norms[2 * i] * (two_v[c] - one_v[c] * (1 - 1e-12)) + norms[2 * i + 1] * (two_w[c] - one_w[c] * (1 - 1e-12));
-      for (int j = 0; j < n; j++) e += fabs(B[(j * N + i) * N + c]) * near[j];
+      e += norm3(x) * (two_v[c] - one_v[c] * (1 - 1e-12)) + norm3(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));
+      for (int j = 0; j < n; j++) e += fabs(B[(j * rows + i) * N + c]) * mean[j];
       R[i * N + c] += e;
     }
+  }
+}
+
+/* By how much the middle link turns and moves while q is within near of q_ref. */
+static void middle_link(const Cell *s, const Lane *at, const double *near, double *turned, double *moved) {
+  const Problem *g = s->chain;
+  double off[g->P], away[g->P], theta[g->P], both[g->n], slides = 0;
+  for (int i = 0; i < g->n; i++) both[i] = at->wide[i] + near[i];
+  angles_of(g, at->q, near, theta, off), angles_of(g, at->q, both, theta, away);
+  for (int l = 0; l < g->k; l++)
+    if (!g->revolute[l]) slides += fabs(theta[l]) + away[l];
+  *turned = *moved = 0;
+  for (int l = 0; l < g->k; l++) {
+    if (g->revolute[l]) *turned += off[l];
+    *moved += off[l] * (g->revolute[l] ? g->reach[l] + slides : 1);
   }
 }
 
 /* Bound |F - q_ref| by lifting the way from f(q_ref) to x, within near of q_ref: (n,). */
 static int distance(const Cell *s, const Lane *at, const double *norms, double *D, const double *near, double *Y_) {
   const Problem *g = s->chain;
-  int n = g->n, N = g->N, P = g->P;
-  double off[P], away[P], theta[P], both[n], F[N][N], Y[N][N], DY[N][N], slides = 0, turned = 0, moved = 0;
-  for (int i = 0; i < n; i++) both[i] = at->wide[i] + near[i];
-  angles_of(g, at->q, near, theta, off), angles_of(g, at->q, both, theta, away);
-  for (int l = 0; l < g->k; l++)
-    if (!g->revolute[l]) slides += fabs(theta[l]) + away[l];
-  for (int l = 0; l < g->k; l++) {
-    if (g->revolute[l]) turned += off[l];
-    moved += off[l] * (g->revolute[l] ? g->reach[l] + slides : 1);
-  }
+  int n = g->n, N = g->N;
+  double F[N][N], Y[N][N], DY[N][N], turned, moved;
+  middle_link(s, at, near, &turned, &moved);
   if (!(at->s < 0.5) || !(at->trace > 1)) return 0;
   double more = at->s > 1e-300 ? fmax(asin(at->s) / at->s, 1) * (1 + 1e-12) : 1, angle = at->s * more;
   double angular = (more - 1) * at->s + turned * angle;
@@ -433,35 +507,127 @@ static int gauge(int n, int r, double V[r][n], double U[r][r], double G[r][r]) {
   return 1;
 }
 
-/* The margins along F, with |F - q_ref| <= Y. */
-static int along_function(const Cell *s, const Lane *at, const double *A, const double *R, const double *reach,
-                          double *leaf, double *sigma) {
+/* Bound z with W - W' = z C, (6,), from rho = |w - W' E| and off = |C E - 1|: |rho (C E)^-1|, by its Neumann series in the
+   sum norm from the third term on. */
+static int left_rest(double eps, const double *rho, double off[6][6], double *z) {
+  double most = 0, sum = 0;
+  for (int i = 0; i < 6; i++) {
+    double row = 0;
+    for (int c = 0; c < 6; c++) row += off[i][c];
+    most = fmax(most, row * (1 + eps)), sum += rho[i];
+  }
+  if (!(most < 0.9)) return 0;
+  for (int c = 0; c < 6; c++) {
+    z[c] = rho[c] + most * most * sum / (1 - most);
+    for (int i = 0; i < 6; i++) z[c] += rho[i] * off[i][c];
+    z[c] *= 1 + 4 * eps;
+  }
+  return 1;
+}
+
+/* The leaf margin along F, with |F - q_0| <= Y: of V' = n_ref' - W J and the null space of J at F. In W J and W E = w, all
+   twists are seen from the middle link at q_0: those of the pose are then known, and J at F is turned and moved. */
+static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_, double C[6][6], const double *dJ,
+                                const double *Y, double *out) {
   const Problem *g = s->chain;
-  int n = g->n, N = g->N, P = g->P, r = g->r, k = s->space.k;
-  double V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], theta[P], eta[P], t = s->tool;
-  for (int f = 0; f < r; f++)
-    for (int i = 0; i < n; i++) V[f][i] = at->n_c[i * r + f];
-  if (!gauge(n, r, V, U, G)) return 0;
-  for (int i = 0; i < N; i++) { /* A, with its last columns in the gauge */
-    for (int c = 0; c < 6; c++) X[i][c] = A[i * N + c];
-    for (int f = 0; f < r; f++) {
-      X[i][6 + f] = 0;
-      for (int e = f; e < r; e++) X[i][6 + f] += A[i * N + 6 + e] * U[f][e];
+  int n = g->n, N = g->N, r = g->r, k = s->space.k, m = s->m, rows = N + r;
+  double eps = g->eps, V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], R[N * N], slopes[k * N * N];
+  double eye[36], beside[rows * N], plain[6 * N], BW[n * rows * N], off[6][6], away[2][N], V_rest[r][n];
+  double turned, moved;
+
+  for (int i = 0; i < 36; i++) eye[i] = i % 7 == 0;
+  for (int i = 0; i < rows * N; i++) beside[i] = 0;
+  for (int i = 0; i < 6 * N; i++) plain[i] = 0;
+  for (int j = 0; j < n; j++)
+    for (int c = 0; c < N; c++)
+      for (int i = 0; i < rows; i++) {
+        double v = 0;
+        for (int x = 0; x < 6; x++) v += at->Wrows[i * 6 + x] * dJ[(j * 6 + x) * N + c];
+        BW[(j * rows + i) * N + c] = v;
+      }
+  beside_chart(s, rows, 6, at->Wrows, BW, at->q, at->wide, Y, Y, beside);
+  beside_chart(s, 6, 6, eye, dJ, at->q, at->wide, Y, Y, plain);
+
+  middle_link(s, at, Y, &turned, &moved);
+  for (int c = 0; c < N; c++) { /* how far J at F is turned and moved: linear and angular */
+    double v[3], w[3];
+    for (int x = 0; x < 3; x++) {
+      v[x] = at->J_most[x * N + c] + plain[x * N + c];
+      w[x] = at->J_most[(3 + x) * N + c] + plain[(3 + x) * N + c];
+    }
+    away[0][c] = (turned * norm3(v) + moved * norm3(w)) * (1 + eps), away[1][c] = turned * norm3(w) * (1 + eps);
+  }
+  for (int c = 0; c < 6; c++)
+    for (int i = 0; i < 6; i++) {
+      off[i][c] = at->off[i * 6 + c];
+      int d = n + c - m; /* a virtual joint */
+      for (int x = 0; x < 6 && c >= m; x++) off[i][c] += fabs(C[i][x]) * (plain[x * N + d] + away[x / 3][d]) * (1 + eps);
+    }
+
+  for (int f = 0; f < r; f++) {
+    const double *W_c = at->Wrows + (N + f) * 6, *W_away = at->W_away + f * 6;
+    double rho[6], z[6], J_rest[N], linear = norm3(W_c), angular = norm3(W_c + 3);
+    for (int x = 0; x < 3; x++) linear += W_away[x], angular += W_away[3 + x];
+    for (int c = 0; c < N; c++) { /* |W' (J(F) - J(q_0))| */
+      J_rest[c] = beside[(N + f) * N + c] + linear * away[0][c] + angular * away[1][c];
+      for (int y = 0; y < 6; y++) J_rest[c] += W_away[y] * plain[y * N + c];
+    }
+    for (int c = 0; c < 6; c++) {
+      double x = c < m ? 0 : J_rest[n + c - m];
+      for (int i = 0; i < n && c < m; i++) x += at->steep[(f * m + c) * n + i] * Y[i];
+      rho[c] = (at->rho[f * 6 + c] + x) * (1 + eps);
+    }
+    if (!left_rest(eps, rho, off, z)) return 0;
+    for (int i = 0; i < n; i++) {
+      double x = at->V_rest[f * n + i] + J_rest[i], size = fabs(at->V[f * n + i]);
+      for (int y = 0; y < 6; y++) {
+        double most = at->K_most[y * N + i];
+        for (int l = 0; l < 6; l++) most += fabs(C[y][l]) * (plain[l * N + i] + away[l / 3][i]);
+        x += z[y] * most;
+      }
+      for (int j = 0; j < k; j++) size += fabs(at->dV[(j * r + f) * n + i]);
+      V_rest[f][i] = x + eps * (size + x);
+      if (!out) continue;
+      double *y = out + (f * n + i) * (2 + k);
+      y[0] = at->V[f * n + i], y[1 + k] = V_rest[f][i];
+      for (int j = 0; j < k; j++) y[1 + j] = at->dV[(j * r + f) * n + i];
     }
   }
+
+  for (int f = 0; f < r; f++)
+    for (int i = 0; i < n; i++) V[f][i] = at->V[f * n + i];
+  if (!gauge(n, r, V, U, G)) return 0;
+  for (int i = 0; i < N; i++) { /* A, with its last columns in the gauge; its upper columns belong to V_c too */
+    for (int c = 0; c < 6; c++) X[i][c] = at->Wrows[i * 6 + c];
+    for (int f = 0; f < r; f++) {
+      X[i][6 + f] = 0;
+      for (int e = f; e < r; e++) X[i][6 + f] += A_[i * N + 6 + e] * U[f][e];
+    }
+  }
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) {
+      double v = -(i == c), size = 1, e = at->Wrest[i * N + c] + beside[i * N + c];
+      for (int x = 0; x < 6; x++) {
+        double part = at->Wrows[i * 6 + x] * at->J[x * N + c];
+        v += part, size += fabs(part);
+      }
+      for (int f = 0; f < r && c < n; f++) {
+        double part = A_[i * N + 6 + f] * at->V[f * n + c];
+        v += part, size += fabs(part);
+      }
+      R[i * N + c] = fabs(v) + e + eps * (size + e);
+      for (int j = 0; j < k; j++) slopes[(j * N + i) * N + c] = at->Wfirst[(j * rows + i) * N + c];
+    }
   for (int f = 0; f < r; f++)
     for (int i = 0; i < n; i++) {
       rest[f][i] = 0;
       for (int a = 0; a < k; a++) dV[f][i][a] = 0;
       for (int e = 0; e <= f; e++) {
-        rest[f][i] += fabs(G[e][f]) * at->n_rest[i * r + e];
-        for (int a = 0; a < k; a++) dV[f][i][a] += at->dn[(i * r + e) * k + a] * G[e][f];
+        rest[f][i] += fabs(G[e][f]) * V_rest[e][i];
+        for (int a = 0; a < k; a++) dV[f][i][a] += at->dV[(a * r + e) * n + i] * G[e][f];
       }
     }
-  angles_of(g, at->q, reach, theta, eta);
-  for (int l = 0; l < P; l++)
-    if (!g->revolute[l]) t += fabs(theta[l]) + eta[l];
-  return margin_of(g, k, X, R, at->first, V, dV, rest, s->turned < 3 ? (t + sqrt(t * t + 4)) / 2 : 1, leaf, sigma);
+  return margin_of(g, k, X, R, slopes, V, dV, rest);
 }
 
 /* Lambda where both solutions close to one pose. */
@@ -544,29 +710,43 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
   return 1;
 }
 
-static void one_cell_box(const Cell *s, const Lane *at, const double *A, const double *B, long box, const Margins *out) {
+/* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. */
+static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], const double *B,
+                         const double *dJ, long box, const Margins *out) {
   const Problem *g = s->chain;
-  int n = g->n, N = g->N, k = s->space.k;
-  double eps = g->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n];
-  double F[N][N], Z[N][N], DZ[N][N], limit = INFINITY;
+  int n = g->n, N = g->N, P = g->P, k = s->space.k;
+  double eps = g->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
+  double F[N][N], Z[N][N], DZ[N][N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
+  for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
   for (int i = 0; i < N; i++) norms[2 * i] = norm3(A + i * N), norms[2 * i + 1] = norm3(A + i * N + 3);
   for (int i = 0; i < N * N; i++) {
     size[i] = 0, R[i] = at->rest[i];
     for (int a = 0; a < k; a++) size[i] += fabs(at->first[a * N * N + i]);
   }
-  beside_chart(s, A, norms, B, at->q, at->wide, s->near, R);
-  for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
-  if (!distance(s, at, norms, D, s->near, Y)) return;
-  for (int i = 0; i < n; i++) {
-    if (!(Y[i] <= s->near[i])) return;
-    reach[i] = s->near[i] + Y[i];
+  for (int trial = 0, held = 0; !held; trial++) { /* how far the way may lead: not far, then as far as d* */
+    if (trial == 4) return;
+    for (int i = 0; i < n; i++) closer[i] = trial < 3 ? fmin(near[i], at->step[i] * (2 << 2 * trial) + 1e-12) : near[i];
+    for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
+    beside_chart(s, N, N, A, B, at->q, at->wide, closer, closer, R);
+    for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
+    held = distance(s, at, norms, D, closer, Y);
+    for (int i = 0; i < n; i++) held = held && Y[i] <= closer[i];
   }
+  for (int i = 0; i < n; i++) {
+    double away = (Y[i] + fabs(at->eta[i])) * (1 + eps);
+    if (!(away <= s->near[i])) return;
+    reach[i] = s->near[i] + away;
+    mean[i] = s->turned < 3 ? Y[i] + 0.5 * reach[i] : near[i]; /* on the straight way to another solution */
+  }
+  for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
+  beside_chart(s, N, N, A, B, at->q, at->wide, near, mean, R);
+  for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) F[i][c] = 1;
   if (!commutator(s, norms, reach, D)) return;
   if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* F is the only solution within d* of q_ref */
   for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
-  beside_chart(s, A, norms, B, at->q, at->wide, Y, R);
+  beside_chart(s, N, N, A, B, at->q, at->wide, Y, Y, R);
   for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
   if (distance(s, at, norms, D, Y, closer))
     for (int i = 0; i < n; i++) Y[i] = fmin(Y[i], closer[i]);
@@ -574,7 +754,17 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, const d
     reach[i] = (at->wide[i] + Y[i]) * (1 + eps) + 9e-16 * fabs(at->q[i]);
     limit = fmin(limit, fmin(at->q[i] - reach[i] - s->lower[i], s->upper[i] - at->q[i] - reach[i]));
   }
-  if (!along_function(s, at, A, R, reach, out->leaf + box, out->sigma + box)) return;
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) F[i][c] = fabs(A[i * N + c]) + eps;
+  if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* a right inverse of J */
+  out->leaf[box] = leaf_margin_along(s, at, A, C, dJ, Y, out->V ? out->V + box * g->r * n * (2 + k) : 0);
+  if (!(out->leaf[box] > 0)) return;
+  for (int i = 0; i < n; i++)
+    for (int c = 0; c < 6; c++) square += Z[i][c] * Z[i][c];
+  angles_of(g, at->q, reach, theta, eta);
+  for (int l = 0; l < P; l++)
+    if (!g->revolute[l]) t += fabs(theta[l]) + eta[l];
+  out->sigma[box] = (1 - eps) / (sqrt(square) * (1 + eps) * (s->turned < 3 ? (t + sqrt(t * t + 4)) / 2 : 1));
   for (int i = 0; i < n; i++) out->reach[box * n + i] = reach[i];
   out->limit[box] = limit;
 }
@@ -582,59 +772,244 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, const d
 /* ---- LANES boxes ---- */
 
 typedef struct {
-  Model *chart, *screws, *J; /* w, P 6, (6 + r) N */
+  Model *chart, *screws, *J, *w, *label; /* w, P 6, (6 + r) N, r m, r: n_ref' eta */
+  Model *W, *V, *eta;                    /* r 6, r n, n: q_0 - q_ref */
   Closure closure;
 } Work;
 
-/* A (J_V) - 1 at q_ref(u): slopes and the rest; and A xi. */
+/* Rows (count, high) times models (high, columns), which are down and across apart: slopes, and a bound of what is beside
+   them and the value at the centre. */
+static void rows_times(const Cell *s, int count, const Lanes *rows, const Model *J, int high, int columns, int down,
+                       int across, Lanes *first, Lanes *rest) {
+  const Space *g = &s->space;
+  int k = g->k;
+  for (int i = 0; i < count; i++)
+    for (int c = 0; c < columns; c++) {
+      Lanes e = all(0);
+      for (int m = 1; m < g->M; m++) {
+        Lanes v = all(0);
+        for (int x = 0; x < high; x++) v += rows[i * high + x] * J[x * down + c * across].p[m];
+        if (m > k) e += absolute(v);
+        else if (first) first[((m - 1) * count + i) * columns + c] = v;
+      }
+      for (int x = 0; x < high; x++) {
+        const Model *y = J + x * down + c * across;
+        e += absolute(rows[i * high + x]) * (y->r + s->chain->eps * size_of(y));
+      }
+      rest[i * columns + c] = e;
+    }
+}
+
+/* A (J_V) - 1 at q_0(u): slopes and the rest; and |A (xi, -label)|. */
 static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, Lanes *rest, Lanes *step) {
   const Problem *g = s->chain;
-  int N = g->N, k = s->space.k, M = s->space.M;
+  int N = g->N, M = s->space.M;
+  rows_times(s, N, A, w->J, N, N, N, 1, first, rest);
   for (int i = 0; i < N; i++) {
     for (int c = 0; c < N; c++) {
-      Lanes e = all(0);
-      for (int m = 0; m < M; m++) {
-        Lanes v = all(0);
-        for (int x = 0; x < N; x++) v += A[i * N + x] * w->J[x * N + c].p[m];
-        if (m == 0) e += absolute(v - (i == c));
-        else if (m <= k) first[((m - 1) * N + i) * N + c] = v;
-        else e += absolute(v);
-      }
-      for (int x = 0; x < N; x++) {
-        const Model *y = w->J + x * N + c;
-        e += absolute(A[i * N + x]) * (y->r + g->eps * size_of(y));
-      }
-      rest[i * N + c] = e;
+      Lanes v = all(-(i == c));
+      for (int x = 0; x < N; x++) v += A[i * N + x] * w->J[x * N + c].p[0];
+      rest[i * N + c] += absolute(v);
     }
     Lanes sum = all(0);
     for (int m = 0; m < M; m++) {
       Lanes v = all(0);
       for (int x = 0; x < 6; x++) v += A[i * N + x] * w->closure.xi[x].p[m];
+      for (int x = 6; x < N; x++) v -= A[i * N + x] * w->label[x - 6].p[m];
       sum += absolute(v);
     }
-    for (int x = 0; x < 6; x++) {
-      const Model *y = w->closure.xi + x;
+    for (int x = 0; x < N; x++) {
+      const Model *y = x < 6 ? w->closure.xi + x : w->label + x - 6;
       sum += absolute(A[i * N + x]) * (y->r + g->eps * size_of(y));
     }
     step[i] = sum * (1 + g->eps);
   }
 }
 
-static void some_boxes(const Cell *s, const double *U, const double *half, long at, int count, Work *w, const Margins *out) {
+/* x + b y, b one number on each lane */
+static void add_lanes(const Space *g, const Model *x, Lanes b, const Model *y, Model *out) {
+  Lanes size = absolute(b), r = x->r + size * y->r;
+  r = r * (1 + ROUND) + ROUND * (size_of(x) + size * size_of(y));
+  for (int m = 0; m < g->M; m++) out->p[m] = x->p[m] + b * y->p[m];
+  out->r = r;
+  finish(g, out);
+}
+
+/* The derivative of a polynomial of the chart (column c of w) by coordinate a, per metre or radian. */
+static void derivative(const Cell *s, const Model *x, int c, int a, const Lanes *h, Model *out) {
+  const Space *g = &s->space;
+  Lanes unit = 1 / (h[a] * s->widths[a]), r = all(3 * s->blur[c]);
+  constant(g, 0, out);
+  for (int m = 1; m < g->M; m++) {
+    int power = s->powers[a * g->M + m];
+    if (power) out->p[s->beneath[a * g->M + m]] = x->p[m] * power * unit;
+  }
+  for (int f = 0; f < s->F; f++) {
+    const int *i = s->fourth + 4 * f;
+    Lanes v = all(0);
+    for (int y = 0; y < 4; y++)
+      if (i[y] == a) v += h[i[(y + 1) % 4]] * h[i[(y + 2) % 4]] * h[i[(y + 3) % 4]];
+    r += v * h[a] * (s->rest[f * s->w + c] * (1 + 1e-12));
+  }
+  finish(g, out);
+  out->r = r * unit * (1 + 1e-12) + ROUND * size_of(out);
+}
+
+/* w, (r, m): n_ref' dq_ref - dn_ref' eta along the coordinates of the cell, n_ref' times the motion of joints along those
+   that symmetries removed, 0 along the others; and bounds of |dn_ref|, (r, m, n). */
+static void w_models(const Cell *s, const Model *chart, const Model *eta, const Lanes *h, Model *w, Lanes *steep) {
+  const Space *g = &s->space;
+  int n = s->chain->n, r = s->chain->r, k = g->k, x = 1 + r;
+  Model slope, part;
+  for (int i = 0; i < r * s->m * n; i++) steep[i] = all(0);
+  for (int f = 0; f < r; f++)
+    for (int a = 0; a < s->m; a++) {
+      Model *y = w + f * s->m + a;
+      constant(g, 0, y);
+      for (int i = 0; i < n && a < k + s->removed; i++) {
+        const Model *normal = chart + i * x + 1 + f;
+        if (a >= k) {
+          double moved = s->along[i * s->removed + a - k];
+          if (moved != 0) add(g, y, moved, normal, y);
+          continue;
+        }
+        derivative(s, chart + i * x, i * x, a, h, &slope);
+        product(g, normal, &slope, &part), add(g, y, 1, &part, y);
+        derivative(s, normal, i * x + 1 + f, a, h, &slope);
+        product(g, &slope, eta + i, &part), add(g, y, -1, &part, y);
+        steep[(f * s->m + a) * n + i] = most_of(&slope);
+      }
+    }
+}
+
+/* Entry (i, c) of E, (6, 6): the twists of the coordinates of the task, and the screws of the virtual joints. */
+static const Model *twist_at(const Cell *s, const Work *w, int i, int c) {
+  return c < s->m ? w->closure.twists[c] + i : w->J + i * s->chain->N + s->chain->n + c - s->m;
+}
+
+static int turns_with(const Cell *s, int c) {
+  return c >= s->m || moves(s->turn + 3 * c) || s->around[c] != 0 || s->twirl[c] != 0;
+}
+
+/* w - W E for one potential, (6,). */
+static void residual(const Cell *s, const Work *work, const Model *w, const Model *W, Model *rho) {
+  const Space *g = &s->space;
+  Model part;
+  for (int c = 0; c < 6; c++) {
+    if (c < s->m) copy(g, w + c, rho + c);
+    else constant(g, 0, rho + c);
+    for (int i = 0; i < (turns_with(s, c) ? 6 : 3); i++) {
+      product(g, W + i, twist_at(s, work, i, c), &part);
+      add(g, rho + c, -1, &part, rho + c);
+    }
+  }
+}
+
+/* |row x - less| for a column x of six models */
+static Lanes size_after(const Cell *s, const Lanes *row, const Model **x, double less) {
+  double eps = s->chain->eps;
+  Lanes e = all(eps);
+  for (int m = 0; m < s->space.M; m++) {
+    Lanes v = all(m == 0 ? -less : 0);
+    for (int i = 0; i < 6; i++) v += row[i] * x[i]->p[m];
+    e += absolute(v);
+  }
+  for (int i = 0; i < 6; i++) e += absolute(row[i]) * (x[i]->r + eps * size_of(x[i]));
+  return e;
+}
+
+/* A polynomial W' with W' E about w, by Newton's steps W' <- W' + (w - W' E) C from W_c, each right to one more order;
+   what is left of it, |w - W' E| and |W' - W_c|, (r, 6) each; |C E - 1|, (6, 6), |C J|, (6, N); and V' = n_ref' - W' J. */
+static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, Lanes (*C)[6], Lanes *away, Lanes *left,
+                             Lanes *off, Lanes *K_most) {
+  const Space *g = &s->space;
+  int n = s->chain->n, N = s->chain->N, r = s->chain->r;
+  double eps = s->chain->eps;
+  Model rho[6], part;
+  for (int f = 0; f < r; f++) {
+    Model *W = work->W + 6 * f;
+    const Model *w = work->w + f * s->m;
+    for (int i = 0; i < 6; i++) {
+      constant(g, 0, W + i);
+      W[i].p[0] = W_c[f * 6 + i], finish(g, W + i);
+    }
+    for (int step = 0;; step++) {
+      residual(s, work, w, W, rho);
+      if (step == 3) break;
+      for (int i = 0; i < 6; i++) {
+        for (int c = 0; c < 6; c++) add_lanes(g, W + i, C[c][i], rho + c, W + i);
+        W[i].r = all(0); /* any polynomial will do */
+      }
+    }
+    for (int i = 0; i < 6; i++) {
+      left[f * 6 + i] = most_of(rho + i);
+      away[f * 6 + i] = (size_of(W + i) - W[i].n[0] + absolute(W[i].p[0] - W_c[f * 6 + i])) * (1 + eps);
+    }
+    for (int i = 0; i < n; i++) {
+      Model *V = work->V + f * n + i;
+      copy(g, work->chart + i * (1 + r) + 1 + f, V);
+      for (int x = 0; x < 6; x++) product(g, W + x, work->J + x * N + i, &part), add(g, V, -1, &part, V);
+    }
+  }
+  for (int i = 0; i < 6; i++) {
+    const Model *column[6];
+    for (int c = 0; c < 6; c++) {
+      for (int x = 0; x < 6; x++) column[x] = twist_at(s, work, x, c);
+      off[6 * i + c] = size_after(s, C[i], column, i == c);
+    }
+    for (int c = 0; c < N; c++) {
+      for (int x = 0; x < 6; x++) column[x] = work->J + x * N + c;
+      K_most[i * N + c] = size_after(s, C[i], column, 0);
+    }
+  }
+}
+
+/* One lane of models: (count,) centres, (k, count) slopes, (count,) bounds of all else. */
+static void lane_of(const Space *g, int l, int count, const Model *x, double *c, double *slopes, double *rest) {
+  for (int i = 0; i < count; i++) {
+    double e = x[i].r[l];
+    for (int m = 1 + g->k; m < g->M; m++) e += fabs(x[i].p[m][l]);
+    c[i] = x[i].p[0][l], rest[i] = e;
+    for (int j = 0; j < g->k; j++) slopes[j * count + i] = x[i].p[1 + j][l];
+  }
+}
+
+static void lanes_of(int l, int count, const Lanes *x, double *out) {
+  for (int i = 0; i < count; i++) out[i] = x[i][l];
+}
+
+static void some_boxes(const Cell *s, const double *U, const double *half, const double *shift, long at, int count,
+                       Work *w, const Margins *out) {
   const Problem *g = s->chain;
   const Space *sp = &s->space;
-  int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r;
+  int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r, m_ = s->m, rows = N + r;
   Lanes u[k], h[k], A[N * N], first[k * N * N], rest[N * N], step[N];
+  Lanes W[rows * 6], Wfirst[k * rows * N], Wrest[rows * N], steep[r * m_ * n], C[6][6], W_away[r * 6], rho[r * 6], off[36], K_most[6 * N];
   for (int a = 0; a < k; a++)
     for (int l = 0; l < LANES; l++) {
       long box = at + (l < count ? l : 0);
       u[a][l] = U[box * k + a], h[a][l] = half[box * k + a];
     }
   chart_models(s, u, h, w->chart);
-  Model *Q = w->screws + 6 * P; /* n models: q_ref without n_ref between */
-  for (int i = 0; i < n; i++) Q[i] = w->chart[i * x];
-  pose_models(s, u, h, w->closure.p, w->closure.x);
+  Model *Q = w->screws + 6 * P; /* n models: q_0 without n_ref between */
+  for (int i = 0; i < n; i++) {
+    Model *eta = w->eta + i;
+    constant(sp, 0, eta);
+    for (int a = 0; a <= k; a++)
+      for (int l = 0; l < LANES; l++) eta->p[a][l] = shift[((at + (l < count ? l : 0)) * n + i) * (1 + k) + a];
+    finish(sp, eta);
+    add(sp, w->chart + i * x, 1, eta, Q + i);
+  }
+  for (int f = 0; f < r; f++) {
+    constant(sp, 0, w->label + f);
+    for (int i = 0; i < n; i++) {
+      Model part;
+      product(sp, w->chart + i * x + 1 + f, w->eta + i, &part), add(sp, w->label + f, 1, &part, w->label + f);
+    }
+  }
+  pose_models(s, u, h, w->closure.p, w->closure.x, w->closure.twists);
   chain_models(s, Q, w->screws, &w->closure);
+  w_models(s, w->chart, w->eta, h, w->w, steep);
   for (int i = 0; i < N * N; i++) constant(sp, 0, w->J + i);
   for (int l = 0; l < P; l++)
     for (int t = g->first[l]; t < g->first[l + 1]; t++)
@@ -645,36 +1020,57 @@ static void some_boxes(const Cell *s, const double *U, const double *half, long 
   for (int a = 0; a < r; a++)
     for (int i = 0; i < n; i++) w->J[(6 + a) * N + i] = w->chart[i * x + 1 + a];
 
-  double q[LANES][n], zero[n], theta[P], eta[P], B[LANES][n * N * N], A_[LANES][N * N];
+  double q[LANES][n], zero[n], theta[P], none[P], dJ_[LANES][n * 6 * N], B[LANES][n * N * N], A_[LANES][N * N];
+  double C_[LANES][6][6];
   int regular[LANES];
   for (int i = 0; i < n; i++) zero[i] = 0;
   for (int l = 0; l < LANES; l++) {
-    double J[N][6], dJ[n][N][6], M[N][N], linear[N], angular[N];
+    double J[N][6], dJ[n][N][6], M[N][N], E[6][6], linear[N], angular[N];
     char turns[n][N];
     for (int i = 0; i < n; i++) q[l][i] = Q[i].p[0][l];
-    angles_of(g, q[l], zero, theta, eta);
-    columns(g, theta, eta, J, dJ, turns, linear, angular);
+    angles_of(g, q[l], zero, theta, none);
+    columns(g, theta, none, J, dJ, turns, linear, angular);
     for (int i = 0; i < N; i++)
       for (int c = 0; c < N; c++) M[i][c] = w->J[i * N + c].p[0][l];
-    regular[l] = invert(N, M, (double(*)[N])A_[l]);
+    for (int i = 0; i < 6; i++)
+      for (int c = 0; c < 6; c++) E[i][c] = twist_at(s, w, i, c)->p[0][l];
+    regular[l] = invert(N, M, (double(*)[N])A_[l]) && invert(6, E, C_[l]);
+    for (int i = 0; i < 36; i++) C[i / 6][i % 6][l] = regular[l] ? C_[l][i / 6][i % 6] : 0;
     for (int i = 0; i < N * N; i++) A[i][l] = regular[l] ? A_[l][i] : 0;
     for (int j = 0; j < n; j++)
-      for (int i = 0; i < N; i++)
-        for (int c = 0; c < N; c++) {
+      for (int c = 0; c < N; c++) {
+        for (int y = 0; y < 6; y++) dJ_[l][(j * 6 + y) * N + c] = turns[j][c] ? dJ[j][c][y] : 0;
+        for (int i = 0; i < N; i++) {
           double e = 0;
-          if (turns[j][c])
-            for (int y = 0; y < 6; y++) e += A_[l][i * N + y] * dJ[j][c][y];
+          for (int y = 0; y < 6; y++) e += A_[l][i * N + y] * dJ_[l][(j * 6 + y) * N + c];
           B[l][(j * N + i) * N + c] = e;
         }
+      }
+    for (int f = 0; f < r; f++)
+      for (int y = 0; y < 6; y++) {
+        double e = 0;
+        for (int c = 0; c < m_ && regular[l]; c++) e += w->w[f * m_ + c].p[0][l] * C_[l][c][y];
+        W[(N + f) * 6 + y][l] = e;
+      }
+    for (int i = 0; i < N; i++) /* the first columns of A belong to n_ref: now to V too */
+      for (int y = 0; y < 6; y++) {
+        double e = A[i * N + y][l];
+        for (int f = 0; f < r; f++) e += A[i * N + 6 + f][l] * W[(N + f) * 6 + y][l];
+        W[i * 6 + y][l] = e;
+      }
   }
   after_A(s, w, A, first, rest, step);
+  rows_times(s, rows, W, w->J, 6, N, N, 1, Wfirst, Wrest);
+  potential_models(s, w, W + N * 6, C, W_away, rho, off, K_most);
 
-  double wide[n], step_[N], first_[k * N * N], rest_[N * N], n_c[n * r], dn[n * r * k], n_rest[n * r];
+  double wide[n], eta_[n], step_[N], first_[k * N * N], rest_[N * N];
+  double W_[rows * 6], Wfirst_[k * rows * N], Wrest_[rows * N], J_[6 * N], J_most[6 * N], V[r * n], dV[k * r * n];
+  double V_rest[r * n], away_[r * 6], rho_[r * 6], off_[36], steep_[r * m_ * n], K_[6 * N];
   for (int l = 0; l < count; l++) {
     long box = at + l;
     const Closure *f = &w->closure;
-    Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l],
-                 q[l], wide, step_, first_, rest_, n_c, dn, n_rest};
+    Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l], q[l], wide, step_, eta_, first_, rest_, W_, Wfirst_,
+                 Wrest_, J_, J_most, K_, V, dV, V_rest, away_, rho_, off_, steep_};
     out->split[box] = 0, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
     double best = -1;
     for (int a = 0; a < k; a++) {
@@ -685,30 +1081,31 @@ static void some_boxes(const Cell *s, const double *U, const double *half, long 
     for (int i = 0; i < n; i++) {
       wide[i] = (size_of(Q + i)[l] - fabs(Q[i].p[0][l]) + Q[i].r[l]) * (1 + 1e-12) + 1e-14 * fabs(q[l][i]);
       out->Q[box * n + i] = q[l][i];
-      for (int a = 0; a < r; a++) {
-        const Model *y = w->chart + i * x + 1 + a;
-        double e = y->r[l];
-        for (int m = 1 + k; m < sp->M; m++) e += fabs(y->p[m][l]);
-        n_c[i * r + a] = y->p[0][l], n_rest[i * r + a] = e;
-        for (int b = 0; b < k; b++) dn[(i * r + a) * k + b] = y->p[1 + b][l];
-      }
     }
     if (!regular[l]) continue;
-    for (int i = 0; i < N; i++) step_[i] = step[i][l];
-    for (int i = 0; i < N * N; i++) rest_[i] = rest[i][l];
-    for (int i = 0; i < k * N * N; i++) first_[i] = first[i][l];
-    one_cell_box(s, &lane, A_[l], B[l], box, out);
+    for (int i = 0; i < n; i++) eta_[i] = most_of(w->eta + i)[l];
+    lanes_of(l, N, step, step_), lanes_of(l, N * N, rest, rest_), lanes_of(l, k * N * N, first, first_);
+    lanes_of(l, rows * 6, W, W_), lanes_of(l, k * rows * N, Wfirst, Wfirst_), lanes_of(l, rows * N, Wrest, Wrest_);
+    lanes_of(l, r * 6, W_away, away_), lanes_of(l, r * 6, rho, rho_), lanes_of(l, 36, off, off_), lanes_of(l, 6 * N, K_most, K_);
+    lanes_of(l, r * m_ * n, steep, steep_), lane_of(sp, l, r * n, w->V, V, dV, V_rest);
+    for (int i = 0; i < 6 * N; i++) J_[i] = w->J[i].p[0][l], J_most[i] = most_of(w->J + i)[l];
+    one_cell_box(s, &lane, A_[l], C_[l], B[l], dJ_[l], box, out);
   }
 }
 
-EXPORT int LEVELLED(cell_bounds)(const Cell *s, long K, const double *U, const double *half, const Margins *out) {
+/* F on K boxes U +- half, (K, k). On a box it is about q_ref + eta, eta linear in t: its value at the centre, then its
+   slopes, are the rows of shift, (K, n, 1 + k). */
+EXPORT int LEVELLED(cell_bounds)(const Cell *s, long K, const double *U, const double *half, const double *shift,
+                                 const Margins *out) {
   const Problem *g = s->chain;
-  size_t models = s->w + 6 * g->P + g->n + g->N * g->N;
+  size_t models = s->w + 6 * g->P + g->n + g->N * g->N + g->r * (s->m + 1 + 6 + g->n) + g->n;
   Model *memory = malloc(models * sizeof(Model));
   Work *w = malloc(sizeof(Work));
   if (memory && w) {
-    w->chart = memory, w->screws = memory + s->w, w->J = w->screws + 6 * g->P + g->n;
-    for (long i = 0; i < K; i += LANES) some_boxes(s, U, half, i, K - i < LANES ? K - i : LANES, w, out);
+    w->chart = memory, w->screws = memory + s->w, w->J = w->screws + 6 * g->P + g->n, w->w = w->J + g->N * g->N;
+    w->label = w->w + g->r * s->m, w->W = w->label + g->r, w->V = w->W + 6 * g->r;
+    w->eta = w->V + g->r * g->n;
+    for (long i = 0; i < K; i += LANES) some_boxes(s, U, half, shift, i, K - i < LANES ? K - i : LANES, w, out);
   }
   int done = memory && w;
   free(memory), free(w);

@@ -43,8 +43,8 @@ static int level(void) {
 #endif
 
 EXPORT int cell_bounds(const struct Cell *cell, long K, const double *U, const double *half,
-                       const struct Margins *out) {
-  return CHOSEN(cell_bounds)(cell, K, U, half, out);
+                       const double *shift, const struct Margins *out) {
+  return CHOSEN(cell_bounds)(cell, K, U, half, shift, out);
 }
 
 EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, const double *half, double *P,

@@ -11,7 +11,7 @@ struct Cell;
 struct Margins;
 struct ArmAngle;
 
-typedef int CellBounds(const struct Cell *, long, const double *, const double *, const struct Margins *);
+typedef int CellBounds(const struct Cell *, long, const double *, const double *, const double *, const struct Margins *);
 typedef int ArmGradients(const struct ArmAngle *, long, const double *, const double *, double *, double *);
 
 #endif

@@ -448,3 +448,64 @@ def compiled(folder: Path, name: str, piece: str, instead: str) -> ctypes.CDLL:
     line = [compiler, *flags, *kernels, "-o", "wrong.so", "-lm"]
     subprocess.run(line, cwd=wrong, check=True)
     return ctypes.CDLL(str(wrong / "wrong.so"))
+
+
+_CELL = "cell_bounds.c"
+
+CELL_V = {
+    "no slopes of the normals": (_CELL, "* n + i] * Y[i];", "* n + i] * 0;"),
+    "half of these": (_CELL, "* n + i] * Y[i];", "* n + i] * 0.5 * Y[i];"),
+    "J at q_ref": (
+        _CELL,
+        "J_rest[c] = beside[(N + f) * N + c] + linear",
+        "J_rest[c] = linear",
+    ),
+    "J of the middle link at F": (
+        _CELL,
+        " + linear * away[0][c] + angular * away[1][c];",
+        ";",
+    ),
+    "no linear part of that": (_CELL, "+ linear * away[0][c] +", "+"),
+    "no angular part of that": (_CELL, " + angular * away[1][c];", ";"),
+    "W is W'": (_CELL, "x += z[y] * most;", ";"),
+    "no terms of higher degree": (
+        _CELL,
+        "double x = at->V_rest[f * n + i] + J_rest[i]",
+        "double x = J_rest[i]",
+    ),
+    "J times the other W": (
+        _CELL,
+        "product(g, W + x, work->J",
+        "product(g, W + 5 - x, work->J",
+    ),
+    "n_ref' dq_ref without F": (
+        _CELL,
+        "product(g, &slope, eta + i, &part), add(g, y, -1, &part, y);",
+        ";",
+    ),
+    "of the other sign": (
+        _CELL,
+        "eta + i, &part), add(g, y, -1, &part, y);",
+        "eta + i, &part), add(g, y, 1, &part, y);",
+    ),
+    "no label": (_CELL, "v -= A[i * N + x] * w->label[x - 6].p[m];", ";"),
+    "no moment of the twists": (
+        _CELL,
+        "add(g, x + i, 1, moment + i, x + i), copy",
+        "copy",
+    ),
+    "the right Jacobian": (
+        _CELL,
+        "add(g, out + i, -1, &along, out + i);",
+        "add(g, out + i, 1, &along, out + i);",
+    ),
+    "no second order of it": (_CELL, "add(g, out + i, -W[i], &y, out + i);", ";"),
+    "no motion round the axis": (_CELL, "cross_constant(g, s->a, p, twists[a]),", ""),
+    "joints that symmetries move": (_CELL, "if (moved != 0) add", "if (0) add"),
+    "derivatives without their factor": (
+        _CELL,
+        "x->p[m] * power * unit",
+        "x->p[m] * unit",
+    ),
+}
+"""What is wrong with V along F: a file, a piece of it, and what is put instead."""

@@ -442,5 +442,11 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
         ],
         **({"turns": turns} if turns else {}),
         "degrees": [{"degree": d, "cost": c} for d, c in design.degrees],
-        **({} if design.proof is None else {"proof": asdict(design.proof)}),
+        **({} if design.proof is None else {"proof": _proof(design.proof)}),
     }
+
+
+def _proof(proof: rp.Proof) -> dict[str, Any]:
+    """Convert a certificate to plain Python types, with the price that it proves."""
+    price = proof.extra_speed_direction
+    return asdict(proof) | {"extra_speed_direction": price}

@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from ...arguments import Array, ratio_in_percent, read_only
-from ...certificate import Proof, fingerprint, own_proof, proved_words
+from ...certificate import (
+    CELL_THEOREM,
+    Proof,
+    fingerprint,
+    own_proof,
+    proved_words,
+)
 from ...model.task import Task
 from ...model.task_parts import rounded, task_parts
 from ...strategies import RepeatableInverse
@@ -77,7 +83,7 @@ class CellDesign:
     proof: Proof | None = None
 
     def __post_init__(self) -> None:
-        proof = own_proof(self.proof, lambda: self.subject)
+        proof = own_proof(self.proof, lambda: self.subject, CELL_THEOREM)
         object.__setattr__(self, "proof", proof)
 
     @classmethod
@@ -196,6 +202,13 @@ class CellDesign:
         if np.isfinite(j.extra_speed_direction):
             worst = ratio_in_percent(j.extra_speed_direction)
             speed += f"\n{worst} at the worst pose in the worst task direction"
+        if self.proof:
+            speed += f"\nproved: {self.proof.extra_speed_words}"
+        leaf = (
+            "not known: evaluated by an older version"
+            if np.isnan(j.leaf_margin)
+            else f"{j.leaf_margin:.3g} at the worst pose found"
+        )
         terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
         return {
@@ -213,7 +226,7 @@ class CellDesign:
             if np.isfinite(j.body_distance)
             else "no collision bodies",
             "σ_min(J)": sigma,
-            "leaf margin": f"{j.leaf_margin:.3g}, {proved_words(self.proof)}",
+            "leaf margin": f"{leaf}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})

@@ -21,11 +21,14 @@ from .failures import FailureReason, broken_limit, folded, touching, unreached
 from .kinematics import null_bases, solved
 from .margins import (
     CandidateFunction,
+    LeafMargin,
     distances_of,
+    leaf_margins,
     limits_of,
     lowest_distances,
     searched,
     singular_values_of,
+    slope_by_differences,
 )
 from .turning import Turn, expanded
 
@@ -37,20 +40,17 @@ _QUICK_BODIES = 64
 """Number of held-out poses at which a quick evaluation computes body distances."""
 
 _BODY_STARTS, _SPEED_STARTS = 6, 16
-"""Numbers of starting poses of the searches for smaller body distances and for larger joint
-speeds."""
+"""Numbers of starting poses of the searches for smaller body distances, and for larger joint speeds
+and smaller leaf margins."""
 
 _SPREAD = 0.3
 """Minimum distance in u between the starting poses of these searches."""
-
-_DIFFERENCE = 1e-6
-"""Step of u in finite differences of joint speeds."""
 
 _REGULAR = 1e-10
 """Value of (σ_min / σ_max)² of J above which joint speeds are evaluated in a search."""
 
 _FOLDED = 0.05
-"""Leaf margin below which a function counts as folded."""
+"""Value of σ_min(Nᵀ n̂_ref) below which a function counts as folded."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,10 @@ class Evaluation:
     nearest_bodies : (str, str)
         Links of the two bodies with this distance; ("", "") if there are no bodies.
     leaf_margin : float
-        Minimum leaf margin ``σ_min(Nᵀ n̂_ref)``.
+        Minimum leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂``, by search; V are the gradients of the
+        potentials of which F is a leaf. Its inverse, less 1, is the extra joint speed over J⁺ in
+        the worst direction. Files of before hold ``σ_min(Nᵀ n̂_ref)``, which is larger, and are
+        read without it: NaN.
     residual : float
         Maximum task error, m or rad.
     coverage : float
@@ -146,8 +149,8 @@ class _Speeds:
     ----------
     difference, own, desired_square : (K,) arrays
         ``‖(∂F − G_d E) C‖_F²``, ``‖∂F C‖_F²`` and ``‖G_d E C‖_F²``; NaN at singularities.
-    smallest, leaf : (K,) arrays
-        σ_min of J, and the leaf margin.
+    smallest, upright, leaf : (K,) arrays
+        σ_min of J, ``σ_min(Nᵀ n̂_ref)``, which is 0 where the function folds, and the leaf margin.
     side : (K,) array
         Sign of det [J; n_refᵀ]; it changes where the function folds.
     direction : (K,) array
@@ -158,6 +161,7 @@ class _Speeds:
     own: Array
     desired_square: Array
     smallest: Array
+    upright: Array
     leaf: Array
     side: Array
     direction: Array
@@ -173,8 +177,8 @@ def speeds(desired: Inverse, chart: Chart, at: Points) -> _Speeds:
     K = len(at.U)
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     N, s = null_bases(at.J, at.n_ref)
-    leaf = leaf_margin(N, at.n_ref)
-    sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (leaf > 1e-6)
+    upright = leaf_margin(N, at.n_ref)
+    sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (upright > 1e-6)
     four = np.full((4, K), np.nan)
     if sound.any():
         own, desired_square = _joint_speeds(desired, chart, at.chosen(sound))
@@ -183,7 +187,14 @@ def speeds(desired: Inverse, chart: Chart, at: Points) -> _Speeds:
         ]
         four[3, sound] = _largest_ratio(own, desired_square)
     return _Speeds(
-        four[0], four[1], four[2], s[:, -1], leaf, np.sign(np.linalg.det(J_V)), four[3]
+        four[0],
+        four[1],
+        four[2],
+        s[:, -1],
+        upright,
+        leaf_margins(chart, at),
+        np.sign(np.linalg.det(J_V)),
+        four[3],
     )
 
 
@@ -246,13 +257,7 @@ class _SpeedRatio:
 
         It is 0 where the function does not exist.
         """
-        K, k = at.U.shape
-        step = np.where(at.U > 0, -_DIFFERENCE, _DIFFERENCE)  # into the cell
-        U = at.U[:, None] + step[:, :, None] * np.eye(k)
-        ends = self.least(candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0)))
-        with np.errstate(invalid="ignore"):
-            slope = (ends.reshape(K, k) - self.least(at)[:, None]) / step
-        return np.where(np.isfinite(slope), slope, 0.0)
+        return slope_by_differences(self, candidate, at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,8 +275,8 @@ class _Sampled:
         Task error, m or rad, and smallest joint-limit margin, rad or m.
     ok, sheet : (K,) arrays of bool
         ``ok`` is True if the function exists at the pose. ``sheet`` is True if no fold
-        separates the pose from the middle of the cell: the same sign of det [J; n_refᵀ], and a
-        leaf margin above 0.05.
+        separates the pose from the middle of the cell: the same sign of det [J; n_refᵀ], and
+        ``σ_min(Nᵀ n̂_ref)`` above 0.05.
     """
 
     U: Array
@@ -313,7 +318,7 @@ def _sampled(
         residual,
         margin,
         ok,
-        ok & (every.side == side) & (every.leaf > _FOLDED),
+        ok & (every.side == side) & (every.upright > _FOLDED),
     )
 
 
@@ -410,10 +415,11 @@ def evaluate_cell(
 def _searched(
     desired: Inverse, candidate: CandidateFunction, at: _Sampled, quick: bool
 ) -> Array:
-    """Search for poses with smaller limit margins, smaller σ_min(J), and larger joint speeds.
+    """Search for poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and
+    larger joint speeds.
 
     The searches start from the worst of the sampled poses. Return all poses visited (L, k). A quick
-    evaluation does not search for joint speeds.
+    evaluation does not search for leaf margins and joint speeds.
     """
     limits, singular = (
         limits_of(candidate.chart.cell),
@@ -441,6 +447,8 @@ def _searched(
                     candidate, _SpeedRatio(desired, candidate.chart, direction), start
                 )
             )
+        start = _worst(speeds.leaf[at.sheet], U, _SPEED_STARTS)
+        tried.append(searched(candidate, LeafMargin(candidate.chart), start))
     return np.concatenate(tried)
 
 

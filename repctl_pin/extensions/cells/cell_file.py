@@ -109,7 +109,8 @@ class CellFigures(Part):
 
     See :class:`repctl_pin.extensions.cells.cell_evaluation.Evaluation`. A margin is null without
     joint limits, ``body_distance`` is null without collision bodies. Figures with a default are not
-    in older files.
+    in older files. ``least_leaf_margin`` is :attr:`Evaluation.leaf_margin`; ``leaf_margin`` stands
+    in older files only, is σ_min(Nᵀ n̂_ref), and is not read.
     """
 
     cost: float
@@ -122,7 +123,6 @@ class CellFigures(Part):
     smallest_singular_value: float
     body_distance: float | None
     nearest_bodies: tuple[str, str]
-    leaf_margin: float
     residual: float
     coverage: float
     failures: list[FailureFile]
@@ -130,6 +130,8 @@ class CellFigures(Part):
     attainable_margin_worst: float | None = None
     extra_speed_direction: float | None = None
     turns: tuple[TurnFile, ...] = ()
+    leaf_margin: float | msgspec.UnsetType = msgspec.UNSET
+    least_leaf_margin: float | None = None
 
 
 class CellFile(Sealed):
@@ -174,6 +176,10 @@ def cell_file(design: CellDesign) -> CellFile:
         evaluation,
         failures=[described(FailureFile, reason) for reason in evaluation.failures],
         turns=tuple(described(TurnFile, turn) for turn in evaluation.turns),
+        leaf_margin=msgspec.UNSET,
+        least_leaf_margin=None
+        if np.isnan(evaluation.leaf_margin)
+        else evaluation.leaf_margin,
     )
     return described(
         CellFile,
@@ -328,6 +334,9 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
         nearest_bodies=("", "") if np.isnan(distance) else figures.nearest_bodies,
         failures=failures,
         turns=tuple(made(Turn, turn) for turn in figures.turns),
+        leaf_margin=np.nan
+        if figures.least_leaf_margin is None
+        else figures.least_leaf_margin,
     )
     chart = Chart(cell, Monomials(cell.k, degree), C)
     return made(

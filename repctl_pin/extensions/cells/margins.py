@@ -1,5 +1,5 @@
-"""Margins of a candidate function (distance from joint limits, body distance, σ_min of J), and a
-search of the cell for the poses of the smallest margins."""
+"""Margins of a candidate function (distance from joint limits, body distance, σ_min of J, leaf
+margin), and a search of the cell for the poses of the smallest margins."""
 
 from __future__ import annotations
 
@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...model.bodies import Bodies, bodies_of
 from ...model.task import Task
+from ...redundancy import leaf_margin
 from ...solvers import StepLengths, descend_in_box
 from .cell import Cell
 from .chart import Chart, Points
+from .kinematics import null_bases
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
 """Factor of the direction in joint space that gives the step of central differences of a margin."""
+
+_STEP = 1e-6
+"""Step of u in one-sided differences of the leaf margin and of joint speeds."""
 
 _ENDLESS = 1e6
 """Value that replaces the infinite margin of a joint without limits in finite differences."""
@@ -190,6 +195,75 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
     return Margin(
         "singularities", measure, required, 0.25, watched=2048, starts=24, violators=96
     )
+
+
+def potential_gradients(chart: Chart, at: Points) -> Array:
+    r"""Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf.
+
+    .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
+              - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
+
+    With coordinates that symmetries remove from u, :attr:`Cell.along` is added to ∂q_ref.
+    """
+    cell = chart.cell
+    _, dU = cell.slopes(cell.placements(at.U)[0], at.R)
+    dq, dn = chart.slopes(at.U)
+    n_T = np.swapaxes(at.n_ref, 1, 2)
+    w = n_T @ dq - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
+    w = np.concatenate([w, n_T @ cell.along], axis=2)
+    return at.n_ref - np.swapaxes(w @ dU @ at.J, 1, 2)
+
+
+def leaf_margins(chart: Chart, at: Points) -> Array:
+    """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) on the leaf of a chart.
+
+    Its inverse, less 1, is the extra joint speed of G over J⁺ in the worst direction of ẋ. The
+    margin is 0 where the chart has no configuration, or J loses rank.
+    """
+    margin = np.zeros(len(at.U))
+    rows = np.flatnonzero(at.found)
+    if len(rows):
+        on = at.chosen(rows)
+        N, s = null_bases(on.J, on.n_ref)
+        values = leaf_margin(N, potential_gradients(chart, on))
+        margin[rows] = np.where(s[:, -1] > 1e-12 * s[:, 0], np.nan_to_num(values), 0.0)
+    return margin
+
+
+@dataclass(frozen=True, eq=False)
+class LeafMargin:
+    """Leaf margin of the function s = 0 of a chart, for :func:`searched`.
+
+    Attributes
+    ----------
+    chart : Chart
+    """
+
+    chart: Chart
+
+    def least(self, at: Points) -> Array:
+        """Evaluate the leaf margin (K,); infinite where the function does not exist."""
+        return np.where(at.found, leaf_margins(self.chart, at), np.inf)
+
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Evaluate its gradient (K, k) with respect to u, by differences."""
+        return slope_by_differences(self, candidate, at)
+
+
+def slope_by_differences(
+    what: _Minimised, candidate: CandidateFunction, at: Points
+) -> Array:
+    """Evaluate the gradient (K, k) of a quantity with respect to u by one-sided differences.
+
+    The step leads into the cell. The gradient is 0 where the function does not exist.
+    """
+    K, k = at.U.shape
+    step = np.where(at.U > 0, -_STEP, _STEP)
+    U = at.U[:, None] + step[:, :, None] * np.eye(k)
+    ends = what.least(candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0)))
+    with np.errstate(invalid="ignore"):
+        slope = (ends.reshape(K, k) - what.least(at)[:, None]) / step
+    return np.where(np.isfinite(slope), slope, 0.0)
 
 
 def lowest_distances(

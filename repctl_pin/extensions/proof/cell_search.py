@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...certificate import Proof
-from ..cells.chart import Points
-from .cell_kernel import CellBounds
-from .cells import CellProof
-from .leaf_margin_bounds import inverses
+from ..cells.margins import leaf_margins
+from .cells import CellBounds, CellProof
 
 _BATCH = 1024
 _TRIALS = 48
@@ -147,7 +145,10 @@ class _CellSearch:
                 np.where(points.found, 1.0, -1.0),
                 "no configuration exists on this leaf at that pose",
             ),
-            (center_margin(points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
+            (
+                leaf_margins(chart, points) - self.leaf,
+                "the leaf margin there is {leaf:.4g}",
+            ),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
             (
                 -away.max(axis=1),
@@ -195,16 +196,3 @@ def grid(counts: Array) -> tuple[Array, Array]:
         np.stack([x.ravel() for x in low], axis=1),
         np.stack([x.ravel() for x in high], axis=1),
     )
-
-
-def center_margin(points: Points) -> Array:
-    """Evaluate the leaf margin at points of a chart: (K,); 0 where J_V is singular.
-
-    It is ``1 / ‖X Uᵀ‖``, with X the last r columns of the inverse of ``J_V = [J; n_refᵀ]`` and
-    ``n_ref = V U``, where V has orthonormal columns.
-    """
-    J_V = np.concatenate([points.J, np.swapaxes(points.n_ref, 1, 2)], axis=1)
-    X = inverses(J_V)[:, :, points.J.shape[1] :]
-    _, U = np.linalg.qr(points.n_ref)
-    size = np.linalg.norm(X @ np.swapaxes(U, 1, 2), ord=2, axis=(1, 2))
-    return np.nan_to_num(1 / size)

@@ -1,4 +1,4 @@
-r"""Existence, uniqueness and margins of a cell's function F, proved over boxes of poses.
+r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
 F is the inverse kinematic function of the cell. On a box ``u_c ± h`` of the cell's coordinates u,
 Taylor models are computed of the chart's reference configuration q_ref(u) and null-space basis
@@ -10,30 +10,36 @@ Then, for all q with ``|q − q_ref(u)| ≤ g``,
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
+The gradients of the potentials on the leaf are ``Vᵀ = n_refᵀ − W J`` with ``W E = w``, where E are
+the twists of the pose and ``w = n_refᵀ ∂q_ref − (∂n_refᵀ) (F − q_ref)``. V and the null space of J
+are expanded to first order along F, and the leaf margin σ_min(Nᵀ V̂) is bounded from both. Its
+inverse, less 1, is the extra joint speed of the worst direction, over J⁺.
+
 docs/theory.md derives this.
 """
 
 from __future__ import annotations
 
+import ctypes
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
-from ...native import library
+from ...arguments import Array, read_only
+from ...errors import InputError
+from ...native import CELL, MARGINS, PROBLEM, REMEDY, filled_struct, library
 from ..cells.cell import Cell
 from ..cells.chart import Chart
+from ..cells.monomials import Monomials
 from ..cells.sector import Sector
-from .cell_kernel import CellBounds, Kernel
 from .cell_poses import Poses
-from .chain import Chain, chain_of, frame_change, tool_reach
+from .chain import FREE, Chain, chain_of, tool_reach
 from .chart_bounds import Polynomials
-from .commutator import commutator
-from .leaf_margin_bounds import Expansion, enclosed, inverses, margins
-from .potentials import U
-from .remainder import relative_rounding, remainders
-from .screws import screws, slopes
-from .taylor import TaylorModel
-from .taylor_chain import Closure, closure_of
+from .commutator import slides_of, tips
+from .remainder import relative_rounding
+from .taylor import ORDER, space_of
+from .taylor_chain import basis
 
 _NEAR = 1.25, 0.02
 """Factor, and summand in rad or m, from which d* is made.
@@ -42,19 +48,61 @@ d* is the distance from q_ref within which F is proved to be unique: the factor 
 distance of F from q_ref that a search found, plus the summand.
 """
 
+_TURNED = {"pose": 0, "axis": 2}
+"""First of the frame's axes whose direction a kind of task controls; the others control none."""
+
+_SIZES, _CORNERS = 0.16 * 0.75 ** np.arange(6.0), 4
+"""Half-widths, in u, of boxes on which middle links are compared, and the number of corners of the
+cell at which they lie."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class CellBounds:
+    """Bounds on the margins of F over K boxes of poses.
+
+    Attributes
+    ----------
+    leaf_margin, sigma_min, limit_margin : (K,) arrays
+        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ V̂)``, V the gradients of the cell's
+        potentials on the leaf, of σ_min(J), and of the distance to the joint limits, rad or m; 0, 0
+        and −inf where F was not shown to exist.
+    split : (K,) array of int
+        Index of the coordinate along which to halve each box.
+    Q, reach : (K, n) arrays
+        Centres and half-widths of boxes of joints that contain F; NaN where F was not enclosed.
+    """
+
+    leaf_margin: Array
+    sigma_min: Array
+    limit_margin: Array
+    split: NDArray[np.int32]
+    Q: Array
+    reach: Array
+
 
 class CellProof:
-    """Bounds over boxes of poses for the function F of one chart.
+    """Bounds over boxes of poses for the function F of one chart; the native library computes them.
 
     Parameters
     ----------
     chart
         Chart of the function.
-    compiled
-        False to compute in NumPy even if there is the native library.
+
+    Raises
+    ------
+    InputError
+        If there is no native library.
     """
 
-    def __init__(self, chart: Chart, compiled: bool = True) -> None:
+    def __init__(self, chart: Chart) -> None:
+        native = library()
+        if native is None:
+            raise InputError(
+                "a proof over a cell needs the native library, which is missing or switched off",
+                remedy=f"unset REPCTL_NATIVE, or {REMEDY}",
+            )
+        self.use(native)
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials, self.poses = Polynomials.of(chart), Poses.of(cell)
@@ -70,235 +118,146 @@ class CellProof:
             for k in range(1, len(whole.p))
             for way in (0.0, 0.5, 1.0)
         ]
-        self.chain = min(made, key=self._size)
-        self.tool = tool_reach(self.chain)
-        native = library() if compiled else None
-        self._kernel = None if native is None else Kernel(self, native)
+        self.see_from(max(made, key=self._tightness))
 
-    def _size(self, chain: Chain) -> float:
-        """Compute the spectral radius of the bound D for uniqueness, on a box in the cell's middle.
+    def use(self, native: ctypes.CDLL) -> None:
+        """Compute with a native library."""
+        self._run = native.cell_bounds
+        self._run.restype = ctypes.c_int
 
-        The smaller it is for a chain (a choice of the middle link), the fewer boxes are needed.
+    def see_from(self, chain: Chain) -> None:
+        """Choose the middle link, in whose frame the screws are expressed."""
+        self.chain = chain
+        self._chain, self._held = _chain_struct(chain, self.eps)
+        self._cell, self._arrays = self._cell_struct()
+
+    def _tightness(self, chain: Chain) -> float:
+        """Sum the bounds of the leaf margin on boxes at corners of the cell, for a chain.
+
+        The larger it is for a chain (a choice of the middle link), the fewer boxes are needed.
         """
-        self.chain, self.tool = chain, tool_reach(chain)
+        self.see_from(chain)
         k = self.cell.k
-        D = self._enclosure(np.zeros((1, k)), np.full((1, k), 0.1))[5][0]
-        return (
-            float(np.abs(np.linalg.eigvals(D)).max())
-            if np.isfinite(D).all()
-            else np.inf
-        )
+        at = np.random.default_rng(0).choice([-1.0, 1.0], (_CORNERS, k))
+        half = np.repeat(np.tile(_SIZES[:, None], (1, k)), _CORNERS, axis=0)
+        found = self.bounds((1 - half) * np.tile(at, (len(_SIZES), 1)), half)
+        return float(found.leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
-        """Bound the margins of F over boxes Uc ± half, (K, k) each.
+        """Bound the margins of F over boxes Uc ± half, (K, k) each, and enclose its values."""
+        return self.bounds_from(Uc, half, self.start(Uc, half))
 
-        The native library computes them, or without it NumPy.
+    def bounds_from(
+        self, Uc: Array, half: Array, start: Array, gradients: Array | None = None
+    ) -> CellBounds:
+        """Bound the margins of F from the differences of its value and slopes from q_ref.
+
+        Parameters
+        ----------
+        Uc, half : (K, k) arrays
+            Centres and half-widths of the boxes.
+        start : (K, n, 1 + k) array
+            Differences, see :meth:`start`.
+        gradients : (K, r, n, 2 + k) array, optional
+            Filled with V along F: its value at the centre, its slopes times half, and a bound of
+            all else; unchanged where F was not enclosed.
         """
-        return self.enclosed(Uc, half)[0]
+        K, n = len(Uc), self.chain.n
+        leaf, sigma, limit = np.zeros((3, K))
+        Q, reach = np.full((2, K, n), np.nan)
+        split = np.zeros(K, np.int32)
+        arrays = (leaf, sigma, limit, Q, reach, gradients, split)
+        out = MARGINS(*(None if x is None else x.ctypes.data for x in arrays))
+        given = [np.ascontiguousarray(x, float) for x in (Uc, half, start)]
+        done = self._run(
+            ctypes.byref(self._cell),
+            ctypes.c_long(K),
+            *(ctypes.c_void_p(x.ctypes.data) for x in given),
+            ctypes.byref(out),
+        )
+        if not done:
+            raise MemoryError("no memory for the Taylor models of a cell")
+        return CellBounds(leaf, sigma, limit, split, Q, reach)
 
-    def enclosed(self, Uc: Array, half: Array) -> tuple[CellBounds, Array, Array]:
-        """Bound the margins of F over boxes Uc ± half, (K, k) each, and enclose its values.
+    def start(self, Uc: Array, half: Array) -> Array:
+        """Compute F − q_ref at Uc and its slopes times half: (K, n, 1 + k), both (K, k).
 
-        Returns the bounds, and the centres and the half-widths of boxes of joints that contain F,
-        (K, n) each; NaN where F was not enclosed.
+        The proof holds with any numbers; these make it tight.
         """
-        if self._kernel is not None:
-            return self._kernel.bounds(Uc, half)
-        q, reach, good, at, cost, _ = self._enclosure(Uc, half)
-        limit = np.minimum(q - reach - self.lower, self.upper - q - reach).min(axis=1)
-        S = self.chain.S[~self.chain.revolute, : self.chain.n]
-        slides = (
-            np.abs(q @ S.T + self.chain.o[~self.chain.revolute]) + reach @ np.abs(S).T
-        )
-        beta = frame_change(self.task.kind, self.tool + slides.sum(axis=1))
-        leaf = margins(at, np.ones_like(Uc), self.chain.n, self.eps, beta)
-        good = good & (leaf.leaf_margin > 0)
-        found = CellBounds(
-            np.where(good, leaf.leaf_margin, 0.0),
-            np.where(good, leaf.sigma_min, 0.0),
-            np.where(good, limit, -np.inf),
-            cost.argmax(axis=1).astype(np.int32),
-        )
-        return found, q, reach
+        k = self.cell.k
+        points = self.chart.solve(Uc, np.zeros((len(Uc), self.task.r)))
+        dF, _ = self.chart.derivative(points, np.zeros((len(Uc), self.task.r, k)))
+        away = points.Q - points.q_ref
+        slopes = (dF[..., :k] - self.chart.slopes(Uc)[0]) * half[:, None]
+        shift = np.concatenate([away[..., None], slopes], axis=2)
+        near = points.found & (np.abs(away) <= self.near).all(axis=1)
+        near &= np.isfinite(slopes).all(axis=(1, 2))
+        return np.where(near[:, None, None], shift, 0.0)
 
-    @np.errstate(all="ignore")
-    def _enclosure(
-        self, Uc: Array, half: Array
-    ) -> tuple[Array, Array, NDArray[np.bool_], Expansion, Array, Array]:
-        """Enclose F on boxes Uc ± half, (K, k) each.
+    def _cell_struct(self) -> tuple[ctypes.Structure, list[NDArray[np.generic]]]:
+        """Fill the struct Cell; the arrays must live as long as it."""
+        chain, poses, parts = self.chain, self.poses, self.polynomials
+        k, kind = self.cell.k, self.task.kind
+        made = Monomials(k, max(self.chart.monomials.degree, ORDER))
+        models = Monomials(k, ORDER)
+        space, *held = space_of(k)
+        ints = {
+            "parent": made.parent,
+            "variable": made.variable,
+            "used": parts.used,
+            "fourth": [np.repeat(np.arange(k), row) for row in parts.fourth],
+            "beneath": models.lower,
+            "powers": models.exponents.T,
+        }
+        reals = {
+            "parts": np.moveaxis(parts.parts, 1, 0),
+            "rest": parts.rest,
+            "blur": self.blur,
+            "near": self.near,
+            "lower": self.lower,
+            "upper": self.upper,
+            "farthest": self.farthest,
+            "bases": [basis(axis) for axis in chain.a],
+            "tips": tips(chain, slides_of(chain, self.farthest)),
+        }
+        reals |= {
+            name: getattr(poses, name) for name in type(poses).__dataclass_fields__
+        }
+        scalars = {
+            "chain": ctypes.addressof(self._chain),
+            "space": space,
+            "w": self.blur.size,
+            "terms": self.chart.monomials.size,
+            "F": len(parts.fourth),
+            "turning": int(poses.Omega.any()),
+            "angled": int(poses.angle.any()),
+            "spun": int(poses.spin.any()),
+            "m": self.task.m,
+            "removed": poses.along.shape[1],
+            "turned": _TURNED.get(kind, 3),
+            "slides": sum(1 << "xyz".index(axis) for axis in FREE[kind][0]),
+            "tool": tool_reach(chain),
+            "columns": float(np.abs(chain.S).sum(axis=0).max()),
+        }
+        struct, arrays = filled_struct(CELL, ints, reals, scalars)
+        return struct, [*arrays, *held[0]]
 
-        Returns the centres and the half-widths (K, n) of boxes of joints that contain F, whether
-        that is proved (K,), the expansion of J_V along F, the motion of q_ref along each coordinate
-        (K, k), and the bound D for uniqueness (K, N, N).
-        """
-        chain, n, N, K = self.chain, self.chain.n, self.chain.N, len(Uc)
-        reference, normals = self._models(Uc, half)
-        poses = self.poses.at(Uc, half)
-        along = closure_of(chain, self.task.kind, poses, reference, self.eps)
-        q_c, n_c = reference.P[..., 0], normals.P[..., 0]  # (K, n), (K, n, r)
-        theta = q_c @ chain.S[:, :n].T + chain.o
-        xi, tip = screws(chain, theta)
-        J_V = np.zeros((K, N, N))
-        J_V[:, :6], J_V[:, 6:, :n] = (
-            np.einsum("Klx,lc->Kxc", xi, chain.S),
-            np.swapaxes(n_c, 1, 2),
-        )
-        A = inverses(J_V)
-        B = A[:, None, :, :6] @ np.swapaxes(
-            slopes(chain, xi, tip), 2, 3
-        )  # (K, j, N, N)
-        first, rest = self._along_chart(A, along, normals)
 
-        wide = reference.reach
-        steps = along.xi.combined(A[..., :6]).most  # |A ξ|
-        near = np.tile(self.near, (K, 1))
-        R = rest + self._rest(A, B, theta, wide, near)
-        D = np.abs(first).sum(axis=1) + R
-        Y, held = self._distance(A, D, near, theta, wide, along, steps)
-        held = held & (Y <= self.near).all(axis=1)
-        norms = np.linalg.norm(A[..., :6].reshape(K, N, 2, 3), axis=3)
-        separation = np.where(held[:, None], Y, near) + near
-        turns = commutator(chain, separation, self.farthest)[:, chain.loose.astype(int)]
-        unique = D + np.einsum("Kia,Kiac->Kic", norms, turns)
-        regular = enclosed(unique, np.ones((K, N, 1)), self.eps)[2]
-
-        R = rest + self._rest(A, B, theta, wide, Y)
-        D = np.abs(first).sum(axis=1) + R
-        again, closer = self._distance(A, D, Y, theta, wide, along, steps)
-        Y = np.where(closer[:, None], np.minimum(again, Y), Y)
-        good = held & regular
-        at = self._orthonormal(A, R, first, normals)
-        cost = np.abs(reference.P[..., 1 : 1 + Uc.shape[1]]).sum(axis=1)
-        reach = np.where(
-            good[:, None], (wide + Y) * (1 + self.eps) + 8 * U * np.abs(q_c), np.nan
-        )
-        return q_c, reach, good, at, cost, unique
-
-    # ---- parts ---------------------------------------------------------------------------------
-
-    def _models(self, Uc: Array, half: Array) -> tuple[TaylorModel, TaylorModel]:
-        """Compute Taylor models of q_ref (K, n) and of n_ref (K, n, r) on boxes Uc ± half."""
-        P, r = self.polynomials.shifted(Uc, half)
-        both = TaylorModel(Uc.shape[1], np.moveaxis(P, 1, -1), r + self.blur)
-        return both[..., 0], both[..., 1:]
-
-    def _along_chart(
-        self, A: Array, along: Closure, normals: TaylorModel
-    ) -> tuple[Array, Array]:
-        """Expand ``A J_V − I`` at q_ref(u) in the variables of the boxes.
-
-        Returns its slopes at the centre (K, k, N, N), and a bound on all other terms (K, N, N).
-        """
-        n, N, k = self.chain.n, self.chain.N, normals.k
-        K, M = len(A), normals.P.shape[-1]
-        P, r = np.zeros((K, N, N, M)), np.zeros((K, N, N))
-        P[:, :6], r[:, :6] = along.J.P, along.J.r
-        P[:, 6:, :n], r[:, 6:, :n] = (
-            np.swapaxes(normals.P, 1, 2),
-            np.swapaxes(normals.r, 1, 2),
-        )
-        AP = np.einsum("Kix,Kxcm->Kicm", A, P)
-        rest = np.abs(AP[..., 0] - np.eye(N)) + np.abs(AP[..., 1 + k :]).sum(axis=-1)
-        rest += np.abs(A) @ (r + self.eps * np.abs(P).sum(axis=-1))
-        return np.moveaxis(AP[..., 1 : 1 + k], -1, 1), rest
-
-    def _rest(self, A: Array, B: Array, theta: Array, wide: Array, g: Array) -> Array:
-        """Bound ``|A (J(q) − J(q_ref))|``, (K, N, N), for ``|q − q_ref| ≤ g``,
-        ``|q_ref − q_c| ≤ wide``.
-
-        B are the derivatives ``A ∂_j J`` at the centre q_c, whose joint positions are theta.
-        """
-        chain, n = self.chain, self.chain.n
-        S = np.abs(chain.S[:, :n]).T
-        both, one = (remainders(chain, theta, eta @ S) for eta in (wide + g, wide))
-        linear, angular = (
-            (x - y * (1 - 1e-12)) @ np.abs(chain.S)
-            for x, y in zip(both, one, strict=True)
-        )
-        R = np.einsum("Kjic,Kj->Kic", np.abs(B), g)
-        R += np.linalg.norm(A[:, :, :3], axis=2)[:, :, None] * linear[:, None]
-        R += np.linalg.norm(A[:, :, 3:6], axis=2)[:, :, None] * angular[:, None]
-        eta = (wide + g) @ S
-        size = 1 + 2 * eta.sum(axis=1)
-        length = (
-            1
-            + chain.reach.max()
-            + (np.abs(theta) + eta)[:, ~chain.revolute].sum(axis=1)
-        )
-        columns = np.abs(chain.S).sum(axis=0).max()
-        rows = np.repeat(
-            np.stack([columns * length * size, columns * size], axis=1), 3, axis=1
-        )
-        R += self.eps * np.einsum("Kia,Ka->Ki", np.abs(A[..., :6]), rows)[:, :, None]
-        return np.asarray(R)
-
-    def _distance(
-        self,
-        A: Array,
-        D: Array,
-        g: Array,
-        theta: Array,
-        wide: Array,
-        along: Closure,
-        steps: Array,
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Bound the distance ``|F − q_ref|`` (K, n), by lifting a path of poses to the joints.
-
-        The path leads from f(q_ref) to x. The bound is valid if it is at most g, within which D and
-        the path's twist were bounded. The second result (K,) is False where there is no bound.
-        """
-        linear, angular = self._turned(g, theta, wide, along.sizes)
-        load = steps + np.linalg.norm(A[:, :, :3], axis=2) * linear[:, None]
-        load += np.linalg.norm(A[:, :, 3:6], axis=2) * angular[:, None]
-        Y, _, solved = enclosed(D, load[..., None] * (1 + self.eps) + 1e-15, self.eps)
-        return Y[:, : self.chain.n, 0] * (1 + self.eps), solved & along.near
-
-    def _turned(
-        self, g: Array, theta: Array, wide: Array, sizes: Array
-    ) -> tuple[Array, Array]:
-        """Bound the difference between ξ and the twist of the path of poses from f(q_ref) to x.
-
-        The twist is seen from the middle link at any q within g of q_ref. Returns bounds on the
-        linear and the angular part, (K,) each.
-        """
-        chain = self.chain
-        S = np.abs(chain.S[:, : chain.n]).T
-        off, away = g @ S, (wide + g) @ S
-        before = np.arange(chain.middle)
-        turning = chain.revolute[before]
-        slides = (np.abs(theta) + away)[:, before[~turning]].sum(axis=1)
-        turned = off[:, before[turning]].sum(axis=1)
-        speeds = np.where(turning, chain.reach[before] + slides[:, None], 1.0)
-        moved = (off[:, before] * speeds).sum(axis=1)
-        p, e, w = sizes
-        more = np.where(
-            w < 0.5, np.arcsin(np.minimum(w, 0.5)) / np.maximum(w, 1e-300), np.inf
-        )
-        more = np.maximum(more, 1.0) * (1 + 1e-12)
-        angle = w * more
-        angular = (more - 1) * w + turned * angle
-        linear = (more - 1) * w * p + e * angle
-        linear = linear + turned * (e + p * angle + e * angle) + moved * angle
-        return linear, angular
-
-    def _orthonormal(
-        self, A: Array, R: Array, first: Array, normals: TaylorModel
-    ) -> Expansion:
-        """Expand J_V with ``n_ref M`` in place of n_ref.
-
-        The constant matrix M (r, r) makes its columns orthonormal at the centre of each box.
-        """
-        k = normals.k
-        n_c, dn = normals.P[..., 0], normals.P[..., 1 : 1 + k]
-        rest = np.abs(normals.P[..., 1 + k :]).sum(axis=-1) + normals.r  # (K, n, r)
-        _, upper = np.linalg.qr(n_c)
-        M = np.linalg.inv(upper)
-        V = np.swapaxes(n_c @ M, 1, 2)
-        dV = np.einsum("Knai,Kab->Kbni", dn, M)
-        rest = np.swapaxes(np.abs(M), 1, 2) @ np.swapaxes(rest, 1, 2)
-        turned = A.copy()
-        turned[..., 6:] = A[..., 6:] @ np.swapaxes(upper, 1, 2)  # A diag(I, M^-T)
-        return Expansion(turned, R + np.abs(first).sum(axis=1), R, first, V, dV, rest)
+def _chain_struct(
+    chain: Chain, eps: float
+) -> tuple[ctypes.Structure, list[NDArray[np.generic]]]:
+    """Fill the struct Problem with a chain; the arrays must live as long as it."""
+    row, column = np.nonzero(chain.S)
+    ints = {
+        "revolute": chain.revolute,
+        "level": chain.level,
+        "first": np.searchsorted(row, np.arange(len(chain.S) + 1)),
+        "column": column,
+    }
+    reals = {name: getattr(chain, name) for name in ("R", "p", "a", "shift", "reach")}
+    reals |= {"o": chain.o, "S": chain.S[row, column]}
+    sizes = {"P": len(chain.S), "k": chain.middle, "n": chain.n, "N": chain.N}
+    return filled_struct(PROBLEM, ints, reals, {**sizes, "r": chain.N - 6, "eps": eps})
 
 
 def farthest(chart: Chart) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import progress as reporting
 from ...arguments import finite, flag, positive, require_type
-from ...certificate import Proof
+from ...certificate import CELL_THEOREM, Proof
 from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError
@@ -164,7 +164,7 @@ def _of_cell(
     from .cells import CellProof
 
     found = design.evaluation
-    leaf = 0.9 * found.leaf_margin if goal is None else goal
+    leaf = 0.9 * _least_leaf_margin(design) if goal is None else goal
     if least is not None:
         limit = least
     elif np.isfinite(found.limit_margin_worst):
@@ -183,6 +183,20 @@ def _of_cell(
         ),
         asked_leaf_margin=goal,
         asked_limit_margin=least,
+        theorem=CELL_THEOREM,
         excepted=design.function.chart.cell.excepted,
     )
     return proof.sealed(design.subject)
+
+
+def _least_leaf_margin(design: CellDesign) -> float:
+    """Return the smallest leaf margin found; of a file without it, that of sampled poses."""
+    from ..cells.margins import leaf_margins
+
+    found = design.evaluation.leaf_margin
+    if np.isfinite(found):
+        return found
+    chart = design.function.chart
+    U = np.concatenate([chart.cell.sample(4096), chart.cell.corners()])
+    points = chart.solve(U, np.zeros((len(U), design.task.r)))
+    return float(leaf_margins(chart, points).min())
