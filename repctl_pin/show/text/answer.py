@@ -13,7 +13,7 @@ from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from ..page.summaries import row_summary, study_headline
-from .headline import end_name, ends_off, off_of
+from .headline import end_name, ends_off, off_of, stopped_cell
 from .lines import Span, fitted, with_options, wrapped
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
@@ -149,7 +149,7 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     if checked or not _unchecked(study):
         names.append("closest links")
     columns = [
-        [Span("stopped", "bad")] * len(names)
+        [Span(stopped_cell(row), "bad")] * len(names)
         if row.motion is None or one is None
         else _column(row.motion, one, summaries[0], ends[:1])[: len(names)]
         for row, one in zip(rows, summaries, strict=True)

@@ -60,13 +60,13 @@ def summary(study: Study) -> list[str]:
             f"{_amount(plain.motion, -1)} after {plain.motion.cycles} (the norm over all joints)."
         )
     else:
-        out.append(f"The pseudoinverse J⁺ stopped: {plain.stopped}.")
+        out.append(f"The pseudoinverse J⁺ {plain.failure}.")
     for row in study.rows:
         if row.key not in COLOURS:
             own = (
                 f"the joints drift by {_amount(row.motion, -1)}"
                 if row.motion
-                else f"the motion stopped: {row.stopped}"
+                else f"the motion {row.failure}"
             )
             out.append(f"Under your controller {row.label}, {own}.")
     if closed.motion is not None:
@@ -80,7 +80,7 @@ def summary(study: Study) -> list[str]:
             f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
         )
     else:
-        out.append(f"The nearest repeatable inverse stopped: {closed.stopped}.")
+        out.append(f"The nearest repeatable inverse {closed.failure}.")
     broken = [
         f"{row.label}: {violation}"
         for row in study.rows
@@ -208,7 +208,7 @@ def still_words(study: Study) -> str:
     """Describe the still picture of the animation, for readers who cannot see it."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
-        "stopped" if r.motion is None else f"has drifted by {_amount(r.motion, -1)}"
+        r.failure if r.motion is None else f"has drifted by {_amount(r.motion, -1)}"
         for r in rows
     ]
     parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]

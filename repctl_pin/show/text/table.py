@@ -14,6 +14,7 @@ from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
 from ...strategies import Pseudoinverse
 from ..page.summaries import study_verdict
+from .headline import stopped_cell
 from .lines import fitted, terminal_width, with_options
 from .numbers import number
 
@@ -112,7 +113,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 
     def of_motions(say: Callable[[Motion], str]) -> list[str]:
         return [
-            "stopped" if row.motion is None else say(row.motion) for row in study.rows
+            stopped_cell(row) if row.motion is None else say(row.motion)
+            for row in study.rows
         ]
 
     def of_rows(say: Callable[[Row], float | None]) -> list[str]:
