@@ -14,6 +14,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .._version import __version__
+from ..motion import Motion
 from ..studies.study_maps import StudyMaps
 from ..studies.study_result import Study
 from .page.html import render
@@ -84,7 +85,7 @@ def report_page(
         animation=(animation or study_page(study)).replace(
             "<body>", '<body class="inside">', 1
         ),
-        still=_picture(still_figure(study), captions.still_words(study)),
+        still=picture(still_figure(_compared(study)), captions.still_words(study)),
         strategies=[(row.label, colour[row.key]) for row in study.rows],
         measures=study_cells(study),
         legend=study_legend(study),
@@ -108,6 +109,16 @@ def versions() -> dict[str, str]:
     return found | {"system": f"{platform.system()} {platform.machine()}"}
 
 
+def _compared(study: Study) -> list[tuple[str, Motion, str]]:
+    """List the label, motion and colour of J⁺ and of the repeatable inverse."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    return [
+        (row.label, row.motion, COLOURS[row.key])
+        for row in rows
+        if row.motion is not None
+    ]
+
+
 def _figures(
     study: Study, maps: StudyMaps | None
 ) -> Iterable[tuple[str, dict[str, object]]]:
@@ -116,20 +127,20 @@ def _figures(
     on = [
         m for m in moved if m[2] != COLOURS["posture_off"]
     ]  # its first motion to the posture would hide the others
-    yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
-    yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
+    yield "Drift", picture(drift_figure(moved, ""), captions.drift_words(study))
+    yield "Joints", picture(joints_figure(moved, ""), captions.joints_words(study))
     yield (
         "Orbits in joint space",
-        _picture(orbits_figure(on, ""), captions.orbits_words(study)),
+        picture(orbits_figure(on, ""), captions.orbits_words(study)),
     )
     yield (
         "Speed and limits",
-        _picture(cycle_figure(moved, ""), captions.cycles_words(study)),
+        picture(cycle_figure(moved, ""), captions.cycles_words(study)),
     )
     if maps is not None:
         yield (
             "The design over two joints",
-            _picture(_maps_figure(study, maps), captions.maps_words(study, maps)),
+            picture(_maps_figure(study, maps), captions.maps_words(study, maps)),
         )
 
 
@@ -153,7 +164,7 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     return figure
 
 
-def _picture(figure: Figure, text: str) -> dict[str, object]:
+def picture(figure: Figure, text: str) -> dict[str, object]:
     """Draw a figure, cropped to its contents, and encode it for the page with its description."""
     metadata = {"Software": None}
     picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from terminals import fit_terminals
 
 import repctl_pin as rp
+from repctl_pin.extensions.recordings.relabel_page import relabel_page
+from repctl_pin.extensions.recordings.relabel_plots import arms_figure
 
 Q0 = np.array([0.3, 0.8, 0.8])
 TIMES = 0.02 * np.arange(300)
@@ -256,9 +258,12 @@ def test_the_command_answers_in_a_small_terminal(
     rp.save(relabeled.design, "cell.json")
     small = fit_terminals(monkeypatch)
     assert main(["relabel", "demos.csv", "cell.json", "--leaf", "0.1"]) == 0
-    assert (
-        small[0].startswith("Ambiguity of the joints: ") and small[0].count("\n") <= 22
+    first = " ".join(small[0].split())
+    assert first.startswith(
+        "Your demonstrations used one configuration for each pose already. "
+        "Ambiguity of the joints: "
     )
+    assert small[0].count("\n") <= 22
     folder = Path("repctl-out/demos")
     assert {f.name for f in folder.iterdir()} == {
         "demos.csv",
@@ -272,6 +277,20 @@ def test_the_command_answers_in_a_small_terminal(
     assert found["relabelled"] == found["frames"] == 1200 and found["sessions"] == 4
     assert main(["relabel", "demos.csv", "cell.json", "--out", "."]) == 2
     assert "would replace demos.csv" in capsys.readouterr().err
+
+
+def test_the_page_shows_the_arms_before_and_after(relabeled: rp.Relabeled) -> None:
+    """Four sessions, each with its own elbow, at one pose: four arms, then one."""
+    page = relabel_page(relabeled)
+    assert "Your demonstrations used several configurations for one pose; now" in page
+    assert page.index("The arm in several sessions") < page.index("In numbers")
+    figure = arms_figure(relabeled)
+    assert figure is not None
+    before, after = (
+        np.array([line.get_xydata() for line in ax.lines]) for ax in figure.axes
+    )
+    assert len(before) == len(after) == 4
+    assert np.ptp(after, axis=0).max() < 0.5 * np.ptp(before, axis=0).max()
 
 
 def test_data_of_the_old_joints_is_not_kept(
