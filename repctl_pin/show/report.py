@@ -26,6 +26,8 @@ from .plots.designs import cost_against_degree, joint_map, maps_that_vary
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
+from .text.answer import displacement_cells
+from .text.headline import names_of
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 
@@ -86,8 +88,10 @@ def report_page(
             "<body>", '<body class="inside">', 1
         ),
         still=picture(still_figure(_compared(study)), captions.still_words(study)),
-        strategies=[(row.label, colour[row.key]) for row in study.rows],
-        measures=study_cells(study),
+        strategies=[
+            (names_of(row.label)["title"], colour[row.key]) for row in study.rows
+        ],
+        measures=[*displacement_cells(study), *study_cells(study)],
         legend=study_legend(study),
         figures=list(_figures(study, maps)),
         glossary=captions.GLOSSARY,

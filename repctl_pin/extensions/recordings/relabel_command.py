@@ -21,9 +21,9 @@ EXAMPLE = """examples:
   repctl relabel demos.npz my_arm.urdf --frame tool0 --leaf 0.2
   repctl relabel demos.parquet cell.json --out relabelled
 
-FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the base, and optionally
-time and session. It writes the same file with new joints, cell.json (the function), and
-report.html."""
+FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the
+base, and optionally time and session. It writes the same file with new joints,
+cell.json (the function), and report.html."""
 
 
 def add_options(parser: Parser) -> None:

@@ -30,8 +30,14 @@ _TITLES = {
     "posture": "+ posture",
     "repeatable": "repeatable",
 }
-_FIRST = "report.html is ", "collisions of ", "the URDF has no collision geometry"
-"""Beginnings of the notes on an old report and on bodies that are not checked, which come first."""
+_FIRST = (
+    "report.html is ",
+    "on a circle of the same size ",
+    "collisions of ",
+    "the URDF has no collision geometry",
+)
+"""Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
+are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
@@ -121,6 +127,12 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
         )
         out.append(Span(f"not checked: {without_shape(unchecked)}{lost}\n", "near"))
     return out
+
+
+def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
+    """Format how far the hand and the farthest part are off, for every strategy."""
+    rows = _cells(study, study.rows)[:2]
+    return [(name, [cell.text for cell in line]) for name, line in rows]
 
 
 def _unchecked(study: Study) -> int:

@@ -23,7 +23,12 @@ NEAR = 0.02
 _UNTURNED = 1e-5
 """Displacement of a joint, rad, below which a sentence writes 0."""
 
-_TITLES = {"J⁺": "Usual control", "nearest repeatable": "Repeatable"}
+_TITLES = {
+    "J⁺": "Usual control",
+    "J⁺ + posture": "Usual + posture",
+    "J⁺ + other posture": "Usual + other posture",
+    "nearest repeatable": "Repeatable",
+}
 _ABOUT = {
     "J⁺": "the pseudoinverse J⁺ of the Jacobian: at every moment the smallest joint speeds that "
     "move the hand as asked",
