@@ -143,7 +143,8 @@ def on_page_markdown(text: str, /, *, page: Any, **_: object) -> str:
         )  # only that of the home page plays by itself
         title = f"Animation: {mark[1].replace('_', ' ')}"
         return (
-            f'<iframe class="live" src="{url}{begin}" title="{title}" loading="lazy"></iframe>\n'
+            f'<iframe id="live-{mark[1]}" class="live" src="{url}{begin}" '
+            f'title="{title}" loading="lazy"></iframe>\n'
             f'<p class="open"><a href="{url}">Open this animation alone</a></p>'
         )
 

@@ -9,6 +9,7 @@ import argparse
 import gc
 import io
 import os
+import re
 import shlex
 import sys
 import warnings
@@ -37,18 +38,10 @@ _LAST = (robots, inspect, completion)
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation
   repctl study my_arm.urdf --frame tool0        the same for your own arm
-  repctl study xarm7 --task position --path square:0.2 --plane yz
-  repctl design panda --degree auto             the nearest repeatable one
-  repctl cell panda --half-width 0.1 --half-angle 0.3   F for a box
-  repctl audit joints.csv --robot my_arm.urdf   does a log creep?
-  repctl check panda --weight inertia           is it repeatable? its drift
+  repctl audit joints.csv --robot my_arm.urdf   does the arm drift?
   repctl follow design.json --csv motion.csv    one cycle, ready for a robot
-  repctl animate panda --path circle:0.1        both arms in the browser
-  repctl export design.json --out folder        the same in C
-  repctl relabel demos.csv panda                one configuration per pose
-  repctl ros2 control.json --ros-args …         the same as a ROS 2 node
-  repctl robots                                 every arm in the catalogue
-  repctl inspect my_arm.urdf                    what a file holds
+
+repctl COMMAND --help lists the options of a command.
 """
 
 
@@ -127,12 +120,13 @@ def parser() -> Parser:
     for name, command in commands():
         part = parts.add_parser(
             name,
-            help=command.HELP,
+            help=re.split("[,:]", command.HELP)[0],
             description=f"{capital(command.HELP)}.",
             epilog=command.EXAMPLE,
             **_AS_WRITTEN,
         )
         command.add_options(part)
+        part.shorten_usage()
         part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
     return whole
 

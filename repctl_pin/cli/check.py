@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     from ..integrability.stable_surface import Surfaces
     from ..strategies import Inverse
 
-HELP = "test whether J⁺, a weighted inverse or a saved design is repeatable, and measure its drift"
+HELP = (
+    "test whether a controller is repeatable: J⁺, a weighted inverse or a saved design; and "
+    "measure its drift"
+)
 EXAMPLE = """examples:
   repctl check panda --weight inertia
   repctl check repctl-out/panda/design.json          # over its region

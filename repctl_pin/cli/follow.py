@@ -115,6 +115,7 @@ def run(options: Options) -> int:
     say = progress(options.json)
     from ..model.bodies import bodies_of
     from ..motion.csv_file import csv_text
+    from ..motion.follow import unresolved
     from ..motion.joint_motion import refuse_violations, violations_of
     from ..motion.write_motion import commanded, yaml_text
     from ..show.text.table import outside_words
@@ -153,8 +154,12 @@ def run(options: Options) -> int:
         integrator=rp.LeafLock(2) if lock else "rk4",
     )
     motion = replace(motion, region=case.region)
+    loose = "" if lock else unresolved(strategy, motion)
+    notes += [f"this motion {loose}"] if loose else []
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
+    if loose:
+        result["drift"] = None
     rest: rp.TimedMotion | None = None
     if options.acceleration is not None:
         say("timing the motion")
@@ -394,12 +399,12 @@ def _lines(
     if motion.path.options:
         yield f"path options    {motion.path.options}"
     yield f"start           {row(result['start'])}"
-    last = (
-        ""
-        if motion.cycles == 1
-        else f", {number(motion.drift[-1])} after {motion.cycles}"
-    )
-    yield f"joint drift     {number(motion.drift[0])} {motion.task.unit} after 1 cycle{last}"
+    if result["drift"] is None:
+        yield "joint drift     not a number"
+    else:
+        first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
+        more = f", {last} after {motion.cycles}" if motion.cycles > 1 else ""
+        yield f"joint drift     {first} {motion.task.unit} after 1 cycle{more}"
     yield f"tracking error  maximum {number(result['tracking_error'])} m"
     margin = result["limit_margin"]
     yield f"limit margin    {'no limits' if margin is None else number(margin)}"

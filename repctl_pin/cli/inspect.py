@@ -7,7 +7,7 @@ from .given import Options
 from .options import Parser
 from .terminal import report
 
-HELP = "list joints, limits, frames and redundancy of a robot or a URDF"
+HELP = "list what a robot or a URDF holds: joints, limits, frames and redundancy"
 EXAMPLE = """examples:
   repctl inspect my_arm.urdf          the ends of its arms, with positions
   repctl inspect my_arm.urdf --all    every frame"""

@@ -12,13 +12,24 @@ from .given import Options
 KINDS = "pose, axis, position, xy, xz or yz"
 """Kinds of task, for the help of ``--task``; ``model/kind.py`` takes too long to import."""
 
-_PATHS = (
-    "circle:RADIUS, turned until the arm can follow it; circle:RADIUS:DEGREES, starting at that "
-    "angle from the first axis of the plane; square:SIDE, eight:RADIUS, rose:RADIUS, "
-    "polygon:CORNERS:RADIUS, all in m; or FILE.csv, one point per line: x,y,z in m in the frame of "
-    "the base, the first point repeated at the end; a header may add qx,qy,qz,qw and time; append "
-    ":blend=RADIUS to round corners"
-)
+_GROUPS = {
+    "robot": "robot package-dir lock base surroundings frame task start",
+    "path": "path plane cycles steps period acceleration jerk tool-speed keep-times rate",
+    "design": "strategy potentials region shrink keep degree fourier basis weight best-leaf "
+    "limit-margin body-distance sigma-min samples held-out seed prove",
+    "output": "out csv yaml profile allow-violations report full json quiet",
+}
+"""Groups of options, in the order of the help; other options come first."""
+
+PATHS = """paths, lengths in m:
+  circle:RADIUS          turned until the arm can follow it
+  circle:RADIUS:DEGREES  starting at that angle from the plane's first axis
+  square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
+  FILE.csv               a point x,y,z per line, in the frame of the base, the
+                         first one repeated at the end; a header may add
+                         qx,qy,qz,qw and time
+  PATH:blend=RADIUS      with rounded corners"""
+"""Grammar of --path, which the help of ``repctl study`` shows."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -74,6 +85,30 @@ class Parser(argparse.ArgumentParser):
         return {
             name: names[dest] for name, dest in others.items() if dest in names
         } | names
+
+    def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
+        """Add an argument; an option goes into its group."""
+        option = str(names[0]).removeprefix("--") if names else ""
+        title = next((g for g, own in _GROUPS.items() if option in own.split()), None)
+        if title is None or not str(names[0]).startswith("--"):
+            return super().add_argument(*names, **how)
+        known = {group.title: group for group in self._action_groups}
+        group = known.get(title) or self.add_argument_group(title)
+        return group.add_argument(*names, **how)
+
+    def shorten_usage(self) -> None:
+        """Write only the arguments into the usage, and order the groups of options."""
+        arguments = [action for action in self._actions if not action.option_strings]
+        names = [
+            f"[{action.metavar}]" if action.nargs in ("?", "*") else action.metavar
+            for action in arguments
+        ]
+        words = [str(name or "") for name in names]
+        self.usage = " ".join([self.prog, *filter(None, words), "[options]"])
+        order = [*_GROUPS]
+        self._action_groups.sort(
+            key=lambda group: order.index(group.title) if group.title in order else -1
+        )
 
     def robot(self) -> None:
         """Add the argument ROBOT and the options for loading it."""
@@ -136,9 +171,10 @@ class Parser(argparse.ArgumentParser):
         kinds = (
             f"{KINDS} (default: the first redundant one of pose, position, xy, xz, yz)"
         )
-        self.add_argument("--frame", help="link to move (default: the end of the arm)")
-        self.add_argument("--task", metavar="KIND", help=kinds)
-        self.add_argument(
+        add = self.add_argument
+        add("--frame", help="link to move (default: the end of the arm)")
+        add("--task", metavar="KIND", help=kinds)
+        add(
             "--start",
             metavar="Q",
             help="joint positions, rad or m, separated by commas",
@@ -148,8 +184,11 @@ class Parser(argparse.ArgumentParser):
         self, lead: str = "", default: str = " (default: a circle that fits)"
     ) -> None:
         """Add --path and --plane; ``lead`` and ``default`` enclose the help of --path."""
-        self.add_argument("--path", metavar="PATH", help=lead + _PATHS + default)
-        self.add_argument(
+        add = self.add_argument
+        where = "below" if self.prog == "repctl study" else "`repctl study --help`"
+        shapes = f"circle:0.1, square:0.2, eight:0.1, …, or FILE.csv, see {where}"
+        add("--path", metavar="PATH", help=lead + shapes + default)
+        add(
             "--plane",
             metavar="PLANE",
             help="plane of the path: xy, yz or xz (default: the first that fits)",

@@ -12,7 +12,7 @@ import repctl_pin as rp
 from ..defaults import CYCLES, DEGREE, PERIOD, STEPS
 from ..files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
-from .options import Parser
+from .options import PATHS, Parser
 from .terminal import page_lines, progress, report
 
 if TYPE_CHECKING:
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 HELP = "measure how far an arm drifts on a closed path, and design a controller that does not drift"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
-EXAMPLE = "example: repctl study panda --path circle:0.1 --plane yz --cycles 20"
+EXAMPLE = f"""{PATHS}
+
+example: repctl study panda --path circle:0.1 --plane yz --cycles 20"""
 
 
 def add_options(parser: Parser) -> None:
@@ -51,12 +53,11 @@ def add_options(parser: Parser) -> None:
     region = "half-width of Ω around the start, rad (default: a tube around the cycle)"
     add("--region", type=positive, metavar="W", help=region)
     degree = (
-        f"degree of the potentials (default {DEGREE}, or 1 for arms with many joints); "
-        "3 or 4 may come nearer to J⁺, and computation time grows fast"
+        f"degree of the potentials (default {DEGREE}, or 1 for arms with many joints)"
     )
     add("--degree", type=integer, help=degree)
     parser.weight()
-    best = "speed: move the start along its self-motion to where the path needs least joint speed"
+    best = "speed: start on the self-motion where the path needs least joint speed"
     add("--best-leaf", choices=["speed"], help=best)
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")

@@ -229,7 +229,7 @@ class Continuation:
 
     def reported(self, step: int, cost: float) -> None:
         """Pass the step number and the cost of a descent to the progress callback."""
-        self.problem.report(f"step {step}, cost {cost:.6g}", 1.0)
+        self.problem.report(f"step {step}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
         """Yield the regular optima reached by descents from random perturbations of A."""

@@ -95,6 +95,16 @@ def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
     return farthest(visuals.shapes, off[0], arm_links(task))
 
 
+def cycle_displacements(motion: JointMotion) -> Array:
+    """Compute how far the part that is off most is off after each cycle: (cycles,), m."""
+    task, visuals = motion.task, Visuals.of(motion.task.robot)
+    placements = visuals.placements(task.to_robot(motion.q[:: motion.steps]))
+    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
+    links = arm_links(task)
+    own = [shape.link in links for shape in visuals.shapes]
+    return off[:, own].max(axis=1, initial=0.0)
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class LinkPoints:

@@ -14,6 +14,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .._version import __version__
+from ..motion import Motion
 from ..studies.study_maps import StudyMaps
 from ..studies.study_result import Study
 from .page.html import render
@@ -25,6 +26,8 @@ from .plots.designs import cost_against_degree, joint_map, maps_that_vary
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
+from .text.answer import displacement_cells
+from .text.headline import names_of
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 
@@ -84,9 +87,11 @@ def report_page(
         animation=(animation or study_page(study)).replace(
             "<body>", '<body class="inside">', 1
         ),
-        still=_picture(still_figure(study), captions.still_words(study)),
-        strategies=[(row.label, colour[row.key]) for row in study.rows],
-        measures=study_cells(study),
+        still=picture(still_figure(_compared(study)), captions.still_words(study)),
+        strategies=[
+            (names_of(row.label)["title"], colour[row.key]) for row in study.rows
+        ],
+        measures=[*displacement_cells(study), *study_cells(study)],
         legend=study_legend(study),
         figures=list(_figures(study, maps)),
         glossary=captions.GLOSSARY,
@@ -108,6 +113,16 @@ def versions() -> dict[str, str]:
     return found | {"system": f"{platform.system()} {platform.machine()}"}
 
 
+def _compared(study: Study) -> list[tuple[str, Motion, str]]:
+    """List the label, motion and colour of J⁺ and of the repeatable inverse."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    return [
+        (row.label, row.motion, COLOURS[row.key])
+        for row in rows
+        if row.motion is not None
+    ]
+
+
 def _figures(
     study: Study, maps: StudyMaps | None
 ) -> Iterable[tuple[str, dict[str, object]]]:
@@ -116,20 +131,20 @@ def _figures(
     on = [
         m for m in moved if m[2] != COLOURS["posture_off"]
     ]  # its first motion to the posture would hide the others
-    yield "Drift", _picture(drift_figure(moved, ""), captions.drift_words(study))
-    yield "Joints", _picture(joints_figure(moved, ""), captions.joints_words(study))
+    yield "Drift", picture(drift_figure(moved, ""), captions.drift_words(study))
+    yield "Joints", picture(joints_figure(moved, ""), captions.joints_words(study))
     yield (
         "Orbits in joint space",
-        _picture(orbits_figure(on, ""), captions.orbits_words(study)),
+        picture(orbits_figure(on, ""), captions.orbits_words(study)),
     )
     yield (
         "Speed and limits",
-        _picture(cycle_figure(moved, ""), captions.cycles_words(study)),
+        picture(cycle_figure(moved, ""), captions.cycles_words(study)),
     )
     if maps is not None:
         yield (
             "The design over two joints",
-            _picture(_maps_figure(study, maps), captions.maps_words(study, maps)),
+            picture(_maps_figure(study, maps), captions.maps_words(study, maps)),
         )
 
 
@@ -153,7 +168,7 @@ def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
     return figure
 
 
-def _picture(figure: Figure, text: str) -> dict[str, object]:
+def picture(figure: Figure, text: str) -> dict[str, object]:
     """Draw a figure, cropped to its contents, and encode it for the page with its description."""
     metadata = {"Software": None}
     picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)

@@ -97,7 +97,7 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
     ]
     chain = TracedChain(study.task, study.elbow)
     stopped = [
-        stopped_words(row.label, row.stopped) for row in rows if row.motion is None
+        stopped_words(row.label, row.failure) for row in rows if row.motion is None
     ]
     if not tracks:
         raise InputError(

@@ -18,7 +18,7 @@ from ..fit_options import FitOptions, fit_options
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
 from ..model.task import Task
-from ..motion import Motion, check_length, follow
+from ..motion import Motion, check_length, follow, unresolved
 from ..paths import Cycle, TaskPath
 from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
@@ -205,7 +205,8 @@ def _followed(
     usual = period or path.period or PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
     last = _repeatable(design, path, q0, options)
-    first = _run("pseudoinverse", plain, path, q0, options)
+    followed = _run("pseudoinverse", plain, path, q0, options)
+    first = _resolved(followed, plain)
     if type(design.desired) is Pseudoinverse:
         first = replace(first, distance=0.0)
     slower: list[str] = []
@@ -231,7 +232,7 @@ def _followed(
         replace(last, leaf_margin=margin, distance=design.relative_distance),
     ]
     edges = [
-        *edge_warning(first, plain, path, q0, options),
+        *edge_warning(followed, plain, path, q0, options),
         *edge_warning(last, design.inverse, path, q0, options),
     ]
     return rows, options["period"], [*slower, *edges]
@@ -325,6 +326,12 @@ def _run(
         return Row(key, label, follow(strategy, path, q0, **options))
     except SingularityError as error:
         return Row(key, label, None, stopped=str(error))
+
+
+def _resolved(row: Row, strategy: Strategy) -> Row:
+    """Return a row, without its motion if its drift depends on the number of steps."""
+    why = "" if row.motion is None else unresolved(strategy, row.motion)
+    return replace(row, motion=None, stopped=why) if why else row
 
 
 def _leaf_margin(design: Design, motion: Motion | None) -> float:

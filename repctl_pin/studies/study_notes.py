@@ -13,6 +13,8 @@ from ..errors import InputError, SingularityError
 from ..integrability import drift_per_area
 from ..model.task import Task
 from ..motion import LeafLock, Motion, follow, least_closed_motion
+from ..motion.displacement import farthest_link
+from ..motion.fitting_circle import fitting_circle, planes_of
 from ..motion.joint_motion import TOO_FAST, cycle_of
 from ..motion.motion import ON_PATH
 from ..paths import TaskPath
@@ -21,6 +23,12 @@ from .study_result import Row
 
 _EXTRA_SPEED = 0.05
 """Extra joint speed in cycle 1, relative to J⁺, above which a note explains it."""
+
+_HARDLY = 0.01
+"""Displacement of every part, m, below which J⁺ counts as hardly drifting on a path."""
+
+_FEW = 100
+"""Number of steps per cycle on circles in other planes."""
 
 _LITTLE = 1e-4
 """Drift per cycle, rad or m, up to which J⁺ counts as hardly drifting on a path."""
@@ -85,12 +93,20 @@ def violation_texts(row: Row) -> list[str]:
 def _drift_elsewhere(
     plain: Pseudoinverse, q0: Array, motion: Motion | None
 ) -> list[str]:
-    """Write a note on the plane in which J⁺ drifts most, if it hardly drifts on the study's path.
+    """Write a note on the plane in which J⁺ drifts more, if it hardly drifts on the study's path.
 
     ``plain`` is J⁺, ``motion`` its motion; the list has at most one text.
     """
     task = plain.task
-    if motion is None or motion.drift[0] > _LITTLE or task.m < 3:
+    if motion is None or task.m < 3:
+        return []
+    _, off = farthest_link(task, motion.q[[0, -1]])
+    found = _other_circle(plain, q0, motion) if off < _HARDLY else None
+    if found is not None and found[2] >= max(_HARDLY, 2 * off):
+        plane, link, most = found
+        more = f"{link} is {100 * most:.2g} cm off after {motion.cycles} cycles"
+        return [f"on a circle of the same size in {plane} J⁺ drifts more: {more}"]
+    if motion.drift[0] > _LITTLE:
         return []
     per_area = drift_per_area(plain, q0)
     a, b = np.unravel_index(int(per_area.argmax()), per_area.shape)
@@ -100,6 +116,30 @@ def _drift_elsewhere(
     plane = "".join("xyz"[k] for k in sorted((a, b)))
     small = f"on small loops in {plane} it drifts by {most:.2g} {task.unit} per m²"
     return [f"J⁺ hardly drifts on this path, but {small}"]
+
+
+def _other_circle(
+    plain: Pseudoinverse, q0: Array, motion: Motion
+) -> tuple[str, str, float] | None:
+    """Find the circle of the same radius in another plane on which J⁺ drifts most.
+
+    Returns the plane, the link that is off most and how far, m; None for a path that is not a
+    circle, or without such a circle that the arm can follow.
+    """
+    task, path = plain.task, motion.path
+    kind, _, size = path.spec.partition(":")
+    found: list[tuple[str, str, float]] = []
+    for plane in planes_of(task) if kind == "circle" else ():
+        if plane == path.plane:
+            continue
+        try:
+            radius = float(size.partition(":")[0])
+            other = fitting_circle(task, q0, plane=plane, radius=radius)
+            again = follow(plain, other, q0, cycles=motion.cycles, steps=_FEW)
+        except (InputError, SingularityError):
+            continue
+        found.append((plane, *farthest_link(task, again.q[[0, -1]])))
+    return max(found, key=lambda one: one[2], default=None)
 
 
 def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:

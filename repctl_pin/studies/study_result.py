@@ -16,6 +16,7 @@ from ..model.mechanism import Mechanism
 from ..model.task import Task
 from ..motion import Motion, elbow
 from ..motion.displacement import end_displacements, farthest_link
+from ..motion.follow import UNRESOLVED
 from ..motion.joint_motion import Violation, violations_of
 from ..motion.limits import presumed_acceleration
 from ..paths import TaskPath
@@ -33,7 +34,8 @@ class Row:
     key, label : str
         Name in files (``pseudoinverse``), and display name (``J⁺``).
     motion : Motion or None
-        Motion of the strategy; None if it stopped, for the reason ``stopped``.
+        Motion of the strategy; None if it stopped, or if its drift depends on the number of steps,
+        for the reason ``stopped``.
     leaf_margin : float or None
         Worst σ_min(Nᵀ V̂) along the motion; None if the strategy has no V.
     distance : float or None
@@ -59,11 +61,18 @@ class Row:
     violations: tuple[Violation, ...] = ()
     cycle_time: float | None = None
 
+    @property
+    def failure(self) -> str:
+        """Predicate that says why there is no motion, such as ``stopped: …``; empty with one."""
+        if self.motion is not None or self.stopped.startswith(UNRESOLVED):
+            return self.stopped
+        return f"stopped: {self.stopped}"
+
     def summary(self) -> str:
         """Summarise the result in one line."""
         motion = self.motion
         if motion is None:
-            return f"stopped: {self.stopped}"
+            return self.failure
         unit = motion.task.unit
         first, last = motion.drift[0], motion.drift[-1]
         parts = [

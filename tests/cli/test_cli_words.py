@@ -106,6 +106,28 @@ def helped(command: str, capsys) -> str:
     return " ".join(capsys.readouterr().out.split())
 
 
+def test_help_is_short_and_in_groups(capsys) -> None:
+    """One line of usage each; only study writes the grammar of --path; options are in groups."""
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    whole = capsys.readouterr().out
+    assert whole.count("\n") <= 40
+    for name in ("study", "design", "follow", "check", "animate", "cell", "relabel"):
+        assert f"\n    {name} " in whole
+        with pytest.raises(SystemExit):
+            main([name, "--help"])
+        usage, *lines = capsys.readouterr().out.splitlines()
+        assert usage.startswith(f"usage: repctl {name} ") and len(usage) <= 80
+        assert usage.endswith("[options]") and lines[0] == ""
+        assert sum("polygon:CORNERS" in line for line in lines) == (name == "study")
+        titles = [line for line in lines if line in GROUPS]
+        assert titles == sorted(titles, key=GROUPS.index)
+        assert len(titles) == 4 or name != "study"
+
+
+GROUPS = ["robot:", "path:", "design:", "output:"]
+
+
 def test_help_says_what_is_done(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for command in ("study", "design"):

@@ -256,9 +256,12 @@ def test_the_command_answers_in_a_small_terminal(
     rp.save(relabeled.design, "cell.json")
     small = fit_terminals(monkeypatch)
     assert main(["relabel", "demos.csv", "cell.json", "--leaf", "0.1"]) == 0
-    assert (
-        small[0].startswith("Ambiguity of the joints: ") and small[0].count("\n") <= 22
+    first = " ".join(small[0].split())
+    assert first.startswith(
+        "Your demonstrations used one configuration for each pose already. "
+        "Ambiguity of the joints: "
     )
+    assert small[0].count("\n") <= 22
     folder = Path("repctl-out/demos")
     assert {f.name for f in folder.iterdir()} == {
         "demos.csv",
@@ -272,6 +275,24 @@ def test_the_command_answers_in_a_small_terminal(
     assert found["relabelled"] == found["frames"] == 1200 and found["sessions"] == 4
     assert main(["relabel", "demos.csv", "cell.json", "--out", "."]) == 2
     assert "would replace demos.csv" in capsys.readouterr().err
+
+
+def test_the_page_shows_the_arms_before_and_after(
+    relabeled: rp.Relabeled, tmp_path: Path, capsys
+) -> None:
+    """Four sessions, each with its own elbow: four arms at one pose, then one."""
+    recording = relabeled.recording
+    rows = np.c_[recording.session, recording.joints]
+    names = ",".join(["session", *recording.task.joint_names])
+    np.savetxt(tmp_path / "demos.csv", rows, "%.12g", ",", header=names, comments="")
+    rp.save(relabeled.design, tmp_path / "cell.json")
+    files = [str(tmp_path / name) for name in ("demos.csv", "cell.json", "out")]
+    assert main(["relabel", *files[:2], "--out", files[2]]) == 0
+    said = "Your demonstrations used several configurations for one pose; now"
+    assert capsys.readouterr().out.startswith(said)
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert said in page
+    assert page.index("The arm in several sessions") < page.index("In numbers")
 
 
 def test_data_of_the_old_joints_is_not_kept(

@@ -159,7 +159,7 @@ def test_a_stopped_motion_is_named_in_the_sentence(
     )
     report = (folder / "stuck" / "report.html").read_text(encoding="utf-8")
     why = "the Jacobian &lt;loses&gt; rank."
-    assert f"<p>The pseudoinverse J⁺ stopped: {why}</p>" in report
+    assert f"<p>The usual control, the pseudoinverse J⁺, stopped: {why}</p>" in report
     (summary,) = re.findall(r'(?s)<section class="summary">.*?</section>', report)
     assert "nan" not in summary and "its extra joint speed is unknown" in summary
     assert answered(text, "link 4 off|farthest part off")[:2] == ["stopped"] * 2

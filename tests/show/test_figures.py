@@ -33,6 +33,15 @@ NAMES = (
 """The figures of a report, as they are written."""
 
 
+PLAIN = {
+    "J⁺": "Usual control",
+    "J⁺ + posture": "Usual + posture",
+    "J⁺ + other posture": "Usual + other posture",
+    "nearest repeatable": "Repeatable",
+}
+"""Names of the strategies in figures."""
+
+
 def figures_of(study: rp.Study, folder: Path) -> dict[str, Figure]:
     return dict(zip(NAMES, printed(study, folder, "--report")[1], strict=True))
 
@@ -69,22 +78,22 @@ def drifting_most(motion: rp.Motion, count: int) -> list[int]:
 def test_drift_lines_hold_the_drift(study: rp.Study, figures: dict) -> None:
     (ax,) = figures["drift"].axes
     (inset,) = ax.child_axes
-    assert (ax.get_yscale(), inset.get_yscale()) == ("log", "linear")
-    assert "(rad)" in ax.get_ylabel() and ax.get_xlabel() == "cycle"
-    said = {text.get_text() for text in ax.texts}
-    for label, motion, _ in rows_of(study):  # each line says its end, and closed is 0
-        end = (
-            f"{motion.drift[-1]:.3g} rad"
-            if motion.drift[-1] > 1e-6
-            else f"0\n({motion.drift[-1]:.0e}".replace("e-0", "e-")
-        )
-        assert any(text.startswith(f"{label}: {end}") for text in said), (label, said)
-    for lines in (ax.lines, inset.lines):
-        for line, (label, motion, colour) in zip(lines, rows_of(study), strict=True):
-            assert line.get_label() == label
-            assert to_hex(line.get_color()) == colour.lower()
-            np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
-            np.testing.assert_array_equal(line.get_ydata(), motion.drift)
+    assert (ax.get_yscale(), inset.get_yscale()) == ("linear", "log")
+    assert "(cm)" in ax.get_ylabel() and ax.get_xlabel() == "cycle"
+    assert "(rad), log scale" in inset.get_title(loc="left")
+    found = study.as_dict()["strategies"]
+    for row, (_, motion, colour), line, small in zip(
+        study.rows, rows_of(study), ax.lines, inset.lines, strict=True
+    ):
+        assert line.get_label() == small.get_label() == PLAIN[row.label]
+        assert to_hex(line.get_color()) == to_hex(small.get_color()) == colour.lower()
+        np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
+        np.testing.assert_array_equal(small.get_ydata(), motion.drift)
+        last = found[row.key]["farthest"]["displacement"]
+        assert line.get_ydata()[-1] == pytest.approx(100 * last)
+        end = "0" if last < 1e-4 else f"{100 * last:.2g} cm" if last >= 0.01 else ""
+        said = [text.get_text() for text in ax.texts]
+        assert any(text.startswith(f"{PLAIN[row.label]}: {end}") for text in said)
 
 
 def test_joint_lines_hold_the_joint(study: rp.Study, figures: dict) -> None:
@@ -160,7 +169,8 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(
 def test_units_of_mixed_arms(mixed: tuple[rp.Study, dict]) -> None:
     _, figures = mixed
     assert "(rad/s and m/s)" in figures["cycle"].axes[0].get_ylabel()
-    assert "(rad and m)" in figures["drift"].axes[0].get_ylabel()
+    (inset,) = figures["drift"].axes[0].child_axes
+    assert "(rad and m)" in inset.get_title(loc="left")
     first, _, last = figures["orbits"].axes
     assert first.get_xlabel() == "d1 (m)" and last.get_ylabel() == "theta3 (rad)"
     units = [ax.get_ylabel() for ax in figures["joints"].axes]

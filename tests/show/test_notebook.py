@@ -15,7 +15,6 @@ from browser import changed, errors, picture, schemes, wait_until_drawn
 from commands import printed
 from matplotlib.figure import Figure
 from page_file import Drawn
-from said import reads
 
 import repctl_pin as rp
 from repctl_pin.show.notebook import inline
@@ -158,28 +157,28 @@ def test_a_cell_holds_the_page_the_table_and_the_figures(
         np.testing.assert_array_equal(image, drawing(figure))
     drift, joints = figures
     motion = study.row("pseudoinverse").motion
-    assert drift.axes[0].lines[0].get_ydata().tolist() == motion.drift.tolist()
+    (inset,) = drift.axes[0].child_axes
+    assert inset.lines[0].get_ydata().tolist() == motion.drift.tolist()
     for ax, q in zip(joints.axes, motion.q.T, strict=True):
         assert ax.lines[0].get_ydata().tolist() == q.tolist()
 
 
 def test_pictures_have_words(study: rp.Study, cell: tuple[Any, list[Figure]]) -> None:
-    """For who cannot see them: the drift of every strategy, and of every joint under J⁺."""
+    """For who cannot see them: how far each is off, and the drift of every joint under J⁺."""
     found = re.findall('alt="([^"]*)"', cell[0]._repr_html_())
     drift, joints = (html.unescape(words) for words in found)
-    parts = drift.removeprefix("Joint drift after each cycle: ").split("; ")
-    assert parts.pop() == "in rad and m."
-    for row, part in zip(study.rows, parts, strict=True):
-        said = re.fullmatch(
-            re.escape(row.label)
-            + r" from (\S+) after the first cycle to (\S+) after the last",
-            part,
-        )
-        assert said is not None
-        for words, value in zip(said.groups(), row.motion.drift, strict=True):
-            assert reads(words, value, 3 if value >= 1e-3 else 1)
+    said, _, inset = drift.partition(". Inset: ")
+    assert inset == "the joint drift, rad and m, on a log scale."
+    parts = said.partition("after each cycle: ")[2].split("; ")
+    strategies = study.as_dict()["strategies"].values()
+    for part, found in zip(parts, strategies, strict=True):
+        off = found["farthest"]["displacement"]
+        last = re.search(r"first cycle, (\S+)(?: (.?m))? after the last$", part)
+        assert last is not None
+        scale = {None: 0.0, "m": 1.0, "cm": 100.0, "mm": 1000.0}[last[2]]
+        assert float(last[1]) == pytest.approx(scale * off, rel=0.05)
     motion = study.row("pseudoinverse").motion
-    said = re.search(r"At the end of J⁺ the joints have drifted by: (.*)\.$", joints)
+    said = re.search(r"Under usual control the joints have drifted by: (.*)\.$", joints)
     for part, name, value in zip(
         said[1].split(", "),
         study.task.joint_names,

@@ -18,7 +18,7 @@ from ...cli.given import (
     proved,
 )
 from ...cli.options import Parser
-from ...cli.terminal import in_percent, progress, report
+from ...cli.terminal import in_percent, page_lines, progress, report
 from ...errors import InputError, RepctlError, needed
 from ...files import write_whole, written_together
 from ...show.text.lines import Span, fitted, wrapped
@@ -186,7 +186,7 @@ def run(options: Options) -> int:
     say("drawing")
     with written_together(folder) as staged:
         pictures, notes = _pictures(design, staged, options.command_line)
-        made = [rp.save(design, staged / "cell.json"), *pictures]
+        made = [*pictures, rp.save(design, staged / "cell.json")]
     files = [folder / file.name for file in made]
 
     if design.function.chart.cell.widths[0] != cell.widths[0]:
@@ -202,12 +202,14 @@ def run(options: Options) -> int:
         if design.proof is not None:
             lines += [design.proof.summary(), ""]
         lines += [*(f"note: {note}" for note in [*notes, _MEANING]), ""]
+        lines += page_lines(files)
         said = cell_headline(design)
         sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]
         return [*wrapped([*said.sentence, *sentences]), Span(fitted("\n".join(lines)))]
 
     said = {"start_is": asked.start_is, "notes": notes}
-    report(options, lambda: _as_dict(design) | said, text, files)
+    listed = files if options.json else []  # the answer names them itself
+    report(options, lambda: _as_dict(design) | said, text, listed)
     return proof_code(design.proof)
 
 

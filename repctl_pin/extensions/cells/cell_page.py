@@ -13,11 +13,13 @@ from ...motion import Motion, elbow
 from ...motion.joint_motion import TOO_FAST
 from ...show.page.html import render
 from ...show.page.playback import TracedChain, playback_of, playback_page
+from ...show.page.snapshot import still_figure
 from ...show.palette import BLUE, VERMILLION
-from ...show.report import framed, versions
+from ...show.report import framed, picture, versions
 from ...show.text.headline import NEAR, Headline
 from ...show.text.lines import Span, capital
 from ...show.text.numbers import metres
+from ...show.text.parts import redundant_part
 from ...strategies import Pseudoinverse
 from .cell import Cell
 from .cell_design import CellDesign
@@ -27,6 +29,7 @@ _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
 
 _OF_THE_TOUR = "One sample path; the values above are for the whole cell."
+_STILL = "The arm at the start of the sample path, in grey, and at its end, in colour."
 
 _ARC = 49
 """Number of points along each arc of a sector."""
@@ -92,12 +95,14 @@ def cell_page(
     )
     if isinstance(design.cell, Sector) and design.evaluation.turns:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."
-    animation = ""
+    animation, still = "", None
     if motions:
         cycles = next(iter(motions.values())).cycles
+        shown = _coloured(motions)
         animation = _tour_page(
-            design, motions, joint, f"{cycles} cycles of a sample path"
+            design, shown, joint, f"{cycles} cycles of a sample path"
         )
+        still = picture(still_figure(shown), _STILL)
     return render(
         "cell.html",
         style="report.css",
@@ -105,6 +110,7 @@ def cell_page(
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}: {design.cell.size()}",
         headline=cell_headline(design, motions, notes),
         animation=animation.replace("<body>", '<body class="inside">', 1),
+        still=still,
         tour=_OF_THE_TOUR,
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
@@ -114,16 +120,23 @@ def cell_page(
     )
 
 
+def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
+    """List the label, motion and colour of each controller; the last one is the function."""
+    colours = [VERMILLION, BLUE][-len(motions) :]
+    return [
+        (*one, colour) for one, colour in zip(motions.items(), colours, strict=True)
+    ]
+
+
 def _tour_page(
-    design: CellDesign, motions: Mapping[str, Motion], joint: int, name: str
+    design: CellDesign,
+    motions: Sequence[tuple[str, Motion, str]],
+    joint: int,
+    name: str,
 ) -> str:
     """Write the animation page of the motions side by side, with the outline of the cell."""
-    colours = [VERMILLION, BLUE][-len(motions) :]
-    tracks = [
-        playback_of(label, motions[label], colour)
-        for label, colour in zip(motions, colours, strict=True)
-    ]
-    way = next(iter(motions.values())).path.points()
+    tracks = [playback_of(*one) for one in motions]
+    way = motions[0][1].path.points()
     return playback_page(
         [TracedChain(design.task, joint)],
         tracks,
@@ -137,7 +150,7 @@ def cell_headline(
     motions: Mapping[str, Motion] | None = None,
     notes: Sequence[str] = (),
 ) -> Headline:
-    """Write what one function covers; and as notes its cost, the limits and the bodies.
+    """Write what one function covers, and its cost; and as notes the limits and the bodies.
 
     The limit margin and the body distance are the smallest known in the cell.
 
@@ -151,21 +164,24 @@ def cell_headline(
         Notes on these motions.
     """
     path = list((motions or {}).values())[-1:]
-    said = [_cost(design), _limits(design, path), *_bodies(design, path)]
+    said = [_limits(design, path), *_bodies(design, path)]
     for motion in path:
         if motion.speed_ratio > TOO_FAST:
             times = f"{motion.speed_ratio:.2g} times the speed limit"
             said.append(Span(f"On the sample path, {times}.", "bad"))
+    if design.proof is None:
+        said.append(Span(f"Tested at {design.held_out:,} poses, not proved."))
     said += [Span(f"{capital(note)}.") for note in notes]
-    return Headline((Span(_covered(design)),), tuple(map(_unbroken, said)))
+    sentence = Span(_covered(design)), _cost(design)
+    return Headline(tuple(map(_unbroken, sentence)), tuple(map(_unbroken, said)))
 
 
 def _covered(design: CellDesign) -> str:
     """Write which poses the function covers and, if it is not all, what stops it elsewhere."""
     found = design.evaluation
     if found.everywhere:
-        poses = "every tested pose of the cell"
-        return f"One function covers {poses}: each has one configuration, always the same. "
+        shape = "sector" if isinstance(design.cell, Sector) else "box"
+        return f"Every pose in the {shape} has one {redundant_part(design.task)}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
     most = max(causes, key=lambda stop: stop.share, default=None)
     why = "" if most is None else f": {most.what}"
@@ -175,14 +191,12 @@ def _covered(design: CellDesign) -> str:
 def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed on average and at the worst pose, both over all directions."""
     mean, worst = (
-        f"{ratio_in_percent(abs(share), 2)} {'more' if share >= 0 else 'less'}"
+        ratio_in_percent(share, 2).replace("-", "−")
         for share in (design.extra_speed, design.extra_speed_worst)
     )
     plain = type(design.desired) is Pseudoinverse
-    usual = f"the {'usual' if plain else 'desired'} control"
-    return Span(
-        f"It takes {mean} joint speed than {usual} on average, and {worst} at the worst pose."
-    )
+    than = "" if plain else ", relative to the desired control"
+    return Span(f"It costs {mean} of joint speed, {worst} at worst{than}.")
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:

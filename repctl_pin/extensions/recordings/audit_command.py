@@ -12,7 +12,7 @@ from ...cli.terminal import page_lines, progress, report
 from ...errors import InputError
 from ...files import written_together
 
-HELP = "measure in a recorded joint log how far the arm creeps between returns to one hand pose"
+HELP = "measure in a joint log how far the arm has drifted, between returns to one hand pose"
 EXAMPLE = """examples:
   repctl audit joints.csv --robot my_arm.urdf
   repctl audit joints.npz --robot panda --degrees

@@ -21,9 +21,9 @@ EXAMPLE = """examples:
   repctl relabel demos.npz my_arm.urdf --frame tool0 --leaf 0.2
   repctl relabel demos.parquet cell.json --out relabelled
 
-FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the base, and optionally
-time and session. It writes the same file with new joints, cell.json (the function), and
-report.html."""
+FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the
+base, and optionally time and session. It writes the same file with new joints,
+cell.json (the function), and report.html."""
 
 
 def add_options(parser: Parser) -> None:
@@ -85,7 +85,7 @@ def run(options: Options) -> int:
         options=rp.FitOptions(**options.of("held_out", "seed")),
         progress=in_percent(say),
     )
-    from .relabel_page import relabel_page, relabel_sentence
+    from .relabel_page import ambiguity_words, relabel_page, relabel_sentence
 
     say("drawing")
     page = relabel_page(relabeled, command=options.command_line)
@@ -98,7 +98,8 @@ def run(options: Options) -> int:
         files = [folder / one.name for one in made]
 
     def text() -> str:
-        return fitted(f"{relabel_sentence(relabeled)}\n\n{relabeled.summary()}\n")
+        said = f"{relabel_sentence(relabeled)} {ambiguity_words(relabeled)}"
+        return fitted(f"{said}\n\n{relabeled.summary()}\n")
 
     return report(options, lambda: _as_dict(relabeled), text, files)
 

@@ -6,21 +6,35 @@ import numpy as np
 
 from ...show.page.html import render
 from ...show.plots.motions import png
-from ...show.report import DPI, framed, versions
+from ...show.report import DPI, framed, picture, versions
 from ...show.text.headline import Headline
 from ...show.text.lines import Span
+from ...show.text.parts import redundant_part
 from .relabel import Relabeled
-from .relabel_plots import labels_figure, shares_figure
+from .relabel_plots import arms_figure, labels_figure, shares_figure
 
 
 def relabel_sentence(relabeled: Relabeled) -> str:
-    """Write the ambiguity before and after in one sentence."""
-    unit = relabeled.recording.task.unit
+    """Write in one sentence whether the recorded joints were ambiguous, and that they are not now.
+
+    They were if the new joints have less than half their ambiguity.
+    """
     before = relabeled.residual_before
-    after = relabeled.residual_after
+    part = redundant_part(relabeled.recording.task)
     if np.isnan(before):
-        return f"Ambiguity of the joints: {after:.2g} {unit} (relabelled)."
-    return f"Ambiguity of the joints: {before:.2g} {unit} (recorded) → {after:.2g} (relabelled)."
+        return f"Every pose has one {part}."
+    if relabeled.residual_after < 0.5 * before:
+        several = "elbows" if part.startswith("elbow") else f"{part}s"
+        return f"Your demonstrations used several {several} for one pose; now one."
+    return f"Your demonstrations used one {part} for each pose already."
+
+
+def ambiguity_words(relabeled: Relabeled) -> str:
+    """Write the ambiguity of the joints before and after."""
+    unit, after = relabeled.recording.task.unit, f"{relabeled.residual_after:.2g}"
+    if np.isnan(relabeled.residual_before):
+        return f"Ambiguity of the joints: {after} {unit}."
+    return f"Ambiguity of the joints: {relabeled.residual_before:.2g} → {after} {unit}."
 
 
 def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
@@ -41,6 +55,7 @@ def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
         caption=f"{task.frame}, {task.kind} task, n = {task.n}, r = {task.r}",
         headline=Headline((Span(relabel_sentence(relabeled)),), _notes(relabeled)),
         figures=[
+            *_arms(relabeled),
             ("Joints", framed(png(labels_figure(relabeled), DPI), _LABELS)),
             (
                 "Shares of the frames",
@@ -54,6 +69,10 @@ def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
     )
 
 
+_ARMS = (
+    "The arm in several sessions, at the frames whose poses are nearest to one pose: as recorded, "
+    "and relabelled."
+)
 _LABELS = (
     "Each joint over the frames, session after session: recorded, and relabelled. Dashed lines are "
     "joint limits. Where sessions began with different elbows, the recorded joints differ at equal "
@@ -74,13 +93,20 @@ _GLOSSARY = {
 }
 
 
+def _arms(relabeled: Relabeled) -> list[tuple[str, dict[str, object]]]:
+    """Make the figure of the arms at one pose; empty with one session, or without joints."""
+    figure = arms_figure(relabeled)
+    return [] if figure is None else [("Arms", picture(figure, _ARMS))]
+
+
 def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
     """Write the number of frames that were relabelled and that were not, and the limit margins."""
     found = relabeled.found
     lost = int((~found).sum())
     margin = float(relabeled.margins_after[found].min())
     unit = relabeled.recording.task.unit
-    notes = [Span(f"{int(found.sum()):,} frames relabelled.")]
+    notes = [Span(ambiguity_words(relabeled))]
+    notes.append(Span(f"{int(found.sum()):,} frames relabelled."))
     if lost:
         notes.append(Span(f"{lost:,} not relabelled.", "bad"))
     if relabeled.margins_before is not None and np.isfinite(margin):

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...arguments import Array
+from ...show.page.scene import is_planar
+from ...show.page.snapshot import bones, viewed
 from ...show.palette import BLUE, INK, VERMILLION
 from ...show.plots.motions import axis_label, legend_below, quiet, titled
 from .relabel import Relabeled
@@ -14,6 +18,71 @@ from .relabel import Relabeled
 _POINTS = 1500
 _COLUMNS = 2
 _BEFORE, _AFTER = "recorded", "relabelled"
+
+
+def arms_figure(relabeled: Relabeled) -> Figure | None:
+    """Draw the arms of several sessions at nearly one pose, before and after.
+
+    None if the joints were not recorded, or if fewer than two sessions come to one pose.
+    """
+    rows = _at_one_pose(relabeled)
+    before, task = relabeled.recording.joints, relabeled.recording.task
+    if before is None or len(rows) < 2:
+        return None
+    arms = {_BEFORE: before[rows], _AFTER: relabeled.joints[rows]}
+    lines = {name: [bones(task, q) for q in Q] for name, Q in arms.items()}
+    every = np.concatenate([*lines[_BEFORE], *lines[_AFTER]])
+    flat = is_planar(every)
+    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
+    axes: list[Any] = []
+    for k, (name, drawn) in enumerate(lines.items(), 1):
+        ax: Any = figure.add_subplot(1, 2, k, projection=None if flat else "3d")
+        colour = VERMILLION if name == _BEFORE else BLUE
+        for line in drawn:
+            ax.plot(*line.T[: 2 if flat else 3], color=colour, lw=2.4, marker="o", ms=4.5,
+                    alpha=0.75, solid_capstyle="round")  # fmt: skip
+        ax.set_title(f"{name}, {len(rows)} sessions", fontsize=10)
+        axes.append(ax)
+    return viewed(figure, axes, every, flat)
+
+
+def _at_one_pose(relabeled: Relabeled) -> list[int]:
+    """Choose a frame of each of several sessions, all at nearly one pose, far apart in the joints.
+
+    Of some frames of the first session, the one is taken whose neighbours in the other sessions
+    differ most in the joints per distance of their poses.
+    """
+    recording, found = relabeled.recording, relabeled.found
+    if recording.joints is None:
+        return []
+    cell = relabeled.design.cell
+    U, _ = cell.coordinates(recording.positions, recording.rotations)
+    sessions = [
+        np.flatnonzero(found & (recording.session == k))
+        for k in range(len(recording.names))
+    ]
+    sessions = [frames for frames in sessions if len(frames)][:_ARMS]
+    if len(sessions) < 2:
+        return []
+    best, most = [], 0.0
+    some = np.linspace(0, len(sessions[0]) - 1, _TRIED).astype(int)
+    for first in np.unique(sessions[0][some]):
+        gaps = [np.linalg.norm(U[frames] - U[first], axis=1) for frames in sessions]
+        rows = [int(at[gap.argmin()]) for at, gap in zip(sessions, gaps, strict=True)]
+        apart = float(np.ptp(recording.joints[rows], axis=0).max())
+        score = apart / (_NEAR + max(float(gap.min()) for gap in gaps))
+        best, most = (rows, score) if score > most else (best, most)
+    return best
+
+
+_ARMS = 6
+"""Maximum number of arms drawn at one pose."""
+
+_TRIED = 200
+"""Number of frames at which the arms are compared."""
+
+_NEAR = 0.1
+"""Distance of two poses in the cell's coordinates, in which the cell is ±1, that hardly counts."""
 
 
 def labels_figure(relabeled: Relabeled) -> Figure:

@@ -1,7 +1,8 @@
-"""Still figure of a study: the arm as a stick figure at the start and at the end."""
+"""Still figure of motions: the arm as a stick figure at the start and at the end."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ...model.task import Task
-from ...motion import Motion
-from ...studies.study_result import Study
-from ..palette import COLOURS, INK
+from ...motion import Motion, elbow
+from ..palette import INK
 from ..plots.motions import plain
+from ..text.numbers import counted
 from .scene import is_planar
 
 _START = "#9aa4ae"
@@ -75,28 +76,31 @@ def still(
     return ax
 
 
-def still_figure(study: Study) -> Figure:
-    """Make the still figure of the animation: J⁺ and the repeatable inverse, side by side."""
-    rows = [
-        row
-        for row in (study.row("pseudoinverse"), study.row("repeatable"))
-        if row.motion is not None
-    ]
-    stations = np.vstack([bones(study.task, study.q0), study.path.points(16)])
+def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
+    """Make the still figure of an animation: label, motion and colour of each pane."""
+    first = motions[0][1]
+    joint = elbow(first.task, first.q[0])
+    stations = np.vstack([bones(first.task, first.q[0]), first.path.points(16)])
     flat = is_planar(stations)
-    figure = Figure(figsize=(5.0 * len(rows), 4.6), layout="constrained")
+    figure = Figure(figsize=(5.0 * len(motions), 4.6), layout="constrained")
     axes: list[Any] = []
-    for k, row in enumerate(rows, 1):
-        assert row.motion is not None
-        ax: Any = figure.add_subplot(1, len(rows), k, projection=None if flat else "3d")
-        still(ax, row.motion, study.elbow, COLOURS[row.key], flat=flat)
-        ax.set_title(
-            f"{plain(row.label)}: start (grey), after {row.motion.cycles} cycles",
-            fontsize=10,
+    for k, (label, motion, colour) in enumerate(motions, 1):
+        ax: Any = figure.add_subplot(
+            1, len(motions), k, projection=None if flat else "3d"
         )
-        if not flat:
-            ax.view_init(elev=19, azim=_azimuth(stations))
+        still(ax, motion, joint, colour, flat=flat)
+        after = counted(motion.cycles, "cycle")
+        ax.set_title(f"{plain(label)}: start (grey), after {after}", fontsize=10)
         axes.append(ax)
+    return viewed(figure, axes, stations, flat)
+
+
+def viewed(
+    figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool
+) -> Figure:
+    """Give all axes of a figure one view, which shows the stations (P, 3) of an arm best."""
+    for ax in [] if flat else axes:
+        ax.view_init(elev=19, azim=_azimuth(stations))
     _same_room(axes, flat)
     return figure
 

@@ -50,7 +50,7 @@ def study_headline(study: Study) -> Headline:
     """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [
-        stopped_words(row.label, row.stopped) for row in rows if row.motion is None
+        stopped_words(row.label, row.failure) for row in rows if row.motion is None
     ]
     found = [one for row in rows if (one := row_summary(study, row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
@@ -60,9 +60,7 @@ def study_headline(study: Study) -> Headline:
 def study_verdict(study: Study) -> str:
     """Write the verdict that compares J⁺ and the nearest repeatable inverse of a study."""
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
-    stopped = [
-        f"{row.label} stopped: {row.stopped}." for row in rows if row.motion is None
-    ]
+    stopped = [f"{row.label} {row.failure}." for row in rows if row.motion is None]
     found = [one for row in rows if (one := row_summary(study, row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
     return " ".join([*stopped, *([verdict(found, cycles)] if found else [])])

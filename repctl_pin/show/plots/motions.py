@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from ...model.task import Task
 from ...motion import Motion
+from ...motion.displacement import cycle_displacements
 from ...motion.joint_motion import violations_of
 from ...motion.motion import CLOSED
 from ...studies.study_result import Study
 from ..palette import GREY, INK, colours, readable
-from ..text.numbers import number
+from ..text.headline import names_of
+from ..text.numbers import displacement, number
 
 _BEYOND: dict[str, Any] = {
     "marker": "x",
@@ -36,15 +38,46 @@ def drawn(study: Study) -> list[tuple[str, Motion, str]]:
     """List the label, motion and colour of every strategy of a study that has a motion."""
     colour = colours(study)
     return [
-        (plain(row.label), row.motion, colour[row.key])
+        (plain(names_of(row.label)["title"]), row.motion, colour[row.key])
         for row in study.rows
         if row.motion is not None
     ]
 
 
-def drift_over_cycles(
-    ax: Axes, motions: Sequence[tuple[str, Motion, str]], *, log: bool = False
-) -> Axes:
+class _Curve(NamedTuple):
+    """Line of one motion in a figure: a value (cycles,) after each cycle, and the last in words."""
+
+    label: str
+    motion: Motion
+    colour: str
+    values: NDArray[np.float64]
+    words: str
+
+
+def _drifts(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
+    """Make the curves of the joint drift."""
+    curves = []
+    for label, motion, colour in motions:
+        last = number(float(motion.drift[-1]))
+        words = f"{last} {motion.task.unit}"
+        if motion.closes:
+            words = f"0\n({last}, the integrator's error)"
+        drift = np.maximum(motion.drift, _LEAST)
+        curves.append(_Curve(label, motion, colour, drift, words))
+    return curves
+
+
+def _displacements(motions: Sequence[tuple[str, Motion, str]]) -> list[_Curve]:
+    """Make the curves of the displacement, cm, of the part that is off most."""
+    curves = []
+    for label, motion, colour in motions:
+        off = cycle_displacements(motion)
+        words = displacement(float(off[-1]))
+        curves.append(_Curve(label, motion, colour, 100 * off, words))
+    return curves
+
+
+def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
     """Draw the joint drift after each cycle, with name and last value at the end of each line.
 
     A cross marks the cycle in which a joint first exceeds its limits, or two bodies first collide.
@@ -55,76 +88,50 @@ def drift_over_cycles(
         Axes to draw on.
     motions
         Label, motion and colour of each.
-    log
-        True to use a log scale, on which closed motions stand apart from slow ones.
     """
-    _drift_lines(ax, motions)
-    if log:
-        ax.set_yscale("log")
-        ax.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
-        ax.yaxis.set_minor_locator(NullLocator())
-        _closed_band(ax)
-    else:
-        ax.set_ylim(0, _top(motions) or ax.get_ylim()[1])
-    ax.set_xlim(0.6, motions[0][1].cycles + 0.3)
-    _end_labels(ax, motions)
-    ax.set_xlabel("cycle")
+    _linear(ax, _drifts(motions))
     ax.set_ylabel(f"joint drift ‖q − q₀‖ ({motions[0][1].task.unit})")
-    return quiet(ax, whole=True)
+    return ax
 
 
-def _drift_lines(
-    ax: Axes, motions: Sequence[tuple[str, Motion, str]], size: float = 4.0
-) -> None:
-    """Draw the drift after each cycle, and crosses at the first violations."""
-    for (label, motion, colour), marker in zip(
-        motions, "osD^vPX" * len(motions), strict=False
-    ):
-        drift = np.maximum(motion.drift, _LEAST)
-        cycles = np.arange(1, motion.cycles + 1)
+def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
+    """Draw curves on a linear scale, with name and last value at the end of each line."""
+    _drift_lines(ax, curves)
+    ax.set_ylim(0, _top(curves) or ax.get_ylim()[1])
+    ax.set_xlim(0.6, curves[0].motion.cycles + 0.3)
+    _end_labels(ax, curves)
+    ax.set_xlabel("cycle")
+    quiet(ax, whole=True)
+
+
+def _drift_lines(ax: Axes, curves: Sequence[_Curve], size: float = 4.0) -> None:
+    """Draw the values after each cycle, and crosses at the first violations."""
+    for curve, marker in zip(curves, "osD^vPX" * len(curves), strict=False):
+        motion, values = curve.motion, curve.values
         ax.plot(
-            cycles,
-            drift,
+            np.arange(1, motion.cycles + 1),
+            values,
             marker=marker,
             ms=size,
             lw=0.4 * size,
-            color=colour,
-            label=label,
+            color=curve.colour,
+            label=curve.label,
         )
         for beyond in violations_of(motion, motion.coarse):
             cross = _BEYOND | {"ms": 2.25 * size}
-            ax.plot(beyond.cycle, drift[beyond.cycle - 1], **cross)
+            ax.plot(beyond.cycle, values[beyond.cycle - 1], **cross)
 
 
 _LEAST = 1e-17
 """Drift that is drawn in place of 0 on a log scale."""
 
 
-def _closed_band(ax: Axes) -> None:
-    """On a log scale, shade the drift that counts as closed, if a line is that low."""
-    low, high = ax.get_ylim()
-    low, high = (low / 30, 3 * high) if low < CLOSED else (low, high)
-    ax.set_ylim(low, high)
-    if low < CLOSED:
-        ax.axhspan(low, CLOSED, color="#f2f2f2", zorder=0)
-        words = f"closed: below {number(CLOSED)}"
-        ax.text(
-            0.01,
-            0.01,
-            words,
-            transform=ax.transAxes,
-            fontsize=8,
-            va="bottom",
-            color=GREY,
-        )
-
-
-def _top(motions: Sequence[tuple[str, Motion, str]]) -> float | None:
+def _top(curves: Sequence[_Curve]) -> float | None:
     """Choose the upper end of a linear axis for the motions of :func:`_near`; None if all are."""
-    kept = _near(motions)
-    if len(kept) == len(motions):
+    kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
+    if len(kept) == len(curves):
         return None
-    return 1.2 * max(float(motion.drift.max()) for _, motion, _ in kept)
+    return 1.2 * max(float(c.values.max()) for c in curves if c.label in kept)
 
 
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
@@ -148,25 +155,25 @@ def _stays(drift: NDArray[np.float64]) -> bool:
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
 
-def _end_labels(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> None:
-    """Write each motion's name, last drift and first violations at the end of its line."""
+def _end_labels(ax: Axes, curves: Sequence[_Curve]) -> None:
+    """Write each motion's name, last value and first violations at the end of its line."""
     high = ax.get_ylim()[1]
     to_axes = ax.transData + ax.transAxes.inverted()
-    order = sorted(motions, key=lambda one: float(one[1].drift[-1]))
-    words = [_end_words(label, motion, high) for label, motion, _ in order]
-    ends = [max(float(motion.drift[-1]), _LEAST) for _, motion, _ in order]
+    order = sorted(curves, key=lambda one: float(one.values[-1]))
+    words = [_end_words(curve, high) for curve in order]
+    ends = [float(curve.values[-1]) for curve in order]
     at_ends = [min(float(to_axes.transform((1.0, end))[1]), 1.0) for end in ends]
     places = _apart(at_ends, [_LINE * (text.count("\n") + 1) for text in words])
-    for (_, motion, colour), text, end, y, place in zip(
+    for curve, text, end, y, place in zip(
         order, words, ends, at_ends, places, strict=True
     ):
-        line = {"arrowstyle": "-", "color": colour, "lw": 0.8, "relpos": (0, 0.5)}
+        line = {"arrowstyle": "-", "color": curve.colour, "lw": 0.8, "relpos": (0, 0.5)}
         ax.annotate(
             text,
-            xy=(motion.cycles, min(end, high)),
+            xy=(curve.motion.cycles, min(end, high)),
             xytext=(1.03, place),
             textcoords="axes fraction",
-            color=readable(colour),
+            color=readable(curve.colour),
             fontsize=9,
             va="center",
             annotation_clip=False,
@@ -178,18 +185,15 @@ _LINE = 0.058
 """Height of one line of a label's text, as a fraction of the axes."""
 
 
-def _end_words(label: str, motion: Motion, high: float) -> str:
-    """Write the label at the end of a line: name, last drift and first violations; ``high`` is the
+def _end_words(curve: _Curve, high: float) -> str:
+    """Write the label at the end of a line: name, last value and first violations; ``high`` is the
     upper end of the axis."""
-    drift = float(motion.drift[-1])
-    value = f"{number(drift)} {motion.task.unit}"
-    if motion.closes:
-        value = f"0\n({number(drift)}, the integrator's error)"
+    above = " ↑" if curve.values[-1] > high else ""
     beyond = "".join(
         f"\n× {'limit' if len(it.names) == 1 else 'collision'} in cycle {it.cycle}"
-        for it in violations_of(motion, motion.coarse)
+        for it in violations_of(curve.motion, curve.motion.coarse)
     )
-    return f"{label}: {value}{' ↑' if drift > high else ''}{beyond}"
+    return f"{curve.label}: {curve.words}{above}{beyond}"
 
 
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
@@ -246,19 +250,27 @@ def _joint_over_cycles(
 
 
 def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
-    """Draw the figure ``drift.png``: the drift on a log scale, with an inset on a linear scale."""
+    """Draw the figure ``drift.png``: how far the arm is off after each cycle.
+
+    The part that is off most counts. The joint drift on a log scale is an inset.
+    """
     figure = Figure(figsize=(8.6, 4.4))
-    ax = drift_over_cycles(figure.add_subplot(), motions, log=True)
+    ax, curves = figure.add_subplot(), _displacements(motions)
+    _linear(ax, curves)
+    ax.set_ylabel("farthest part off its place (cm)")
     ax.set_title(plain(title), fontsize=10, loc="left")
     _arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
-    corner = _free_corner(ax, motions)
+    corner = _free_corner(ax, curves)
     if corner is not None:
         inset = ax.inset_axes((*corner, *_INSET))
-        _drift_lines(inset, motions, 2.5)
-        inset.set_ylim(0, _top(motions) or inset.get_ylim()[1])
-        inset.set_title("the same on a linear scale", fontsize=8, loc="left")
+        _drift_lines(inset, _drifts(motions), 2.5)
+        inset.set_yscale("log")
+        unit = motions[0][1].task.unit
+        inset.set_title(f"joint drift ({unit}), log scale", fontsize=8, loc="left")
         inset.tick_params(labelsize=7)
-        inset.locator_params("y", nbins=4)
+        inset.yaxis.set_major_locator(LogLocator(numticks=5))
+        inset.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+        inset.yaxis.set_minor_locator(NullLocator())
         inset.locator_params("x", nbins=5, integer=True)
         quiet(inset).grid(visible=False)
     return figure
@@ -268,9 +280,7 @@ _INSET = (0.38, 0.3)
 """Width and height of the inset, as fractions of the axes."""
 
 
-def _free_corner(
-    ax: Axes, motions: Sequence[tuple[str, Motion, str]]
-) -> tuple[float, float] | None:
+def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | None:
     """Find the highest place, on the left or else on the right, where the inset covers no line.
 
     Return its lower left corner, as fractions of the axes; None if there is no such place.
@@ -278,8 +288,8 @@ def _free_corner(
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)
     lines = [
-        to_axes.transform(np.c_[1 : m.cycles + 1, np.maximum(m.drift, _LEAST)]).T
-        for _, m, _ in motions
+        to_axes.transform(np.c_[1 : len(curve.values) + 1, curve.values]).T
+        for curve in curves
     ]
     for left in (0.1, 0.6):
         near = (shares > left - 0.08) & (shares < left + _INSET[0])

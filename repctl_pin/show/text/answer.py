@@ -13,7 +13,7 @@ from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from ..page.summaries import row_summary, study_headline
-from .headline import end_name, ends_off, off_of
+from .headline import end_name, ends_off, off_of, stopped_cell
 from .lines import Span, fitted, with_options, wrapped
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
@@ -30,8 +30,14 @@ _TITLES = {
     "posture": "+ posture",
     "repeatable": "repeatable",
 }
-_FIRST = "report.html is ", "collisions of ", "the URDF has no collision geometry"
-"""Beginnings of the notes on an old report and on bodies that are not checked, which come first."""
+_FIRST = (
+    "report.html is ",
+    "on a circle of the same size ",
+    "collisions of ",
+    "the URDF has no collision geometry",
+)
+"""Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
+are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
@@ -123,6 +129,12 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     return out
 
 
+def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
+    """Format how far the hand and the farthest part are off, for every strategy."""
+    rows = _cells(study, study.rows)[:2]
+    return [(name, [cell.text for cell in line]) for name, line in rows]
+
+
 def _unchecked(study: Study) -> int:
     """Count the bodies that are not checked for collisions."""
     return len(bodies_of(study.task).unchecked)
@@ -149,7 +161,7 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     if checked or not _unchecked(study):
         names.append("closest links")
     columns = [
-        [Span("stopped", "bad")] * len(names)
+        [Span(stopped_cell(row), "bad")] * len(names)
         if row.motion is None or one is None
         else _column(row.motion, one, summaries[0], ends[:1])[: len(names)]
         for row, one in zip(rows, summaries, strict=True)

@@ -8,24 +8,26 @@ import numpy as np
 from ...arguments import ratio_in_percent
 from ...model.bodies import bodies_of
 from ...motion import Motion
+from ...motion.displacement import cycle_displacements
 from ...studies.study_maps import StudyMaps
 from ...studies.study_result import Row, Study
+from ..page.summaries import row_summary
 from ..palette import COLOURS
-from .numbers import counted, number, percent
+from .headline import names_of
+from .numbers import counted, displacement, number, percent
 from .verdict import without_shape
 
 GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
     "the frame in the same way.",
-    "J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that give the frame its "
-    "velocity, the one with the smallest norm. It is the usual controller, and the desired one "
-    "here.",
+    "usual control, J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that give "
+    "the frame its velocity, the one with the smallest norm. It is also the desired one here.",
     "repeatable": "A closed path of the frame ends in the configuration it began in, if it can be "
     "shrunk to a point through closed paths whose motions all stay in Ω.",
     "drift": "Distance of the joints from the start after a cycle: a norm over all joints, so it "
     "may exceed the displacement of each of them.",
-    "J⁺ + posture": "J⁺ with null-space attraction to a given configuration: the start, or another "
-    "one (other posture), which the arm reaches first.",
+    "Usual + posture": "J⁺ with null-space attraction to a given configuration: the start, or "
+    "another one (other posture), which the arm reaches first.",
     "potentials": "Functions of the joints that the repeatable controller holds constant. A higher "
     "degree allows a smaller distance from J⁺.",
     "Ω": "The region of joint space for which the repeatable controller was designed; outside, "
@@ -54,33 +56,34 @@ def summary(study: Study) -> list[str]:
         "in the same way."
     ]
     if plain.motion is not None:
+        cycles = counted(plain.motion.cycles, "cycle")
         out.append(
-            "Under the pseudoinverse J⁺ the frame returns to its start after every cycle, but the "
-            f"joints drift: by {_amount(plain.motion, 0)} after one cycle and by "
-            f"{_amount(plain.motion, -1)} after {plain.motion.cycles} (the norm over all joints)."
+            f"Under the usual control, the pseudoinverse J⁺, {_off(study, plain)} after "
+            f"{cycles}. The joints drift by {_amount(plain.motion, 0)} in the first cycle and by "
+            f"{_amount(plain.motion, -1)} in {cycles} (the norm over all joints)."
         )
     else:
-        out.append(f"The pseudoinverse J⁺ stopped: {plain.stopped}.")
+        out.append(f"The usual control, the pseudoinverse J⁺, {plain.failure}.")
     for row in study.rows:
         if row.key not in COLOURS:
             own = (
                 f"the joints drift by {_amount(row.motion, -1)}"
                 if row.motion
-                else f"the motion stopped: {row.stopped}"
+                else f"the motion {row.failure}"
             )
             out.append(f"Under your controller {row.label}, {own}.")
     if closed.motion is not None:
         assert closed.distance is not None and closed.leaf_margin is not None
         out.append(
-            "Under the nearest repeatable inverse the joints drift by "
-            f"{_amount(closed.motion, -1)} after "
-            f"{counted(closed.motion.cycles, 'cycle')}. "
+            f"Under the repeatable control {_off(study, closed)} after "
+            f"{counted(closed.motion.cycles, 'cycle')}, and the joints drift by "
+            f"{_amount(closed.motion, -1)}. "
             f"It differs from J⁺ by {ratio_in_percent(closed.distance)} on average over Ω, "
             f"and {_price(plain, closed)}. Its smallest leaf margin is "
             f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
         )
     else:
-        out.append(f"The nearest repeatable inverse stopped: {closed.stopped}.")
+        out.append(f"The repeatable control {closed.failure}.")
     broken = [
         f"{row.label}: {violation}"
         for row in study.rows
@@ -94,7 +97,7 @@ def summary(study: Study) -> list[str]:
     if unchecked := len(bodies_of(task).unchecked):
         out.append(f"Collisions not checked: {without_shape(unchecked)}.")
     near = [
-        f"{row.label} {row.body_distance:.3f} m "
+        f"{names_of(row.label)['title']} {row.body_distance:.3f} m "
         f"({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"
         for row in study.rows
         if row.motion is not None and row.body_distance is not None
@@ -104,7 +107,8 @@ def summary(study: Study) -> list[str]:
             f"Minimum body distance, at 100 points per cycle: {'; '.join(near)}."
         )
     times = [
-        f"{row.label} {row.cycle_time:.3f} s{'' if row.motion.closes else ' (does not close)'}"
+        f"{names_of(row.label)['title']} {row.cycle_time:.3f} s"
+        f"{'' if row.motion.closes else ' (does not close)'}"
         for row in study.rows
         if row.motion is not None and row.cycle_time is not None
     ]
@@ -116,19 +120,35 @@ def summary(study: Study) -> list[str]:
     return out
 
 
+def _off(study: Study, row: Row) -> str:
+    """Write which part is off most at the end of a motion, and how far."""
+    one = row_summary(study, row)
+    assert one is not None
+    if one.back:
+        return "the whole arm is back"
+    the = "" if any(letter.isdigit() for letter in one.part) else "the "
+    return f"{the}{one.part} is {displacement(one.off)} off"
+
+
 def _amount(motion: Motion, cycle: int) -> str:
-    """Format the drift after a cycle with its unit; cycles count from 0, and −1 is the last."""
+    """Format the drift after a cycle with its unit, 0 if closed; −1 is the last cycle."""
+    if motion.closes:
+        return "0"
     return f"{number(float(motion.drift[cycle]))} {motion.task.unit}"
 
 
 def drift_words(study: Study) -> str:
     """Describe the figure of the drift, for readers who cannot see it."""
-    parts = [
-        f"{label} from {number(motion.drift[0])} after the first cycle "
-        f"to {number(motion.drift[-1])} after the last"
-        for label, motion in _moved(study)
-    ]
-    return f"Joint drift after each cycle: {'; '.join(parts)}; in {study.task.unit}."
+    parts = []
+    for label, motion in _moved(study):
+        first, last = (
+            displacement(off) for off in cycle_displacements(motion)[[0, -1]]
+        )
+        parts.append(f"{label} {first} after the first cycle, {last} after the last")
+    return (
+        f"How far the farthest part of the arm is off after each cycle: {'; '.join(parts)}. "
+        f"Inset: the joint drift, {study.task.unit}, on a log scale."
+    )
 
 
 def joints_words(study: Study) -> str:
@@ -141,7 +161,7 @@ def joints_words(study: Study) -> str:
     ]
     drift = ", ".join(parts)
     shown = "The joints that drift most, over all cycles."
-    return f"{shown} At the end of {label} the joints have drifted by: {drift}."
+    return f"{shown} Under {label[:1].lower()}{label[1:]} the joints have drifted by: {drift}."
 
 
 def orbits_words(study: Study) -> str:
@@ -208,10 +228,11 @@ def still_words(study: Study) -> str:
     """Describe the still picture of the animation, for readers who cannot see it."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
-        "stopped" if r.motion is None else f"has drifted by {_amount(r.motion, -1)}"
+        r.failure if r.motion is None else f"has drifted by {_amount(r.motion, -1)}"
         for r in rows
     ]
-    parts = [f"{row.label} {end}" for row, end in zip(rows, ends, strict=True)]
+    names = [names_of(row.label)["title"] for row in rows]
+    parts = [f"{name} {end}" for name, end in zip(names, ends, strict=True)]
     return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
 
 
@@ -226,7 +247,7 @@ def _price(plain: Row, closed: Row) -> str:
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:
     return [
-        (row.label, row.motion)
+        (names_of(row.label)["title"], row.motion)
         for row in study.rows
         if row.motion is not None and row.key != without
     ]

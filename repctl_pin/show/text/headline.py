@@ -9,8 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...model.end_effectors import words as link_words
+from ...motion.follow import UNRESOLVED
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
+from ...studies.study_result import Row
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
 from .verdict import SMALL, TURNED, MotionSummary, without_shape
@@ -21,7 +23,12 @@ NEAR = 0.02
 _UNTURNED = 1e-5
 """Displacement of a joint, rad, below which a sentence writes 0."""
 
-_TITLES = {"J⁺": "Usual control", "nearest repeatable": "Repeatable"}
+_TITLES = {
+    "J⁺": "Usual control",
+    "J⁺ + posture": "Usual + posture",
+    "J⁺ + other posture": "Usual + other posture",
+    "nearest repeatable": "Repeatable",
+}
 _ABOUT = {
     "J⁺": "the pseudoinverse J⁺ of the Jacobian: at every moment the smallest joint speeds that "
     "move the hand as asked",
@@ -73,9 +80,16 @@ def names_of(label: str) -> dict[str, str]:
     }
 
 
-def stopped_words(label: str, why: str) -> str:
-    """Write a sentence that a motion stopped, and why."""
-    return f"{_TITLES.get(label, label)} stopped: {why}."
+def stopped_words(label: str, failure: str) -> str:
+    """Write a sentence that there is no motion, and why; ``failure`` is :attr:`.Row.failure`."""
+    if failure.startswith(UNRESOLVED):
+        return f"{capital(under(label))} {UNRESOLVED}."
+    return f"{_TITLES.get(label, label)} {failure}."
+
+
+def stopped_cell(row: Row) -> str:
+    """Write the cell of a table for a row without a motion."""
+    return "–" if row.stopped.startswith(UNRESOLVED) else "stopped"
 
 
 def headline_of(

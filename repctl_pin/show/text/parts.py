@@ -13,6 +13,11 @@ _WORDS = ("forearm", "elbow", "upper arm", "shoulder", "wrist", "finger", "gripp
           "torso")  # fmt: skip
 
 
+def redundant_part(task: Task) -> str:
+    """Write what a task leaves free: the elbow position of an arm with one spare joint."""
+    return "elbow position" if (task.m, task.r) == (6, 1) else "configuration"
+
+
 def part_name(task: Task, q: Array, link: str) -> str:
     """Find a readable name for a link.
 

@@ -11,6 +11,7 @@ from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity
 from ..page.summaries import study_verdict
+from .headline import stopped_cell
 from .lines import fitted, terminal_width, with_options
 from .numbers import number
 
@@ -128,7 +129,7 @@ def _cell(quantity: Quantity, row: Row) -> str:
     if quantity.of is None:
         value = getattr(row, quantity.key)
     elif motion is None:
-        return quantity.stopped
+        return quantity.stopped if stopped_cell(row) == "stopped" else "–"
     else:
         value = quantity.of(motion)
     if value is None:

@@ -125,6 +125,7 @@ def tables(rows: Sequence[Row]) -> dict[str, list[str]]:
     more = [row for row in rows if row.arm in MORE]
     torm = [row for row in rows if row.arm == "fetch"]
     found = {
+        "lead": _lead(plain),
         "short": _short_table(plain),
         "on": _summary(row for row in plain if row.start == "on"),
         "off": _summary(row for row in plain if row.start == "off"),
@@ -170,6 +171,15 @@ def _summary(rows: Iterable[Row]) -> list[str]:
             ]
         )
     return _markdown(COLUMNS, lines)
+
+
+def _lead(rows: Sequence[Row]) -> list[str]:
+    """One line per program, narrow enough for a phone: the median drift after ten cycles."""
+    lines = []
+    for name, of in _grouped(rows, "program").items():
+        starts = ([row.drift_10 for row in of if row.start == s] for s in ("on", "off"))
+        lines.append([_bold(name), *map(_median, starts)])
+    return _markdown(("drift, rad", "at the posture", "0.5 rad away"), lines)
 
 
 def _short_table(rows: Sequence[Row]) -> list[str]:
