@@ -247,9 +247,15 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
 /* ---- the chart ---- */
 
 #define Number double
+#define Weight Pair
+#define Sum Pair
+#define PER PAIR
 #define LANED(name) name##_of_one
 #include "chart_polynomials.h"
 #undef Number
+#undef Weight
+#undef Sum
+#undef PER
 #undef LANED
 
 /* u (k) of y, and what the symmetries add to q_ref. */

@@ -23,10 +23,15 @@
 #define CHART_TERMS (chart->terms)
 #endif
 
-#ifdef __GNUC__ /* poses that a batch solves at once, in the lanes of vectors */
-#define AT_ONCE 8
+#ifdef __GNUC__
+#define AT_ONCE 8 /* poses that a batch solves at once, in the lanes of vectors */
+#define PAIR 2
+typedef double Several __attribute__((vector_size(8 * AT_ONCE)));
+typedef double Pair __attribute__((vector_size(8 * PAIR), aligned(8), may_alias));
 #else
 #define AT_ONCE 1
+#define PAIR 1
+typedef double Several, Pair;
 #endif
 
 #define EVEN(count) ((count) + (count) % 2)

@@ -40,19 +40,33 @@ static void LANED(chain)(const Arm *arm, const Number angle[], const Number sine
   for (int i = 0; i < 9; i++) R[i] = angle[0] * 0.0 + arm->R[i];
   for (int j = 0; j < JOINTS; j++) {
     const double *B = arm->R + 9 * (j + 1), *t = arm->p + 3 * (j + 1);
+    Number S[9];
     for (int i = 0; i < 3; i++) {
-      const Number w = R[3 * i + 2];
-      Number x = R[3 * i], y = R[3 * i + 1];
       o[j][i] = p[i];
-      z[j][i] = w;
-      if (arm->revolute[j]) {
-        const Number turned = cosine[j] * x + sine[j] * y;
-        y = cosine[j] * y - sine[j] * x;
-        x = turned;
-      } else
-        p[i] += w * angle[j];
-      p[i] += x * t[0] + y * t[1] + w * t[2];
-      for (int k = 0; k < 3; k++) R[3 * i + k] = x * B[k] + y * B[3 + k] + w * B[6 + k];
+      S[3 * i] = R[3 * i];
+      S[3 * i + 1] = R[3 * i + 1];
+      S[3 * i + 2] = z[j][i] = R[3 * i + 2];
+    }
+    if (arm->revolute[j]) {
+      const Number c = cosine[j], s = sine[j];
+      for (int i = 0; i < 9; i += 3) {
+        S[i] = c * R[i] + s * R[i + 1];
+        S[i + 1] = c * R[i + 1] - s * R[i];
+      }
+    } else
+      for (int i = 0; i < 3; i++) p[i] += S[3 * i + 2] * angle[j];
+    for (int k = 0; k < 3; k++) { /* quarter turns have one entry in each column */
+      const double a = B[k], b = B[3 + k], d = B[6 + k];
+      if (t[k] != 0.0)
+        for (int i = 0; i < 3; i++) p[i] += S[3 * i + k] * t[k];
+      if (b == 0.0 && d == 0.0)
+        for (int i = 0; i < 9; i += 3) R[i + k] = S[i] * a;
+      else if (a == 0.0 && b == 0.0)
+        for (int i = 0; i < 9; i += 3) R[i + k] = S[i + 2] * d;
+      else if (a == 0.0 && d == 0.0)
+        for (int i = 0; i < 9; i += 3) R[i + k] = S[i + 1] * b;
+      else
+        for (int i = 0; i < 9; i += 3) R[i + k] = S[i] * a + S[i + 1] * b + S[i + 2] * d;
     }
   }
 }

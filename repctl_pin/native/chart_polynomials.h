@@ -7,18 +7,21 @@ static void LANED(monomials)(const Chart *chart, const Number u[], Number T[]) {
   for (int a = 1; a < chart->terms; a++) T[a] = T[chart->parent[a]] * u[chart->factor[a]];
 }
 
-/* q_ref and n_ref^T from the monomials, four at a time. */
-static void LANED(references)(const Arm *arm, const Chart *chart, const Number T[], Number sum[]) {
-  const double *w = chart->weights;
+/* q_ref and n_ref^T from the monomials, four at a time. One pose has PER entries of a row in each Sum and each Weight,
+   several have one entry of each pose in a Sum. */
+static void LANED(references)(const Arm *arm, const Chart *chart, const Number T[], Number both[]) {
+  const Weight *w = (const Weight *)chart->weights;
+  const int Q = Q_WIDE / PER, ALL = WIDE / PER;
+  Sum sum[WIDE], *found = (Sum *)both;
   (void)arm;
-  for (int i = 0; i < WIDE; i++) sum[i] = T[0] * 0.0;
-  for (int a = 0; a < chart->both; a += 4, w += 4 * WIDE) {
+  for (int i = 0; i < ALL; i++) sum[i] = w[0] * 0.0 * T[0];
+  for (int a = 0; a < chart->both; a += 4, w += 4 * ALL) {
     const Number s = T[a], t = T[a + 1], u = T[a + 2], v = T[a + 3];
-    for (int i = 0; i < WIDE; i++) sum[i] += s * w[i] + t * w[WIDE + i] + (u * w[2 * WIDE + i] + v * w[3 * WIDE + i]);
+    for (int i = 0; i < ALL; i++) sum[i] += s * w[i] + t * w[ALL + i] + (u * w[2 * ALL + i] + v * w[3 * ALL + i]);
   }
-  for (int a = chart->both; a < chart->terms; a += 4, w += 4 * Q_WIDE) {
+  for (int a = chart->both; a < chart->terms; a += 4, w += 4 * Q) {
     const Number s = T[a], t = T[a + 1], u = T[a + 2], v = T[a + 3];
-    for (int i = 0; i < Q_WIDE; i++)
-      sum[i] += s * w[i] + t * w[Q_WIDE + i] + (u * w[2 * Q_WIDE + i] + v * w[3 * Q_WIDE + i]);
+    for (int i = 0; i < Q; i++) sum[i] += s * w[i] + t * w[Q + i] + (u * w[2 * Q + i] + v * w[3 * Q + i]);
   }
+  for (int i = 0; i < ALL; i++) found[i] = sum[i];
 }

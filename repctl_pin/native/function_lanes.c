@@ -9,9 +9,15 @@
 #define find_configuration LEVELLED(find_configuration)
 #define find_configurations LEVELLED(find_configurations)
 #define Number double
+#define Weight Pair
+#define Sum Pair
+#define PER PAIR
 #define LANED(name) name##_of_one
 #include "chart_polynomials.h"
 #undef Number
+#undef Weight
+#undef Sum
+#undef PER
 #undef LANED
 #endif
 
@@ -25,18 +31,18 @@
 #undef LANES
 #undef LANED
 
-#ifdef __GNUC__
-typedef double Several __attribute__((vector_size(8 * AT_ONCE)));
-#else
-typedef double Several;
-#endif
-
 #define Number Several
+#define Weight double
+#define Sum Several
+#define PER 1
 #define LANES AT_ONCE
 #define LANED(name) name##_of_several
 #include "chart_polynomials.h"
 #include "chart_newton.h"
 #undef Number
+#undef Weight
+#undef Sum
+#undef PER
 #undef LANES
 #undef LANED
 
