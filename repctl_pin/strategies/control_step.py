@@ -149,7 +149,7 @@ class NumPyLaw:
         if not np.isfinite(rhs).all():
             raise failure(self.task, q, rhs)
         try:
-            inverse = np.linalg.inv(J_V)
+            inverse: Array = np.linalg.inv(J_V)
         except np.linalg.LinAlgError:
             raise failure(self.task, q, rhs) from None
         x = inverse @ rhs
