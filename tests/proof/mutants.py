@@ -422,8 +422,6 @@ CELL_V = {
         " + linear * away[0][c] + angular * away[1][c];",
         ";",
     ),
-    "no linear part of that": (_CELL, "+ linear * away[0][c] +", "+"),
-    "no angular part of that": (_CELL, " + angular * away[1][c];", ";"),
     "W is W'": (_CELL, "x += z[y] * most;", ";"),
     "no terms of higher degree": (
         _CELL,
