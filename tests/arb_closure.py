@@ -1,4 +1,4 @@
-"""A chain at the chart's configuration, seen from the middle link, in Arb's ball arithmetic."""
+"""A cell's function, and the gradient of its potential, in Arb's ball arithmetic."""
 
 from __future__ import annotations
 
@@ -6,20 +6,57 @@ import numpy as np
 from arb_margin import _eye, _product, _turn
 from flint import arb, arb_mat, ctx
 
-ctx.prec = 160
+ctx.prec = 240
+
+_STEP = arb("1e-24")
+"""Step of central differences in u, whose error is about its square."""
 
 Vector = list[arb]
 Matrix = list[Vector]
 
 
-def closure_in_balls(problem: object, u_c: np.ndarray, h: np.ndarray, t: np.ndarray):
-    """Evaluate J (6, 7) at q_ref(u), u = u_c + h t, and ``(e + p × s, s)``: revolute joints."""
-    chain, cell, chart = problem.chain, problem.cell, problem.chart
-    u = [
-        arb(float(a)) + arb(float(b)) * arb(float(c))
-        for a, b, c in zip(u_c, h, t, strict=True)
+def function_in_balls(
+    problem: object, u: Vector, start: np.ndarray
+) -> tuple[Vector, Vector]:
+    """Evaluate F and V at u, r = 1, pose task, by Newton's method from a configuration near F.
+
+    ``V = n_ref + g' E⁻¹ J``, with g' and E the derivatives by u, at constant q, of ``n_refᵀ (q −
+    q_ref)`` and of the displacement from f(q) to x(u).
+    """
+    q, n = [arb(float(x)).mid() for x in start], len(start)
+    for _ in range(7):
+        J, xi = closure_in_balls(problem, u, q)
+        normal = _chart(problem.chart, u, 1)
+        rows = arb_mat([*J, normal])
+        right = arb_mat([[x] for x in [*xi, -_label(problem.chart, u, q)]])
+        step = rows.solve(right)
+        q = [(x + step[i, 0]).mid() for i, x in enumerate(q)]
+    J, _ = closure_in_balls(problem, u, q)
+    E, slopes = [], []
+    for i in range(len(u)):
+        up, down = ([*u[:i], u[i] + d, *u[i + 1 :]] for d in (_STEP, -_STEP))
+        xi = [closure_in_balls(problem, v, q)[1] for v in (up, down)]
+        E.append([(a - b) / (2 * _STEP) for a, b in zip(*xi, strict=True)])
+        both = [_label(problem.chart, v, q) for v in (up, down)]
+        slopes.append((both[0] - both[1]) / (2 * _STEP))
+    W = arb_mat(E).solve(
+        arb_mat([[x] for x in slopes])
+    )  # (row W) E = slopes, E by columns
+    normal = _chart(problem.chart, u, 1)
+    V = [
+        normal[c] + sum((W[a, 0] * J[a][c] for a in range(6)), arb(0)) for c in range(n)
     ]
-    q = _chart(chart, u)
+    return q, V
+
+
+def _label(chart: object, u: Vector, q: Vector) -> arb:
+    away = _minus(q, _chart(chart, u))
+    return sum((a * b for a, b in zip(away, _chart(chart, u, 1), strict=True)), arb(0))
+
+
+def closure_in_balls(problem: object, u: Vector, q: Vector) -> tuple[Matrix, Vector]:
+    """Evaluate J (6, 7) at q, and ``(e + p × s, s)`` to the pose at u: revolute joints."""
+    chain, cell = problem.chain, problem.cell
     frames, R, o = [], _eye(), [arb(0)] * 3
     for joint in range(len(chain.p)):
         if joint == chain.middle:
@@ -56,11 +93,11 @@ def _pose(cell: object, u: Vector) -> tuple[Vector, Matrix]:
     return place, _product(R, [_balls(row) for row in cell.placement.rotation])
 
 
-def _chart(chart: object, u: Vector) -> Vector:
+def _chart(chart: object, u: Vector, column: int = 0) -> Vector:
     monomials, values = chart.monomials, [arb(1)]
     for i in range(1, monomials.size):
         values.append(values[monomials.parent[i]] * u[monomials.variable[i]])
-    C = chart.coefficients[:, :, 0]
+    C = chart.coefficients[:, :, column]
     return [
         sum((arb(float(C[i, j])) * v for i, v in enumerate(values)), arb(0))
         for j in range(C.shape[1])

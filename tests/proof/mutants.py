@@ -201,49 +201,6 @@ TAYLOR = {
 """What is wrong with Taylor models: a piece of taylor.py, and what is put in its place."""
 
 
-CELLS = {
-    "half of the slopes beside the chart": ("R = np.einsum(", "R = 0.5 * np.einsum("),
-    "no slopes beside the chart": ("R = np.einsum(", "R = 0 * np.einsum("),
-    "no linear remainder": ("* linear[:, None]\n        R +=", "* 0\n        R +="),
-    "no angular remainder": ("* angular[:, None]\n        eta", "* 0\n        eta"),
-    "no products of both half-widths": ("in (wide + g, wide)", "in (g, 0 * g)"),
-    "the sine taken for the angle": ("np.maximum(more, 1.0) * (1 + 1e-12)", "1.0"),
-    "the angular part not turned": ("+ turned * angle\n", "\n"),
-    "the angle's linear part": ("(more - 1) * w * p + e * angle", "e * angle"),
-    "the product of both ways": (
-        "(more - 1) * w * p + e * angle",
-        "(more - 1) * w * p",
-    ),
-    "the linear part not turned": ("turned * (e + p * angle + e * angle) + ", ""),
-    "e not turned": ("turned * (e + p * angle", "turned * (p * angle"),
-    "the moment not turned": ("turned * (e + p * angle + e * angle)", "turned * e"),
-    "the middle link not moved": (" + moved * angle", ""),
-}
-"""What is wrong with a cell's bounds: a piece of cells.py, and what is put in its place."""
-
-CHAIN = {
-    "the base on the other side": (
-        "o = o - combined(R, chain.p",
-        "o = o + combined(R, chain.p",
-    ),
-    "joints towards the base turn forwards": (
-        "position = -theta[",
-        "position = theta[",
-    ),
-    "the frame's place forgotten": (
-        "_applied(R_b, pose[0]) - p2",
-        "_applied(R_b, pose[0])",
-    ),
-    "the moment of the other sign": ("moment = e + cross", "moment = e - cross"),
-    "the rotation back": ("s + cross(a, b)", "s + cross(b, a)"),
-    "twice the rotation": (".scaled(0.5), np", ", np"),
-    "turned the other way": (
-        "[c * x + s * y, c * y - s * x",
-        "[c * x - s * y, c * y + s * x",
-    ),
-}
-"""What is wrong with a chain's models: a piece of taylor_chain.py, and what is put in its place."""
-
 COMMUTATOR = {
     "joints beyond forgotten": ("= turns[:, beyond] @ away[beyond]", "= 0"),
     "half of the joints beyond": ("= turns[:, beyond] @", "= 0.5 * turns[:, beyond] @"),
@@ -465,8 +422,6 @@ CELL_V = {
         " + linear * away[0][c] + angular * away[1][c];",
         ";",
     ),
-    "no linear part of that": (_CELL, "+ linear * away[0][c] +", "+"),
-    "no angular part of that": (_CELL, " + angular * away[1][c];", ";"),
     "W is W'": (_CELL, "x += z[y] * most;", ";"),
     "no terms of higher degree": (
         _CELL,

@@ -1,5 +1,5 @@
 """Taylor models: each bound holds, is attained where a single term is left out, and a wrong one is
-noticed; and those of a chain hold in Arb's ball arithmetic."""
+noticed; and what is made of them for a cell holds in Arb's ball arithmetic."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cell_functions import cell_of, chart_of
 from mutants import TAYLOR, wrong
 from second_order import monomials
 
-from repctl_pin.extensions.proof import cells, chart_bounds, taylor, taylor_chain
+from repctl_pin.extensions.proof import cells, chart_bounds, taylor
 
 T = np.linspace(-1, 1, 201)[:, None]
 MIDDLE = np.array([0.0, -0.2345, 0.0, -2.415, 0.0, 2.18, 0.7853])
@@ -97,42 +97,42 @@ def test_a_chart_of_degree_4_leaves_out_what_is_bounded(factor: float) -> None:
     chart = chart_of(cell_of(), MIDDLE, 4)
     C = np.zeros_like(chart.coefficients)
     C[(chart.monomials.exponents == [3, 1, 0]).all(axis=1)] = 1.0
-    chart = replace(chart, coefficients=C)
-    half = np.array([[0.4, 0.5, 0.1]])
-    P, rest = chart_bounds.Polynomials.of(chart).shifted(np.zeros((1, 3)), half)
+    chart, half = replace(chart, coefficients=C), np.array([[0.4, 0.5, 0.1]])
+    parts = chart_bounds.Polynomials.of(chart)
+    values = np.tensordot(monomials(half)[0], parts.parts[0, :, 0, 0], axes=1)
+    rest = np.prod(half**parts.fourth, axis=1) @ parts.rest[:, 0, 0]
     q, _ = chart.reference(half)
-    used = float(q[0, 0] - P[0, :, 0, 0].sum()) / (factor * float(rest[0, 0, 0]))
+    used = float(q[0, 0] - values) / (factor * rest)
     assert (used <= 1) == (factor == 1.0) and used > 0.99
 
 
-@pytest.mark.parametrize("count", [8, pytest.param(250, marks=pytest.mark.slow)])
-def test_taylor_models_of_a_chain_hold_in_ball_arithmetic(count: int) -> None:
-    """A corner of random boxes of a cell of poses: J, and the displacement to the pose."""
+@pytest.mark.parametrize("count", [6, pytest.param(200, marks=pytest.mark.slow)])
+def test_a_cell_s_function_and_gradients_hold_in_ball_arithmetic(count: int) -> None:
+    """A corner of random boxes of a cell of poses, down to the size of rounding."""
     pytest.importorskip("flint")
-    from arb_closure import closure_in_balls
+    from arb_closure import arb, function_in_balls
 
     chart = chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE)
-    problem = cells.CellProof(chart, compiled=False)
+    problem = cells.CellProof(chart)
     rng, k = np.random.default_rng(0), 6
     Uc = rng.uniform(-0.7, 0.7, (count, k))
-    h = 10.0 ** rng.uniform(-7, -0.6, (count, 1)) * rng.uniform(0.2, 1, (count, k))
+    h = 10.0 ** rng.uniform(-7, -1, (count, 1)) * rng.uniform(0.2, 1, (count, k))
     t = np.sign(rng.standard_normal((count, k)))
-    reference, _ = problem._models(Uc, h)
-    poses = problem.poses.at(Uc, h)
-    along = taylor_chain.closure_of(
-        problem.chain, "pose", poses, reference, problem.eps
-    )
-    T = monomials(t)
+    V = np.full((count, 1, 7, 2 + k), np.nan)
+    found = problem.bounds_from(Uc, h, problem.start(Uc, h), V)
+    assert (found.leaf_margin > 0).all()
+    starts = chart.solve(Uc + h * t, np.zeros((count, 1))).Q
     for i in range(count):
-        J, xi = closure_in_balls(problem, Uc[i], h[i], t[i])
-        sums = [
-            [float_sum(along.J.P[i, a, c], T[i]) for c in range(7)] for a in range(6)
+        u = [
+            arb(float(a)) + arb(float(b)) * arb(float(c))
+            for a, b, c in zip(Uc[i], h[i], t[i], strict=True)
         ]
-        for a in range(6):
-            for c in range(7):
-                slack = along.J.r[i, a, c] + problem.eps * 4
-                assert abs(J[a][c] - sums[a][c]) <= slack
-            assert abs(xi[a] - float_sum(along.xi.P[i, a], T[i])) <= along.xi.r[i, a]
+        q, gradient = function_in_balls(problem, u, starts[i])
+        for j in range(7):
+            away = abs(q[j] - arb(float(found.Q[i, j])))
+            assert away <= arb(float(found.reach[i, j]))
+            off = gradient[j] - float_sum(V[i, 0, j, :-1], np.append(1.0, t[i]))
+            assert abs(off) <= arb(float(V[i, 0, j, -1]))
 
 
 def float_sum(P: np.ndarray, T: np.ndarray) -> object:

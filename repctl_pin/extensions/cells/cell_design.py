@@ -156,7 +156,7 @@ class CellDesign:
 
     @property
     def leaf_margin(self) -> float:
-        """Minimum leaf margin ``σ_min(Nᵀ n̂_ref)``; 1 is best, 0 is an algorithmic singularity."""
+        """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity."""
         return self.evaluation.leaf_margin
 
     @property

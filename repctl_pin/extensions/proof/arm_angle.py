@@ -29,8 +29,7 @@ from ...model.chain_formulas import skew
 from ...model.joint_chain import joint_axes, joint_coupling
 from ...potentials.arm_angle import ArmAngle
 from .arm_angle_kernel import gradients_in_c
-from .taylor import TaylorModel, cross, dot
-from .taylor_chain import combined, fixed, identity, moved
+from .taylor import TaylorModel, combined, cross, dot, fixed, identity, moved
 
 _BATCH = 512
 _U = 2.0**-52

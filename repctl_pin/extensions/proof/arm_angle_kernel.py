@@ -9,8 +9,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...native import ARM_ANGLE, filled_struct, library
-from .taylor import space_of
-from .taylor_chain import basis
+from .taylor import basis, space_of
 
 _MOST = 8
 """Largest number of joints that arm_angle.c has room for: their models are on the stack."""

@@ -38,8 +38,7 @@ from .chain import FREE, Chain, chain_of, tool_reach
 from .chart_bounds import Polynomials
 from .commutator import slides_of, tips
 from .remainder import relative_rounding
-from .taylor import ORDER, space_of
-from .taylor_chain import basis
+from .taylor import ORDER, basis, space_of
 
 _NEAR = 1.25, 0.02
 """Factor, and summand in rad or m, from which d* is made.

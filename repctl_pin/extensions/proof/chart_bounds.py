@@ -81,17 +81,6 @@ class Polynomials:
         )
         return np.asarray(starts[left + 1])
 
-    def shifted(self, Uc: Array, half: Array) -> tuple[Array, Array]:
-        """Expand to degree 3 in t on boxes ``u = Uc + half · t``, with Uc and half (K, k).
-
-        Returns the coefficients (K, M, n, 1 + r), in the order of the monomials, and a bound of the
-        remainder (K, n, 1 + r).
-        """
-        P = np.tensordot(self.chart.monomials.values(Uc), self.parts, axes=1)
-        P *= Monomials(Uc.shape[1], ORDER).values(half)[:, :, None, None]
-        powers = np.prod(half[:, None] ** self.fourth, axis=2)
-        return P, np.tensordot(powers, self.rest, axes=1) * (1 + 1e-12)
-
 
 def _derivative(monomials: Monomials, C: Array, j: int) -> Array:
     """Differentiate polynomials with coefficients C (T, …) with respect to u_j.

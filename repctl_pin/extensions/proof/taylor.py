@@ -252,3 +252,44 @@ def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
 def dot(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     """Compute the models (…, 1) of a · b, for models of vectors (…, 3)."""
     return (a * b).combined(np.ones((1, 3)))
+
+
+Columns = list[TaylorModel]
+
+
+def moved(
+    axis: Array, revolute: bool, R: Columns, o: TaylorModel, theta: TaylorModel
+) -> tuple[Columns, TaylorModel]:
+    """Move a frame, columns R and position o, by the position theta (K, 1) of a joint."""
+    if not revolute:
+        return R, o + theta * combined(R, axis)
+    s, c = theta.sine_cosine()
+    B = basis(axis)
+    x, y, z = (combined(R, column) for column in B.T)
+    turned = [c * x + s * y, c * y - s * x, z]
+    return [combined(turned, row) for row in B], o
+
+
+def basis(axis: Array) -> Array:
+    """Create a rotation matrix (3, 3) whose third column is the unit vector ``axis``."""
+    if axis[2] ** 2 > 1 - 1e-30:
+        return np.diag([1.0, np.sign(axis[2]), np.sign(axis[2])])
+    other = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(other, axis)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(axis, x), axis], axis=1)
+
+
+def combined(R: Columns, x: Array) -> TaylorModel:
+    """Compute the model of R x for a constant vector x (3,)."""
+    return R[0].scaled(x[0]) + R[1].scaled(x[1]) + R[2].scaled(x[2])
+
+
+def fixed(like: TaylorModel, x: Array) -> TaylorModel:
+    """Create the model of a constant vector on the boxes of another model."""
+    return TaylorModel.constant(like.k, np.tile(x, (len(like.r), 1)))
+
+
+def identity(like: TaylorModel) -> Columns:
+    """Create the columns of the identity on the boxes of a model."""
+    return [fixed(like, e) for e in np.eye(3)]
