@@ -13,7 +13,6 @@ from .joint_motion import violations_of as violations_of
 from .leaf_lock import LeafLock as LeafLock
 from .least_motion import least_closed_motion as least_closed_motion
 from .limits import Limits as Limits
-from .loop import Loop as Loop
 from .motion import Motion as Motion
 from .solve_ik import check_reach as check_reach
 from .solve_ik import reach_start as reach_start

@@ -8,7 +8,7 @@ import pytest
 
 import repctl_pin as rp
 from repctl_pin.extensions.runtime import governed_loop
-from repctl_pin.motion import Loop
+from repctl_pin.motion.loop import Loop
 
 PERIOD = 1.0
 
