@@ -94,10 +94,9 @@ class Kind(str):
             turns = rotation_vectors(goals[:, :3, :3] @ np.swapaxes(R, 1, 2))
         return np.hstack([away, turns])
 
-    def rate(self, twist: Array, R: Array) -> Array:
-        """Extract ẋ (m,) from a twist (6,), or J (m, n) from the frame's (6, n), at rotation R."""
-        if not self.tool_axes:
-            return twist[self.rows]
+    @staticmethod
+    def in_tool_axes(twist: Array, R: Array) -> Array:
+        """Select ẋ (5,) of an axis task from a twist (6,), or J (5, n) from the frame's (6, n)."""
         return np.concatenate([twist[:3], R.T[:2] @ twist[3:]])
 
     def __reduce__(self) -> tuple[Callable[[str], Kind], tuple[str]]:

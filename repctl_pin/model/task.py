@@ -232,7 +232,9 @@ class Task:
     def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
         """Extract ẋ (m,) from a frame's twist (v, ω), base axes, m/s and rad/s."""
         twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
-        return self.kind.rate(twist, self.placement(q).rotation)
+        if not self.kind.tool_axes:
+            return twist[self.rows]
+        return self.kind.in_tool_axes(twist, self.placement(q).rotation)
 
     # ---- batches -------------------------------------------------------------------------------
 
@@ -453,7 +455,9 @@ class Task:
         """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last."""
         if self.m == 6:
             return J
-        return self.kind.rate(J, self._data.oMf[self._frame_id].rotation)
+        if not self.kind.tool_axes:
+            return J[self.rows]
+        return self.kind.in_tool_axes(J, self._data.oMf[self._frame_id].rotation)
 
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).

@@ -16,7 +16,6 @@ from lxml import etree
 from ..errors import UrdfError
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
-from .split import split_joints
 from .xml import line, one_line, parse, short
 
 _MAX_BYTES = 5_000_000
@@ -110,7 +109,10 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
         robot = parse(_read(path, package_dirs), notes)
         _drop_colors(robot, notes)
         root = check(robot)
-        split_joints(robot, notes)
+        if robot.xpath("joint[@type='planar' or @type='floating']"):
+            from .split import split_joints
+
+            split_joints(robot, notes)
         elements = {joint.get("name"): joint for joint in robot.findall("joint")}
         joints = tuple(
             _joint(element, elements, notes) for element in elements.values()

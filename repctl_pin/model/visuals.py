@@ -23,14 +23,14 @@ from .model import link_frames
 from .shapes import Color, find_mesh
 from .validate import MAX_SHAPES, Joint
 
-PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
+_PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
 """Default colour of a shape."""
 
-TUBE: Color = (0.72, 0.75, 0.79, 1.0)
+_TUBE: Color = (0.72, 0.75, 0.79, 1.0)
 JOINT: Color = (0.25, 0.28, 0.33, 1.0)
 """Colours of links and joints that are drawn from the kinematics."""
 
-AROUND: Color = (0.62, 0.66, 0.71, 0.45)
+_AROUND: Color = (0.62, 0.66, 0.71, 0.45)
 """Colour of the surroundings, transparent so that the arm stays visible."""
 
 
@@ -62,7 +62,7 @@ class Shape:
     path: Path | None = None
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     size: tuple[float, ...] = ()
-    color: Color = PLAIN
+    color: Color = _PLAIN
     textured: bool = False
     standing: bool = False
 
@@ -170,7 +170,7 @@ def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
             path,
             seen.scale,
             seen.size,
-            seen.color or PLAIN,
+            seen.color or _PLAIN,
             own,
         )
         yield shape, origin(seen)
@@ -203,7 +203,7 @@ def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
                     path,
                     solid.scale,
                     solid.size,
-                    AROUND,
+                    _AROUND,
                     standing=True,
                 ),
                 M,
@@ -234,7 +234,7 @@ def _skeleton(
                 "capsule",
                 joint.parent,
                 size=(thick, length),
-                color=TUBE,
+                color=_TUBE,
             )
             yield tube, pin.SE3(_turn_z_to(place.translation), place.translation / 2)
         if joint.child in draw and joint.kind != "fixed":
@@ -276,7 +276,7 @@ def _joint_bones(
                 "cylinder",
                 joint.parent,
                 size=(0.8 * thick, high - low),
-                color=TUBE,
+                color=_TUBE,
             ),
             middle,
         )

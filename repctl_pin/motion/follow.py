@@ -33,7 +33,7 @@ from .leaf_lock import LeafLock
 from .motion import CLOSED, Motion, motion_along
 
 # Butcher tableaux: nodes c and weights b. Each stage uses the slope of the one before, times c.
-INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
+_INTEGRATORS: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "euler": ((0.0,), (1.0,)),
     "rk4": ((0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)),
 }
@@ -157,7 +157,7 @@ def follow(
     task = strategy.task
     q = task.check(q0, "the start")
     if not isinstance(integrator, LeafLock):
-        require_choice(integrator, INTEGRATORS, "integrator")
+        require_choice(integrator, _INTEGRATORS, "integrator")
     cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
     check_length(task, cycles, steps)
     period = positive(
@@ -303,9 +303,9 @@ def _integrated(
     integrator: str,
     feedback: float,
 ) -> _Method:
-    """Make the stepper of a motion by a fixed-step Runge–Kutta method of ``INTEGRATORS``."""
+    """Make the stepper of a motion by a fixed-step Runge–Kutta method of ``_INTEGRATORS``."""
     task = strategy.task
-    nodes, weights = INTEGRATORS[integrator]
+    nodes, weights = _INTEGRATORS[integrator]
     grid = path_grid(path, steps)
     ends = [(float(a), float(b)) for a, b in pairwise(grid)]
 
@@ -349,7 +349,7 @@ def _integrated(
             return None
         xdot = sampled[:, [place for _, place, _ in stages]]
         return compiled_steps(
-            strategy, INTEGRATORS[integrator], xdot, np.diff(grid) * period, most
+            strategy, _INTEGRATORS[integrator], xdot, np.diff(grid) * period, most
         )
 
     return _Method(advance, at_end, compiled)

@@ -23,7 +23,7 @@ from ..errors import InputError
 from ..model.rules import NO_EFFORT
 from ..model.task import Task
 
-PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
+_PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
     "panda": (
         (15, 7.5, 10, 12.5, 15, 20, 20),
         "frankaemika.github.io/docs/control_parameters.html, limits for Panda",
@@ -44,8 +44,8 @@ Franka's controller stops beyond its limits; libfranka's ``rate_limiting.h`` has
 of its MoveIt configuration, "conservatively" chosen. FR3's speed limits that depend on position
 are not included."""
 
-JERKS: dict[str, tuple[tuple[float, ...], str]] = {
-    "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), PRESETS["panda"][1]),
+_JERKS: dict[str, tuple[tuple[float, ...], str]] = {
+    "panda": ((7500, 3750, 5000, 6250, 7500, 10000, 10000), _PRESETS["panda"][1]),
     "fr3": (
         (5000,) * 7,
         "libfranka, include/franka/rate_limiting.h, kMaxJointJerk, from 0.10 on",
@@ -68,7 +68,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     """
     entry, names = task.robot.entry, task.robot_joints
     if entry is not None and entry.acceleration is not None:
-        published = PRESETS[entry.acceleration][0]
+        published = _PRESETS[entry.acceleration][0]
         if len(published) == len(names):
             return np.array(
                 published, float
@@ -92,11 +92,11 @@ class Limits:
     ----------
     acceleration : float, (n,) array or str
         Acceleration limits of the robot's joints, rad/s² or m/s²; a URDF has none. Or a name in
-        ``PRESETS``, published limits: ``panda``, ``fr3``, ``ur``.
+        published limits: ``panda``, ``fr3``, ``ur``.
     velocity : float or (n,) array, optional
         Speed limits, rad/s (m/s); by default the URDF's.
     jerk : float, (n,) array or str, optional
-        Jerk limits of the robot's joints, rad/s³ or m/s³, or a name in ``JERKS``: ``panda``,
+        Jerk limits of the robot's joints, rad/s³ or m/s³, or a name of published limits: ``panda``,
         ``fr3``. By default not limited.
     torque : bool
         Keep the URDF's effort limits too, by Pinocchio's inverse dynamics. Not for a governor.
@@ -125,7 +125,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         if self.acceleration is None:
-            known = ", ".join(PRESETS)
+            known = ", ".join(_PRESETS)
             also = "; jerk= requires it too" if self.jerk is not None else ""
             raise InputError(
                 "acceleration= is missing, and a URDF has no acceleration limits; "
@@ -133,9 +133,9 @@ class Limits:
             )
         freeze(
             self,
-            acceleration=_known(self.acceleration, "acceleration", PRESETS),
+            acceleration=_known(self.acceleration, "acceleration", _PRESETS),
             velocity=_known(self.velocity, "velocity"),
-            jerk=_known(self.jerk, "jerk", JERKS),
+            jerk=_known(self.jerk, "jerk", _JERKS),
             torque=flag(self.torque, "torque"),
             tool_speed=_known(self.tool_speed, "tool_speed"),
         )
@@ -224,10 +224,10 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     assert limits.acceleration is not None  # the class refuses None
     found = JointLimits(
         own if given is None else per_joint(given, len(names), "velocity"),
-        _per_joint(limits.acceleration, PRESETS, task, "acceleration"),
+        _per_joint(limits.acceleration, _PRESETS, task, "acceleration"),
         jerk=None
         if limits.jerk is None
-        else _per_joint(limits.jerk, JERKS, task, "jerk"),
+        else _per_joint(limits.jerk, _JERKS, task, "jerk"),
         tool=None if tool is None else _tool_share(task, tool),
     )
     if not limits.torque:

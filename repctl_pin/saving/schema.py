@@ -28,7 +28,7 @@ Row = list[float]
 Rows = list[list[float]]
 
 
-NULLS = dict.fromkeys(
+_NULLS = dict.fromkeys(
     (
         "limit_margin",
         "attainable_margin",
@@ -265,7 +265,7 @@ R = TypeVar("R", bound="DataclassInstance")
 def described(kind: type[P], thing: object, **others: Any) -> P:
     """Create a part of a file, of class ``kind``, from the attributes of an object.
 
-    Arrays become lists, and the values of :data:`NULLS` null. ``others`` replace attributes.
+    Arrays become lists, and the values of :data:`_NULLS` null. ``others`` replace attributes.
     """
     own = {}
     for name in kind.__struct_fields__:
@@ -274,7 +274,7 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
         value = getattr(thing, name)
         if isinstance(value, (np.ndarray, np.generic)):
             value = value.tolist()
-        if name in NULLS and not np.isfinite(value):
+        if name in _NULLS and not np.isfinite(value):
             value = None
         own[name] = value
     return kind(**own, **others)
@@ -283,7 +283,7 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
     """Create a result of class ``kind`` from a part of a file; the inverse of :func:`described`.
 
-    Lists become arrays, and nulls the values of :data:`NULLS`. ``others`` are values that replace
+    Lists become arrays, and nulls the values of :data:`_NULLS`. ``others`` are values that replace
     those of the file, or that it does not hold.
     """
     own = {}
@@ -294,7 +294,7 @@ def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
         if isinstance(value, list):
             value = np.array(value)
         if value is None:
-            value = NULLS.get(name)
+            value = _NULLS.get(name)
         own[name] = value
     return kind(**own, **others)
 

@@ -160,11 +160,11 @@ QUANTITIES = (
 )
 """The quantities, in the order of a study's table."""
 
-BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
+_BY_KEY = {quantity.key: quantity for quantity in QUANTITIES}
 """The quantities by their names in JSON."""
 
 
 def values_of(motion: Motion, *keys: str) -> dict[str, float | None]:
     """Collect quantities of a motion, for JSON."""
-    values = {key: BY_KEY[key].of for key in keys}
+    values = {key: _BY_KEY[key].of for key in keys}
     return {key: value and value(motion) for key, value in values.items()}
