@@ -75,7 +75,14 @@ def arm(name: str) -> tuple[rp.Task, np.ndarray]:
 
 @pytest.mark.parametrize(
     "name",
-    ["planar3r xy", "ppr xy", "panda", "panda axis", "panda position", "kinova position"],
+    [
+        "planar3r xy",
+        "ppr xy",
+        "panda",
+        "panda axis",
+        "panda position",
+        "kinova position",
+    ],
 )
 def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
     """At random configurations, and after each of ten cycles of a loop."""

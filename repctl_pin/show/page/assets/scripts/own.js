@@ -316,6 +316,7 @@ export class Own {
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
       const node = byId(id), sample = element(node.tagName, { id, style: "position: absolute; visibility: hidden; left: 0; top: 0" }, text);
       node.style.minHeight = "";
+      if (!node.clientWidth) continue; // inside another page
       sample.style.width = `${node.clientWidth}px`;
       node.after(sample);
       const tall = Math.max(sample.offsetHeight, ...this.texts.filter(([one]) => one === node).map(([, children]) => { const now = [...node.childNodes]; node.replaceChildren(...children); const height = node.offsetHeight; node.replaceChildren(...now); return height; }));
