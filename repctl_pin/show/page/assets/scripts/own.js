@@ -243,7 +243,7 @@ export class Own {
     this.scene.part = part;
     for (const arm of arms) arm.pointAt((s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
     if (result.cycles < CYCLES) sentence.push([` In cycle ${result.cycles + 1} an arm comes to a singularity.`, "bad"]);
-    this.write(sentence, also ? [[`${also} `, "near"], ...notes] : notes, `your loop, ${inMetres(this.length)} long`);
+    this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1, -1)] : notes, `your loop, ${inMetres(this.length)} long`);
     byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more from the start";
     this.player.show();
   }
