@@ -174,21 +174,16 @@ def _from_design(
     q0, path = problem.start, problem.cycle
     cycles = options.cycles or CYCLES
     say(f"following the path for {cycles} cycles")
-    controls = zip(
-        _names(design),
-        ("pseudoinverse", "repeatable"),
-        (design.desired, design.inverse),
-        strict=True,
-    )
-    tracks = [
-        playback_of(
-            label,
-            rp.follow(strategy, path, q0, cycles=cycles, steps=options.steps),
-            COLOURS[key],
-        )
-        for label, key, strategy in controls
+    laws = (design.desired, design.inverse)
+    motions = [
+        rp.follow(law, path, q0, cycles=cycles, steps=options.steps) for law in laws
     ]
-    own = own_loop(tracks[0].motion, [design.desired, design.inverse])
+    keys = ("pseudoinverse", "repeatable")
+    tracks = [
+        playback_of(label, motion, COLOURS[key])
+        for label, key, motion in zip(_names(design), keys, motions, strict=True)
+    ]
+    own = own_loop(motions[0], laws)
     return (
         design.task,
         tracks,

@@ -114,7 +114,7 @@ CHAINS = [
     ["study", "follow"],
     ["check", "cell"],
     ["design", "export"],
-    ["animate", "robots"],
+    ["robots"],
 ]
 """Commands of "Your own arm" that use what earlier ones of the same chain wrote."""
 

@@ -145,36 +145,39 @@ def _law(strategy: Strategy) -> list[_Numbers] | None:
     parts = _potentials(strategy.potentials)
     if parts is None:
         return None
-    count = sum(len(part.get("terms", part.get("waves", ()))) for part in parts)
+    count = sum(len(part.get("terms") or part["waves"]) for part in parts)
     return parts if count <= _MOST_TERMS else None
 
 
 def _potentials(h: Potentials) -> list[_Numbers] | None:
     """Describe potentials as a sum of polynomials and Fourier series; None for any others."""
     if isinstance(h, SumMap):
-        found = [_potentials(part) for part in h.maps]
-        return (
-            None if None in found else [one for parts in found for one in parts or ()]
-        )
+        found: list[_Numbers] = []
+        for part in h.maps:
+            described = _potentials(part)
+            if described is None:
+                return None
+            found += described
+        return found
     if isinstance(h, FourierMap):
         return [
             {name: getattr(h, name).tolist() for name in ("waves", "sines", "cosines")}
         ]
-    joints = np.arange(h.n) if isinstance(h, PolynomialMap) else None
+    whole, joints = h, range(h.n) if isinstance(h, PolynomialMap) else ()
     if isinstance(h, PartialMap):
-        h, joints = h.part, h.variables
-    if not isinstance(h, PolynomialMap) or joints is None:
+        whole, joints = h.part, h.variables.tolist()
+    if not isinstance(whole, PolynomialMap):
         return None
     terms = [
         [[i for i, power in enumerate(beta) for _ in range(power)], factors.tolist()]
-        for beta, factors in h.terms.items()
+        for beta, factors in whole.terms.items()
         if any(beta)
     ]
     return [
         {
-            "joints": joints.tolist(),
-            "center": h.center.tolist(),
-            "scale": h.scale.tolist(),
+            "joints": list(joints),
+            "center": whole.center.tolist(),
+            "scale": whole.scale.tolist(),
             "terms": terms,
         }
     ]

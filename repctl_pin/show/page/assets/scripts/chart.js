@@ -5,7 +5,6 @@ import { inMetres, inWords } from "./numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 export const SCALE = 0.1; // m, which bars reach at least up to
-const NOTHING = 1e-6; // m, up to which no bar is drawn
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
@@ -76,7 +75,7 @@ export class Chart {
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = off > NOTHING ? Math.max(2, foot - level(off)) : 0;
+        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(2, foot - level(off)); // a zero is seen, too
         draw.fillStyle = arm.data.color;
         draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);

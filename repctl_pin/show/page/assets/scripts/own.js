@@ -243,7 +243,7 @@ export class Own {
     this.scene.part = part;
     for (const arm of arms) arm.pointAt((s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
     if (result.cycles < CYCLES) sentence.push([` In cycle ${result.cycles + 1} an arm comes to a singularity.`, "bad"]);
-    this.write(sentence, also ? [[`${also} `, "near"], ...notes] : notes, `your loop, ${inMetres(this.length)} long`);
+    this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1, -1)] : notes, `your loop, ${inMetres(this.length)} long`);
     byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more from the start";
     this.player.show();
   }
@@ -316,6 +316,7 @@ export class Own {
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
       const node = byId(id), sample = element(node.tagName, { id, style: "position: absolute; visibility: hidden; left: 0; top: 0" }, text);
       node.style.minHeight = "";
+      if (!node.clientWidth) continue; // inside another page
       sample.style.width = `${node.clientWidth}px`;
       node.after(sample);
       const tall = Math.max(sample.offsetHeight, ...this.texts.filter(([one]) => one === node).map(([, children]) => { const now = [...node.childNodes]; node.replaceChildren(...children); const height = node.offsetHeight; node.replaceChildren(...now); return height; }));

@@ -6,7 +6,8 @@ const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
 
-// {sentence, notes, part} after so many cycles, in pieces [words, tone]; `plane`: whether the loop encloses anything.
+// {sentence, notes, part} after so many cycles, in pieces [words, tone]; whether the loop encloses anything, and how often it
+// turns around the first joint.
 export function told(chain, arms, result, cycles, { encloses, turns }) {
   const { runs } = result, k = cycles - 1, times = cycles === 1 ? "one cycle" : `${cycles} cycles`;
   const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k])), most = worst.reduce((a, b) => (b.off > a.off ? b : a));
@@ -20,7 +21,7 @@ export function told(chain, arms, result, cycles, { encloses, turns }) {
     const { off, part } = worst[i], zero = off < BACK;
     return [`${inMetres(off)}${zero && i ? "" : unit}${zero || part === most.part ? "" : ` (${part})`}`.replaceAll(" ", "\u00a0"), toneOf(off)];
   };
-  if (back && !encloses) said.push(["It went there and back the same way and encloses nothing: "], ["0", "good"], [" off."]);
+  if (back && !encloses) said.push(["A way there and back encloses nothing: "], ["0", "good"], [runs.length === 2 ? " off under both." : " off."]);
   else if (back) said.push(["So is every part of the arm: "], ["0", "good"], [" off."]);
   else if (most.off >= SMALL) said.push([`${capital(name)} is not: `], ...listed((i) => value(i, " off")), ["."]);
   else if (Math.max(...joints) >= TURNED) said.push([`The joint ${joint} is not: `], ...listed((i) => [joints[i] < 1e-5 ? "0" : `${inWords(Number(joints[i].toPrecision(2)))}\u00a0rad`, joints[i] >= TURNED ? "bad" : "good"]), ["."]);
