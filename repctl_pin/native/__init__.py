@@ -62,7 +62,7 @@ def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
         cause = "is switched off" if off else "is missing"
         raise InputError(
             f"{by} requires the native library, which {cause}",
-            remedy="unset REPCTL_NATIVE" if off else _REMEDY,
+            remedy="unset REPCTL_NATIVE" if off else REMEDY,
         )
     return ctypes.PyDLL(native._name) if holds else native
 

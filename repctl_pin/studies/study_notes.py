@@ -14,7 +14,7 @@ from ..integrability import drift_per_area
 from ..model.task import Task
 from ..motion import LeafLock, Motion, follow, least_closed_motion
 from ..motion.displacement import farthest_link
-from ..motion.fitting_circle import fitting_circle, planes_of
+from ..motion.fitting_circle import fitting_circle
 from ..motion.joint_motion import TOO_FAST, cycle_of
 from ..motion.motion import ON_PATH
 from ..paths import TaskPath
@@ -129,7 +129,7 @@ def _other_circle(
     task, path = plain.task, motion.path
     kind, _, size = path.spec.partition(":")
     found: list[tuple[str, str, float]] = []
-    for plane in planes_of(task) if kind == "circle" else ():
+    for plane in task.kind.planes if kind == "circle" else ():
         if plane == path.plane:
             continue
         try:

@@ -64,7 +64,8 @@ def _at_one_pose(relabeled: Relabeled) -> list[int]:
     sessions = [frames for frames in sessions if len(frames)][:_ARMS]
     if len(sessions) < 2:
         return []
-    best, most = [], 0.0
+    best: list[int] = []
+    most = 0.0
     some = np.linspace(0, len(sessions[0]) - 1, _TRIED).astype(int)
     for first in np.unique(sessions[0][some]):
         gaps = [np.linalg.norm(U[frames] - U[first], axis=1) for frames in sessions]

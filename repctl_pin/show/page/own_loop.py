@@ -15,7 +15,7 @@ from ...arguments import Array
 from ...model.arm_links import arm_links
 from ...model.joint_chain import joint_tree
 from ...model.length import arm_length
-from ...model.task import KINDS, Task
+from ...model.task import Task
 from ...model.visuals import Visuals
 from ...motion import Motion, elbow
 from ...potentials.basis import Potentials
@@ -70,7 +70,7 @@ def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
     ]
     return {
         "kind": task.kind if task.kind in ("pose", "axis") else "position",
-        "rows": list(KINDS[task.kind]),
+        "rows": task.kind.rows.tolist(),
         "joints": joints,
         "chain": tree.chain.tolist(),
         "frame": {"R": tree.R_frame.ravel().tolist(), "p": tree.p_frame.tolist()},
