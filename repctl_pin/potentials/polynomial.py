@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -13,7 +14,6 @@ from numpy.typing import ArrayLike
 from ..arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
 from ..errors import InputError
 from .basis import PotentialBasis, as_joint_indices
-from .fast_potentials import MOST_ENTRIES, Homogeneous, InPlace, plain, spread_evenly
 from .maps import PartialMap, coefficients
 
 _MAX_SIZE = 5_000
@@ -202,8 +202,6 @@ class PolynomialMap:
         Highest total degree.
     terms
         Coefficients (r,) of the monomials of u, by the exponents of the monomials.
-    homogeneous : Homogeneous or None
-        These polynomials as one tensor each, which is faster; None if the tensors would be large.
     """
 
     def __init__(
@@ -220,7 +218,7 @@ class PolynomialMap:
         # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
         tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]
         for beta, coefficient in terms.items():
-            spread_evenly(
+            _spread_evenly(
                 tensors[sum(beta)],
                 [i for i, power in enumerate(beta) for _ in range(power)],
                 coefficient,
@@ -232,13 +230,9 @@ class PolynomialMap:
         )
         self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
         self._shape, self.n = (n, r), n
-        small = degree <= 4 and r * (n + 1) ** degree <= MOST_ENTRIES
-        self.homogeneous = Homogeneous(center, scale, degree, terms) if small else None
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        if self.homogeneous is not None:
-            return self.homogeneous.value(q)
         u = (q - self.center) * self._inverse_scale
         h = self._value[-1]
         for lower in self._value[-2::-1]:
@@ -247,21 +241,11 @@ class PolynomialMap:
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        if self.homogeneous is not None:
-            return self.homogeneous.gradient(q)
         u = (q - self.center) * self._inverse_scale
         V = self._slope[-1]
         for lower in self._slope[-2::-1]:
             V = lower + V.reshape(-1, self.n) @ u
         return V.reshape(self._shape)
-
-    def in_place(self, V_T: Array, e: Array) -> InPlace:
-        """Create functions that write Vᵀ into V_T (r, n), and c − h into e (r,)."""
-        return (
-            plain(self, V_T, e)
-            if self.homogeneous is None
-            else self.homogeneous.in_place(V_T, e)
-        )
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
@@ -289,3 +273,26 @@ class PolynomialMap:
         for lower in self._slope[-3::-1]:
             V = lower + np.einsum("kpi,ki->kp", V.reshape(len(U), -1, n), U)
         return V.reshape(len(U), n, r)
+
+
+def _spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
+    """Add a monomial's coefficients (r,) to r symmetric tensors S (r, …).
+
+    The monomial's index tuple is ``places``. Each distinct order of it gets an equal part.
+    """
+    arrangements = _orders(tuple(places))
+    for place in arrangements:
+        at: tuple[Any, ...] = (slice(None), *place)
+        S[at] += coefficient / len(arrangements)
+
+
+def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
+    """Return all distinct orders of the entries of a tuple, which may repeat."""
+    if len(places) <= 1:
+        return [places]
+    return [
+        (first, *rest)
+        for i, first in enumerate(places)
+        if first not in places[:i]
+        for rest in _orders(places[:i] + places[i + 1 :])
+    ]

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, partial
-from math import prod
-from sys import float_info
 from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.blas import ddot
-from scipy.linalg.lapack import dgesv, dgetrf, dgetri
+from scipy.linalg.lapack import dgetrf, dgetri
 
 from ..arguments import Array
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import augmented_inverse, is_regular
-from ..redundancy.inverses import RANK_TOLERANCE
 from .native_arm import library_arm
 from .native_law import NativeLaw
 from .step_arguments import StepLimits, failure
@@ -153,7 +149,7 @@ class NumPyLaw:
         if not np.isfinite(rhs).all():
             raise failure(self.task, q, rhs)
         try:
-            inverse = np.linalg.inv(J_V)
+            inverse: Array = np.linalg.inv(J_V)
         except np.linalg.LinAlgError:
             raise failure(self.task, q, rhs) from None
         x = inverse @ rhs
@@ -171,54 +167,6 @@ class NumPyLaw:
         if not np.isfinite(x).all():
             raise failure(self.task, q, rhs)
         return x, used
-
-
-def checked_solve(
-    task: Task, memory: Array, J_V: Array, rhs: Array, evaluate: Callable[[Array], None]
-) -> Callable[[Array], Array]:
-    """Create the function q → x that solves ``J_V x = rhs``, or raises SingularityError.
-
-    Parameters
-    ----------
-    task
-        Task, for error messages.
-    memory : array
-        Memory block that begins with J_V, column by column. If it also contains rhs, overflow of x
-        is detected, too.
-    J_V : (n, n) array
-        Evaluated at q by the caller; overwritten.
-    rhs : (n,) or (n, k) array
-        Right-hand side, or k of them.
-    evaluate
-        Function that writes J_V at q again. It is needed only where a fast test cannot show that
-        J_V is regular, and its rank is tested exactly.
-    """
-    n = task.n
-    pivots, half, tolerance = (
-        memory[: n * n : n + 1],
-        n / 2,
-        RANK_TOLERANCE / n ** (n / 2),
-    )
-    largest = float_info.max ** (1 / half)  # square ** half overflows beyond it
-
-    def solved(q: Array) -> Array:
-        square = ddot(memory, memory)
-        _, order, x, info = dgesv(J_V, rhs, 1, 0)
-        # |det J_V| = |∏ pivots| ≤ sin θ ∏ ‖row‖ ≤ sin θ (‖J_V‖/√n)ⁿ, θ the smallest angle of
-        # is_regular, so this test is sufficient. NaN fails it. Where it fails, the exact test
-        # decides. It bounds x, too: ‖x‖ ≤ square^half / |det J_V|.
-        if not (
-            square < largest and abs(prod(pivots.tolist())) > tolerance * square**half
-        ):
-            inverse = None if info else dgetri(J_V, order)[0]
-            evaluate(q)
-            if inverse is None or not (
-                np.isfinite(x).all() and is_regular(J_V, inverse)
-            ):
-                raise failure(task, q, rhs)
-        return x
-
-    return solved
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -14,10 +14,9 @@ import pytest
 from controls import NEEDS_C, c_compiler, control
 
 import repctl_pin as rp
-from repctl_pin import native
 from repctl_pin.strategies.native_arm import native_arm
 
-FOLDER = Path(native.__file__).parent
+FOLDER = Path(rp.__file__).parent / "native"
 DOUBLE = ctypes.c_double
 Q0 = np.array([0.3, 0.8, 0.8])
 
