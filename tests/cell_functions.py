@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from arms import Q_PANDA
 
 import repctl_pin as rp
@@ -50,6 +51,13 @@ def function_of(name: str) -> rp.InverseFunction:
     return rp.InverseFunction(
         chart_of(cell, rp.solve_ik(cell.task, Q_PANDA, cell.placement))
     )
+
+
+def f_in_numpy(function: rp.InverseFunction) -> rp.InverseFunction:
+    """The same function on the plain NumPy law."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("REPCTL_NATIVE", "no")
+        return rp.InverseFunction(function.chart, keep_limits=function.keep_limits)
 
 
 def tour(cell: rp.Cell, seed: int = 0, reach: float = 0.9) -> rp.TaskPath:

@@ -17,9 +17,6 @@ from controls import in_numpy
 
 import repctl_pin as rp
 
-MEMORY = {"repctl_pin.extensions.cells.fast_sector.FastCoordinates"}
-"""Memory that the functions of a control loop write to."""
-
 
 def holds_arrays(kind: type) -> bool:
     types = [str(field.type) for field in dataclasses.fields(kind)]
@@ -40,7 +37,7 @@ def dataclasses_with_arrays() -> list[type]:
             own = inspect.isclass(kind) and kind.__module__ == module.name
             if own and dataclasses.is_dataclass(kind) and holds_arrays(kind):
                 found[f"{module.name}.{name}"] = kind
-    return [kind for name, kind in found.items() if name not in MEMORY]
+    return list(found.values())
 
 
 KINDS = dataclasses_with_arrays()

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stddef.h>
 
-#include "chart.h"
+#include "function.h"
 
 typedef struct {
   int keep;

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "chart.h"
+#include "function.h"
 
 /* Newton's method with exchanges of rows on [x - f(q); c - n_ref^T (q - q_ref)], n_ref^T (N - M, N), with steps of at
    most longest; return the size of the last step, HUGE_VAL if there is none. */

@@ -2,7 +2,7 @@
 
 #include <math.h>
 
-#include "chart.h"
+#include "function.h"
 
 #ifdef LEVEL /* of the library, in which chart.c is another object */
 #include "levels.h"

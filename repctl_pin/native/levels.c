@@ -5,7 +5,7 @@
 #include "levels.h"
 
 #include "chain.h"
-#include "chart.h"
+#include "function.h"
 
 CellBounds cell_bounds_plain;
 ArmGradients arm_gradients_plain;

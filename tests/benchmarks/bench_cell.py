@@ -195,7 +195,7 @@ def test_batches_called_from_python(panda_pose: rp.Task, say) -> None:
         degree=4,
         options=rp.FitOptions(held_out=64),
     )
-    fast, model, data = rp.compiled(found.function), task.model, task.model.createData()
+    fast, model, data = found.function, task.model, task.model.createData()
     frame = model.getFrameId(task.frame, pin.FrameType.BODY)
     for count in (10_000, 50_000):
         U = cell.sample(count)
@@ -304,12 +304,11 @@ def test_f_beside_closed_forms(panda_pose: rp.Task, say) -> None:
         degree=3,
         options=rp.FitOptions(held_out=64),
     )
-    fast, U = rp.compiled(found.function), cell.sample(64)
+    fast, U = found.function, cell.sample(64)
     targets, Q = [cell.at(u) for u in U], fast.batch(U)
     poses = [x.homogeneous for x in targets]
     solvers: dict[str, Solve] = {
-        "F, Python": lambda x, q: [found.function(x)],
-        "F, compiled": lambda x, q: [fast(x)],
+        "F": lambda x, q: [fast(x)],
         **closed_forms(task),
     }
     best = dict.fromkeys(solvers, np.inf)

@@ -212,7 +212,6 @@ def controllers_table(name: str, scene: Scene) -> tuple[np.ndarray, rp.CellDesig
         "pink": pink_step(scene),
         "pink + posture": pink_step(scene, 1e-3),
         "F": function_step(found.function),
-        "F, compiled": function_step(rp.compiled(found.function)),
     }
     U, session = coordinates(scene)
     unit, kept = None, None

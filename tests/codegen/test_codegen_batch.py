@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cell_functions import function_of
+from cell_functions import f_in_numpy, function_of
 from controls import NEEDS_C, own_cache  # noqa: F401
 
 import repctl_pin as rp
@@ -52,11 +52,11 @@ def function_on(name: str, frame: str, kind: str) -> rp.InverseFunction:
 @pytest.mark.parametrize(("name", "frame", "kind"), ARMS, ids=[arm[0] for arm in ARMS])
 def test_batches_are_pythons_on_twelve_arms(name: str, frame: str, kind: str) -> None:
     function = function_on(name, frame, kind)
-    fast, U = rp.compiled(function), function.cell.sample(2000)
+    slow, U = f_in_numpy(function), function.cell.sample(2000)
     for leaf in (None, np.full(function.task.r, 0.05)):
-        expected = function.batch(U, leaf=leaf)
-        away = np.abs(fast.batch(U, leaf=leaf) - expected).max()
-        one = [fast(function.cell.at(u), leaf=leaf) for u in U[:200]]
+        expected = slow.batch(U, leaf=leaf)
+        away = np.abs(function.batch(U, leaf=leaf) - expected).max()
+        one = [function(function.cell.at(u), leaf=leaf) for u in U[:200]]
         alone = np.abs(np.array(one) - expected[:200]).max()
         print(f"{name}, leaf {leaf}: batch {away:.1e}, one by one {alone:.1e}")
         assert max(away, alone) < EXACT
@@ -66,23 +66,23 @@ def test_batches_are_pythons_on_twelve_arms(name: str, frame: str, kind: str) ->
 def test_threads_and_odd_counts_give_the_same_numbers() -> None:
     """Lanes hold eight poses: any count, order and number of threads gives the same q."""
     function = function_of("poses of one orientation")
-    fast, U = rp.compiled(function), 0.8 * function.cell.sample(1027)
-    whole, expected = fast.batch(U), function.batch(U[:64])
+    slow, U = f_in_numpy(function), 0.8 * function.cell.sample(1027)
+    whole, expected = function.batch(U), slow.batch(U[:64])
     assert np.abs(whole[:64] - expected).max() < EXACT
-    assert np.array_equal(fast.batch(U, threads=3), whole)
+    assert np.array_equal(function.batch(U, threads=3), whole)
     for count in (1, 7, 8, 9):
-        assert np.array_equal(fast.batch(U[:count]), whole[:count])
-    assert np.array_equal(fast.batch(U[::-1]), whole[::-1])
+        assert np.array_equal(function.batch(U[:count]), whole[:count])
+    assert np.array_equal(function.batch(U[::-1]), whole[::-1])
 
 
 @NEEDS_C
 def test_one_bad_target_in_a_batch_is_named() -> None:
     function = function_of("poses of one orientation")
-    fast, U = rp.compiled(function), 0.5 * function.cell.sample(20)
+    slow, U = f_in_numpy(function), 0.5 * function.cell.sample(20)
     targets = [function.cell.at(u) for u in U]
     targets[13] = function.cell.at([3.0] * function.cell.k)
-    for one in (function, fast):
+    for one in (function, slow):
         with pytest.raises(rp.InputError, match="13"):
             one.batch(targets, threads=2)
     with pytest.raises(rp.InputError, match="threads"):
-        fast.batch(U, threads=0)
+        function.batch(U, threads=0)

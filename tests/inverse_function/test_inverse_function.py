@@ -17,6 +17,7 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, middle, panda, tour
+from controls import in_numpy
 from design_file import checksum
 
 import repctl_pin as rp
@@ -447,8 +448,8 @@ def test_the_field_is_the_section_and_its_gradient(kind: str) -> None:
         ("xy", 0),
     ],
 )
-def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> None:
-    """On random polynomials, inside the cell and off what it holds: the loop's own way, and finite
+def test_potentials_in_c_are_the_potentials(kind: str, rotation: object) -> None:
+    """On random polynomials, inside the cell and off what it holds: C, and finite
     differences."""
     cell = rp.Cell(panda(kind), middle(kind), 0.3, rotation)
     task, rng = cell.task, np.random.default_rng(0)
@@ -457,21 +458,14 @@ def test_potentials_in_place_are_the_potentials(kind: str, rotation: object) -> 
     random = rng.normal(size=chart.coefficients.shape)
     F = rp.InverseFunction(replace(chart, cell=cell, coefficients=random))
     potentials = F.inverse.potentials
-    V_T, e = np.zeros((task.n, task.n), order="F")[: task.r], np.zeros(task.r)
-    write_slope, write_gap = potentials.in_place(V_T, e)
     for _ in range(3):
-        q, c, d = (
-            Q_PANDA + 0.1 * rng.normal(size=task.n),
-            rng.normal(size=task.r),
-            rng.normal(size=task.n),
-        )
-        write_slope(q)
-        write_gap(c)
-        size = np.abs(V_T).max()
-        assert np.allclose(V_T, potentials.gradient(q).T, rtol=0, atol=1e-12 * size)
-        assert np.allclose(e, c - potentials.value(q), rtol=0, atol=1e-12 * size)
+        q, d = Q_PANDA + 0.1 * rng.normal(size=task.n), rng.normal(size=task.n)
+        h, V, G = potentials.value(q), potentials.gradient(q), F.inverse(q)
+        assert np.allclose(F.inverse.leaf(q), h, rtol=0, atol=1e-12 * np.abs(h).max())
+        away = np.abs(F.inverse.batch(q[None])[0] - G).max()
+        assert away < 1e-10 * np.abs(G).max()
         slope = (potentials.value(q + 1e-6 * d) - potentials.value(q - 1e-6 * d)) / 2e-6
-        assert np.allclose(V_T @ d, slope, rtol=0, atol=1e-6 * size)
+        assert np.allclose(d @ V, slope, rtol=0, atol=1e-6 * np.abs(V).max())
 
 
 def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
@@ -1582,7 +1576,7 @@ def test_the_control_of_a_cell_knows_its_cell_and_the_limits(tmp_path: Path) -> 
         cell.at(np.array([1.2, 0.0, 0.0])),
     )
     far = rp.solve_ik(task, q, beyond)
-    for how in (inverse, pickle.loads(pickle.dumps(inverse)), rp.compiled(inverse)):
+    for how in (inverse, pickle.loads(pickle.dumps(inverse)), in_numpy(inverse)):
         inside = how.step(q, cell.at(np.array([0.02, 0.0, 0.0])), 0.01, outside="raise")
         assert np.abs(inside - q).max() < 0.1
         with pytest.raises(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from cell_functions import CELLS, function_of, middle, panda
+from cell_functions import CELLS, f_in_numpy, function_of, middle, panda
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
@@ -51,13 +51,13 @@ def test_a_leaf_for_each_target_and_the_way_back(function: rp.InverseFunction) -
         assert np.abs(function.batch(X[:1], leaf=leaf) - q).max() < 1e-9
 
 
-def test_compiled_it_takes_the_same(function: rp.InverseFunction) -> None:
-    compiled = rp.compiled(function)
+def test_in_numpy_it_takes_the_same(function: rp.InverseFunction) -> None:
+    slow = f_in_numpy(function)
     _, X, rows = forms(function, 64)
     C = np.random.default_rng(4).uniform(-0.1, 0.1, (64, 1))
     for leaf in (None, [0.05], C):
         assert (
-            np.abs(compiled.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max()
+            np.abs(slow.batch(rows, leaf=leaf) - function.batch(X, leaf=leaf)).max()
             < 1e-9
         )
 
@@ -67,7 +67,7 @@ def test_missing_targets_are_rows_of_nan(function: rp.InverseFunction) -> None:
     Q = function.batch(X)
     rows[1, 0] += 1.0  # outside
     rows[4] = np.nan
-    for one in (function, rp.compiled(function)):
+    for one in (function, f_in_numpy(function)):
         found = one.batch(rows, missing="nan")
         assert np.isnan(found[[1, 4]]).all()
         assert np.abs(found[[0, 2, 3, 5]] - Q[[0, 2, 3, 5]]).max() < 1e-9
@@ -105,7 +105,7 @@ def test_a_leaf_without_a_configuration_is_refused_by_number(
         assert str(one.value) == words and str(batch.value) == f"target 2: {words}"
 
 
-@pytest.mark.parametrize("written", [lambda F: F, rp.compiled], ids=["Python", "C"])
+@pytest.mark.parametrize("written", [lambda F: F, f_in_numpy], ids=["C", "NumPy"])
 def test_other_leaves_keep_the_limits_where_the_first_needs_no_check(
     function: rp.InverseFunction, written: Callable[..., rp.InverseFunction]
 ) -> None:
@@ -140,7 +140,7 @@ def test_one_row_that_is_no_rotation_is_named_among_missing_ones(
     scaled, last = X.copy(), X.copy()
     scaled[4, :3, :3] *= 1 + 1e-5
     last[4, 3, 0] = 1e-5
-    for one in (function, rp.compiled(function)):
+    for one in (function, f_in_numpy(function)):
         for wrong, words in (
             (scaled, "rotation of target 4"),
             (last, "row of target 4"),

@@ -12,7 +12,7 @@ from .text import filled, pasted
 def function_code(function: InverseFunction, name: str) -> str:
     """Write the C code of an inverse kinematic function F, after that of its inverse."""
     parts = {
-        "library": pasted("function.c", "function_lanes.c"),
+        "library": pasted("function.h", "function.c", "function_lanes.c"),
         "keep": int(function.keep_limits),
     }
     return filled("function.c", name, parts)
