@@ -1,4 +1,4 @@
-/* The Taylor models for the vector units of this processor. Every level gives the same numbers, bit by bit.
+/* The proofs' kernels for the vector units of this processor. Every level gives the same numbers, bit by bit.
 
    The processor is asked by hand: the compiler's own test of it brings zig's sine and cosine in place of the system's. */
 
@@ -8,12 +8,14 @@
 
 CellBounds cell_bounds_plain;
 ArmGradients arm_gradients_plain;
+InverseBounds inverse_bounds_plain;
 
 #ifdef __x86_64__
 #include <cpuid.h>
 
 CellBounds cell_bounds_avx2, cell_bounds_avx512;
 ArmGradients arm_gradients_avx2, arm_gradients_avx512;
+InverseBounds inverse_bounds_avx2, inverse_bounds_avx512;
 
 enum { UNKNOWN, PLAIN, AVX2, AVX512 };
 
@@ -45,4 +47,10 @@ EXPORT int cell_bounds(const struct Cell *cell, long K, const double *U, const d
 EXPORT int arm_gradients(const struct ArmAngle *arm, long K, const double *Q, const double *half, double *P,
                          double *r) {
   return CHOSEN(arm_gradients)(arm, K, Q, half, P, r);
+}
+
+EXPORT int inverse_bounds(const struct Problem *problem, long K, const double *Q, const double *half,
+                          const double *arms, const double *most, double ratio, double *bound, double *value,
+                          int *split) {
+  return CHOSEN(inverse_bounds)(problem, K, Q, half, arms, most, ratio, bound, value, split);
 }

@@ -9,19 +9,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ... import progress as reporting
-from ...arguments import finite, flag, positive, require_type
+from ...arguments import finite, flag, positive, require_type, vector
 from ...certificate import Proof
 from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError
-from ...regions import Region
+from ...paths.task_path import ClosedPath
+from ...regions import Region, Tube
 from ...regions.region import A_REGION
 from .branch_and_bound import bound_leaf_margin
+from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
 
 if TYPE_CHECKING:
     from ..cells.cell_design import CellDesign
+
+_CLOSING_SECONDS = 2.0
+"""Maximum processor time for the largest closing radius, s."""
 
 
 def prove(
@@ -30,6 +35,9 @@ def prove(
     margin: float | None = None,
     limit_margin: float | None = None,
     region: Region | None = None,
+    closes: float | tuple[float, float] | bool = True,
+    ratio: float = 3.0,
+    path: ClosedPath | None = None,
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Proof:
@@ -57,6 +65,14 @@ def prove(
     region
         Region of joint space to prove a design over, by default its own one. A proof over another
         region is no certificate of the design.
+    closes
+        Closing radius to prove: metres, or (metres, radians). By default the largest one that can
+        be proved in two seconds; False for none. A function closes all paths in its cell.
+    ratio
+        Radians per metre of the closing radius; 0 for paths of constant orientation.
+    path
+        Closed path along which to prove the closing radius, in place of the surroundings of the
+        start. For a tube, by default that of the design's cycle.
     seconds
         Processor time, s, after which the bounds found so far are taken.
     progress
@@ -65,7 +81,8 @@ def prove(
     Returns
     -------
     Proof
-        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``.
+        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``. Its
+        ``closes`` is the closing radius.
 
     Raises
     ------
@@ -78,6 +95,8 @@ def prove(
     >>> proof = rp.prove(design)
     >>> proof.proved, 0.9 * design.leaf_margin < proof.leaf_margin <= design.leaf_margin + 1e-6
     (True, True)
+    >>> bool(rp.prove(design, closes=(0.05, 0.15)))  # every closed path within 5 cm and 8.5°?
+    True
     """
     if not isinstance(what, Design):
         from ..cells.cell_design import CellDesign  # a study has no need of it
@@ -102,12 +121,23 @@ def prove(
                 argument="region",
                 remedy="omit it",
             )
+    asked, ratio, closing = _asked_radius(closes, ratio)
+    if path is not None and not (closing and isinstance(what, Design)):
+        raise InputError(
+            "requires a design in joint space and a closing radius",
+            argument="path",
+            remedy="omit it",
+        )
     if not callable(progress):
         progress = flag(progress, "progress")
     with reporting.reporter(progress) as report:
         if isinstance(what, Design):
             over = what.region if region is None else region
-            return _of_region(what, over, goal, least, seconds, report)
+            proof = _of_region(
+                what, over, goal, least, seconds, path, ratio, asked, closing, report
+            )
+            subject = subject_of(what.task, what.potentials, what.coefficients, over)
+            return proof.sealed(subject) if subject else proof
         return _of_cell(what, goal, least, seconds, report)
 
 
@@ -120,15 +150,37 @@ def _share(margin: float) -> float:
     return value
 
 
+def _asked_radius(
+    closes: float | tuple[float, float] | bool, ratio: float
+) -> tuple[float | None, float, bool]:
+    """Return the closing radius to prove, m, the radians per metre, and whether to prove one."""
+    ratio = positive(ratio, "ratio", "rad per m", zero=True)
+    if isinstance(closes, (bool, np.bool_)):
+        return None, ratio, bool(closes)
+    if isinstance(closes, (tuple, list, np.ndarray)):
+        metres, radians = vector(closes, 2, "closes, metres and radians,")
+        metres = positive(metres, "the metres of closes", "m")
+        return (
+            metres,
+            positive(radians, "the radians of closes", zero=True) / metres,
+            True,
+        )
+    return positive(closes, "closes", "m"), ratio, True
+
+
 def _of_region(
     design: Design,
     region: Region,
     goal: float | None,
     least: float | None,
     seconds: float,
+    path: ClosedPath | None,
+    ratio: float,
+    radius: float | None,
+    closing: bool,
     report: reporting.Report,
 ) -> Proof:
-    """Prove the margins of a design over a region of joint space."""
+    """Prove the margins and the closing radius of a design over a region of joint space."""
     task = design.task
     low, high = cover(region)
     limit_bound, nearest = limit_margin(task, low, high)
@@ -148,8 +200,20 @@ def _of_region(
             half=(high[nearest] - low[nearest]) / 2,
             reason=f"the limit margin there is {limit_bound:.4g}",
         )
-    subject = subject_of(task, design.potentials, design.coefficients, region)
-    return proof.sealed(subject) if subject else proof
+    if isinstance(region, Tube) and path is None:
+        if design.cycle is None:
+            return proof
+        path = design.cycle.path
+    if not closing:
+        return proof
+    report("proving the closing radius", 0.0)
+    spent = min(seconds, _CLOSING_SECONDS) if radius is None else seconds
+    closes = closing_radius(design, region, problem, path, ratio, radius, spent)
+    if radius is not None and closes.metres < radius:
+        said = f"closing radius {closes.size}" if closes else "no closing radius"
+        why = f"{said}: {closes.reason}"
+        return replace(proof, closes=closes, proved=False, reason=proof.reason or why)
+    return replace(proof, closes=closes)
 
 
 def _of_cell(
