@@ -3,6 +3,8 @@ proof."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 
@@ -85,10 +87,6 @@ def lifted_round(
     count = max(4, int(np.ceil(2 / step)))
     q = lift(design, closes.start, between(center[0], corner[0], count))
     before = q[-1]
-    way = [
-        p
-        for a, b in zip(corner, corner[1:], strict=False)
-        for p in between(a, b, count)
-    ]
+    way = [p for a, b in pairwise(corner) for p in between(a, b, count)]
     Q = lift(design, before, way)
     return before, Q[-1], float(design.region.ratio(Q).max())

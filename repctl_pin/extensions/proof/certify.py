@@ -13,20 +13,25 @@ from ...arguments import finite, flag, positive, require_type, vector
 from ...certificate import Proof
 from ...design import Design
 from ...design.subject import subject_of
-from ...errors import InputError
+from ...errors import InputError, SingularityError
+from ...native import library
 from ...paths.task_path import ClosedPath
-from ...regions import Region, Tube
+from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
 from .branch_and_bound import bound_leaf_margin
 from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
+from .signs import opposite_signs
 
 if TYPE_CHECKING:
     from ..cells.cell_design import CellDesign
 
-_CLOSING_SECONDS = 2.0
-"""Maximum processor time for the largest closing radius, s."""
+_SHRINKING_SECONDS = 0.2
+"""Processor time for each smaller Ω that is tried where there is a singularity, s."""
+
+_CLOSING_SECONDS = 5.0
+"""Minimum processor time, s, that a closing radius may take."""
 
 
 def prove(
@@ -66,8 +71,8 @@ def prove(
         Region of joint space to prove a design over, by default its own one. A proof over another
         region is no certificate of the design.
     closes
-        Closing radius to prove: metres, or (metres, radians). By default the largest one that can
-        be proved in two seconds; False for none. A function closes all paths in its cell.
+        Closing radius to prove: metres, or (metres, radians). By default the largest one that some
+        100,000 boxes prove; False for none. A function closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     path
@@ -186,6 +191,8 @@ def _of_region(
     limit_bound, nearest = limit_margin(task, low, high)
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
+    if not found and found.leaf_margin == 0:
+        found = _named(found, design, region, report)
     proof = replace(
         found,
         what=f"{task.robot.name} {task}, {region}",
@@ -206,14 +213,55 @@ def _of_region(
         path = design.cycle.path
     if not closing:
         return proof
+    if library() is None and radius is None:
+        return proof  # one warning has said so
     report("proving the closing radius", 0.0)
-    spent = min(seconds, _CLOSING_SECONDS) if radius is None else seconds
-    closes = closing_radius(design, region, problem, path, ratio, radius, spent)
+    time = max(seconds, _CLOSING_SECONDS)
+    closes = closing_radius(design, region, problem, path, ratio, radius, time)
     if radius is not None and closes.metres < radius:
         said = f"closing radius {closes.size}" if closes else "no closing radius"
         why = f"{said}: {closes.reason}"
         return replace(proof, closes=closes, proved=False, reason=proof.reason or why)
     return replace(proof, closes=closes)
+
+
+def _named(
+    found: Proof, design: Design, region: Region, report: reporting.Report
+) -> Proof:
+    """Name the singularity that prevented a proof, if signs of det J_V prove that there is one."""
+    task, field = design.task, design.inverse.potentials
+    if isinstance(region, WorkspaceBox):
+        region = region.within
+    try:
+        pair = opposite_signs(task, field, region, found.worst)
+    except SingularityError:  # an arm angle that is not defined somewhere
+        return found
+    if pair is None:
+        return found
+    a, b = (", ".join(f"{v:.4g}" for v in np.round(q, 4) + 0.0) for q in pair)
+    reason = f"J_V is singular between q = ({a}) and q = ({b}): its determinant changes its sign"
+    return replace(
+        found,
+        worst=(pair[0] + pair[1]) / 2,
+        half=np.abs(pair[0] - pair[1]) / 2,
+        reason=reason
+        + _without(design, region, float(region.ratio(pair[1][None])[0]), report),
+    )
+
+
+def _without(
+    design: Design, region: Region, share: float, report: reporting.Report
+) -> str:
+    """Write how wide Ω may be without a singularity, from its share that reaches a known one."""
+    task, field = design.task, design.inverse.potentials
+    for part in (0.95, 0.8, 0.6, 0.4):
+        smaller = region.shrunk(part * min(1.0, share)) if share > 0 else region
+        low, high = cover(smaller)
+        problem = leaf_margin_of(task, field, enclosing(low, high))
+        if bound_leaf_margin(problem, low, high, 1e-3, _SHRINKING_SECONDS, report):
+            width = part * min(1.0, share)
+            return f"; Ω shrunk to {width:.2g} of its width is proved to have none"
+    return ""
 
 
 def _of_cell(

@@ -20,6 +20,9 @@ _CYCLE_STEPS = 100
 _SECTION = 0.25
 """Motion of a joint within one place of a path, relative to its room."""
 
+_MOST = {"start": 120_000, "path": 20_000}
+"""Number of boxes after which the largest radius found so far is taken."""
+
 _CLOSED = 1e-7
 """Gap, rad or m, below which a followed path is taken for closed."""
 
@@ -74,12 +77,13 @@ def closing_radius(
                     ratio,
                     goal,
                     seconds,
+                    np.inf if goal is not None else _MOST[around],
                 )
             except SingularityError as error:
                 why = str(error)
             else:
                 radius, boxes, complete = found.radius, found.boxes, found.complete
-                why = _limit(task.joint_names[found.joint], complete, seconds)
+                why = _limit(task.joint_names[found.joint], complete, boxes)
     return ClosingRadius(
         radius,
         ratio * radius if turns else None,
@@ -94,10 +98,11 @@ def closing_radius(
     )
 
 
-def _limit(joint: str, complete: bool, seconds: float) -> str:
+def _limit(joint: str, complete: bool, boxes: int) -> str:
+    """Write why the radius is not larger."""
     if complete:
         return f"{joint} may leave Ω"
-    return f"not all of Ω was decided in {seconds:.2g} s; {joint} may leave it"
+    return f"not all of Ω was decided in {boxes} boxes; {joint} may leave it"
 
 
 def _start(design: Design, region: Region) -> Array:

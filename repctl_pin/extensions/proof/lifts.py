@@ -83,7 +83,7 @@ class Reach:
     place, joint : int
         Place and joint at which a longer line may leave the room.
     complete : bool
-        False if the time was over before all boxes were decided.
+        False if the search ended before all boxes were decided.
     """
 
     radius: float
@@ -101,6 +101,7 @@ def bound_reach(
     ratio: float,
     goal: float | None,
     seconds: float,
+    most: float,
 ) -> Reach:
     """Bound from below the length of the lines whose lifts stay in the room of their places.
 
@@ -114,12 +115,13 @@ def bound_reach(
         Rotation, rad, per metre of the lines.
     goal
         Length, m, that suffices; None for the greatest one.
-    seconds
-        Processor time after which the boxes that are not decided count with their last bounds.
+    seconds, most
+        Processor time and number of boxes after which boxes that are not decided count with their
+        last bounds.
     """
     search = _Search(problem, task, field, places, ratio, goal)
     end = thread_time() + seconds
-    while len(search.low) and thread_time() < end:
+    while len(search.low) and thread_time() < end and search.boxes < most:
         search.advance()
     return search.reach()
 
@@ -175,7 +177,7 @@ class _Search:
         )
 
     def advance(self) -> None:
-        """Halve one batch of undecided boxes, those of the smallest S first; evaluate the halves."""
+        """Halve one batch of undecided boxes, the smallest S first, and evaluate the halves."""
         take = np.arange(len(self.low))
         if len(take) > _BATCH:
             take = np.argpartition(self.within, _BATCH)[:_BATCH]
