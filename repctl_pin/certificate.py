@@ -14,7 +14,7 @@ from .arguments import Array, read_only
 from .errors import InputError, printable
 
 if TYPE_CHECKING:
-    from .model.chain_formulas import Placement
+    import pinocchio as pin
 
 _THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
@@ -88,7 +88,7 @@ class ClosingRadius:
     def __repr__(self) -> str:
         return f"<ClosingRadius: {self.words}>"
 
-    def contains(self, placement: Placement) -> bool:
+    def contains(self, placement: pin.SE3) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
         Nothing is wrong with a pose beyond the radius: paths through it are not proved to close.

@@ -329,9 +329,10 @@ def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
     """Create a proof from its part of a file; None if there is none."""
     if isinstance(data, msgspec.UnsetType):
         return None
-    part = data.closes
-    known = not isinstance(part, msgspec.UnsetType)
-    return made(Proof, data, closes=made(ClosingRadius, part) if known else None)
+    part, closes = data.closes, None
+    if not isinstance(part, msgspec.UnsetType):
+        closes = made(ClosingRadius, part)
+    return made(Proof, data, closes=closes)
 
 
 def basis_file(potentials: PotentialBasis) -> BasisFile:

@@ -162,7 +162,7 @@ def test_a_singular_start_has_no_radius_and_says_so(panda_pose: rp.Task) -> None
 def test_around_a_path_that_closes_others_close(panda_design: rp.Design) -> None:
     start = panda_design.region.center
     path = rp.Problem(panda_design.task, start=start, path="circle:0.02").cycle
-    proof = rp.prove(panda_design, margin=0.3, path=path, closes=(0.005, 0.01))
+    proof = rp.prove(panda_design, margin=0.3, closes=path)
     assert proof and proof.closes.around == "path" and len(proof.closes.positions) > 50
     before, after, share = lifted_round(
         panda_design, proof.closes, 40, np.random.default_rng(0), step=0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,9 +40,8 @@ def prove(
     margin: float | None = None,
     limit_margin: float | None = None,
     region: Region | None = None,
-    closes: float | tuple[float, float] | bool = True,
+    closes: float | tuple[float, float] | ClosedPath | bool = True,
     ratio: float = 3.0,
-    path: ClosedPath | None = None,
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Proof:
@@ -72,12 +71,11 @@ def prove(
         region is no certificate of the design.
     closes
         Closing radius to prove: metres, or (metres, radians). By default the largest one that some
-        100,000 boxes prove; False for none. A function closes all paths in its cell.
+        100,000 boxes prove; False for none. A closed path: the largest
+        one along it, in place of the surroundings of the start; for a tube, by default along the
+        path of the design's cycle. A function closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
-    path
-        Closed path along which to prove the closing radius, in place of the surroundings of the
-        start. For a tube, by default that of the design's cycle.
     seconds
         Processor time, s, after which the bounds found so far are taken.
     progress
@@ -126,13 +124,8 @@ def prove(
                 argument="region",
                 remedy="omit it",
             )
-    asked, ratio, closing = _asked_radius(closes, ratio)
-    if path is not None and not (closing and isinstance(what, Design)):
-        raise InputError(
-            "requires a design in joint space and a closing radius",
-            argument="path",
-            remedy="omit it",
-        )
+    path = closes if isinstance(closes, ClosedPath) else None
+    asked, ratio, closing = _asked_radius(True if path else closes, ratio)
     if not callable(progress):
         progress = flag(progress, "progress")
     with reporting.reporter(progress) as report:
@@ -155,9 +148,7 @@ def _share(margin: float) -> float:
     return value
 
 
-def _asked_radius(
-    closes: float | tuple[float, float] | bool, ratio: float
-) -> tuple[float | None, float, bool]:
+def _asked_radius(closes: Any, ratio: float) -> tuple[float | None, float, bool]:
     """Return the closing radius to prove, m, the radians per metre, and whether to prove one."""
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, (bool, np.bool_)):

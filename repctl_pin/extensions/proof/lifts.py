@@ -290,7 +290,8 @@ def _sampled(
         whole = min(whole, goal)
     step, free = whole / _STEPS, _FREE * places.room / whole
     width, length = np.zeros((K, n)), 0.0
-    widths, allowed = [], []
+    widths: list[Array] = []
+    allowed: list[Array] = []
     while len(widths) < _MOST_STEPS:
         slack = 1 + np.interp(length, [0, 0.7 * whole], slacks)
         for _ in range(2):
