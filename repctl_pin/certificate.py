@@ -6,18 +6,138 @@ import hashlib
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .arguments import Array, read_only
 from .errors import InputError, printable
 
+if TYPE_CHECKING:
+    import pinocchio as pin
+
 _THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 CELL_THEOREM = 5
 """Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is no leaf margin: it is larger."""
+
+_LEAST_RADIUS = 1e-3
+"""Closing radius, m, below which there is said to be none."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class ClosingRadius:
+    """Distance from a start pose, or from a closed path, within which every closed path closes.
+
+    Every closed path of the frame whose poses are all within :attr:`metres` **and**
+    :attr:`radians` of the start pose closes, however long it is: its motion, begun on the leaf of
+    the start, stays in Ω and ends where it began. Of a path that closes itself: every closed path
+    that deviates from it by less than both, at each moment, closes as well.
+    ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
+
+    Attributes
+    ----------
+    metres : float
+        Distance of the positions, m.
+    radians : float or None
+        Angle of the rotations, for an axis task of the tool axis; 0 for paths of constant
+        orientation, None for a task without orientation.
+    around : str
+        ``"start"`` or ``"path"``.
+    kind : str
+        Kind of task.
+    start : (n,) array
+        Configuration on the leaf, at the start.
+    positions, rotations : (K, 3) and (K, 3, 3) arrays
+        The start pose, or poses along the path.
+    boxes : int
+        Number of boxes evaluated.
+    complete : bool
+        False if the processor time was over before every box was decided; more gives more.
+    reason : str
+        Why the radius is not larger.
+
+    Examples
+    --------
+    >>> closes = rp.prove(design).closes
+    >>> closes.metres > 0.05 and closes.radians > 0.15
+    True
+    >>> closes.contains(design.task.placement(closes.start))
+    True
+    """
+
+    metres: float
+    radians: float | None
+    around: str
+    kind: str
+    start: Array
+    positions: Array
+    rotations: Array
+    boxes: int
+    complete: bool
+    reason: str
+
+    def __post_init__(self) -> None:
+        for name in ("start", "positions", "rotations"):
+            array = np.array(getattr(self, name), float)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __bool__(self) -> bool:
+        return self.metres >= _LEAST_RADIUS
+
+    def __repr__(self) -> str:
+        return f"<ClosingRadius: {self.words}>"
+
+    def contains(self, placement: pin.SE3) -> bool:
+        """Test whether a pose of the frame is within the radius; a path outside may not close.
+
+        Nothing is wrong with a pose beyond the radius: paths through it are not proved to close.
+
+        Parameters
+        ----------
+        placement
+            Placement of the frame, such as ``task.placement(q)``; anything with ``translation``
+            (3,) and ``rotation`` (3, 3).
+        """
+        away = np.asarray(placement.translation) - self.positions
+        away = (
+            away[:, ["xyz".index(c) for c in self.kind]]
+            if len(self.kind) == 2
+            else away
+        )
+        near = (away**2).sum(axis=1) <= self.metres**2
+        if self.radians is None or not near.any():
+            return bool(near.any())
+        R = np.asarray(placement.rotation)
+        if self.kind == "axis":
+            cosine = self.rotations[:, :, 2] @ R[:, 2]
+        else:
+            cosine = ((self.rotations * R).sum(axis=(1, 2)) - 1) / 2
+        angle = np.arccos(np.clip(cosine, -1, 1))
+        return bool((near & (angle <= self.radians + 1e-7)).any())
+
+    @property
+    def words(self) -> str:
+        """What is proved, in words: ``closed paths within 6 cm and 11° of the start close``."""
+        if not self:
+            return f"no closing radius above 1 mm is proved: {self.reason}"
+        paths = (
+            "closed paths of constant orientation"
+            if self.radians == 0
+            else "closed paths"
+        )
+        return f"{paths} within {self.size} of the {self.around} close"
+
+    @property
+    def size(self) -> str:
+        """The radius with two digits, rounded down: ``6.4 cm and 11°``."""
+        size = _length_words(self.metres)
+        if self.radians:
+            size += f" and {_below(np.degrees(self.radians), 2)}°"
+        return size
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +176,9 @@ class Proof:
     excepted : tuple of str
         Joints left out of the limit margin: their limits end the range of a sector's angle or spin
         that is ``"all"``, so they come as near to them as that range goes.
+    closes : ClosingRadius, optional
+        Distance from the start, or from the path, within which every closed path closes. None if
+        it was not asked for, or for a tube without a path.
     subject : str
         Fingerprint of all that is proved: ``design.subject`` of the design.
     seal : str
@@ -81,6 +204,7 @@ class Proof:
     asked_limit_margin: float | None = None
     theorem: int = _THEOREM
     excepted: tuple[str, ...] = ()
+    closes: ClosingRadius | None = None
     subject: str = ""
     seal: str = ""
 
@@ -114,8 +238,12 @@ class Proof:
         return replace(bound, seal=bound._fingerprint())
 
     def _fingerprint(self) -> str:
-        names = [name for name in self.__dataclass_fields__ if name != "seal"]
-        return fingerprint(*(getattr(self, name) for name in names))
+        names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
+        own = [getattr(self, name) for name in names]
+        if self.closes is not None:
+            fields = self.closes.__dataclass_fields__
+            own.append([getattr(self.closes, name) for name in fields])
+        return fingerprint(*own)
 
     def summary(self) -> str:
         """Describe in a few lines what is proved."""
@@ -130,6 +258,7 @@ class Proof:
             f"  limit margin  {self._limit_words}{_asked(self.asked_limit_margin)}",
             f"  extra speed   {self.extra_speed_words}",
             f"  σ_min(J)      {self._words(self.sigma_min)}",
+            *([] if self.closes is None else [f"  closing       {self.closes.words}"]),
             f"  boxes         {self.boxes} (theorem {self.theorem})",
             f"  least at      ({place}), in a box of half-widths {wide}",
         ]
@@ -229,12 +358,20 @@ def _pieces(part: Any) -> Iterator[str]:
         yield f'"{printable(part)}' if isinstance(part, str) else repr(part)
 
 
-def _below(value: float) -> str:
-    """Format a lower bound with three digits, rounded down."""
+def _below(value: float, digits: int = 3) -> str:
+    """Format a lower bound with some digits, rounded down."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
-    step = 10.0 ** (np.floor(np.log10(abs(value))) - 2)
-    return f"{np.floor(value / step) * step:.3g}"
+    step = 10.0 ** (np.floor(np.log10(abs(value))) - digits + 1)
+    return f"{np.floor(value / step) * step:.{digits}g}"
+
+
+def _length_words(value: float) -> str:
+    """Format a length, m, with two digits, rounded down, in m, cm or mm."""
+    for unit, size in (("m", 1.0), ("cm", 1e-2)):
+        if value >= size:
+            return f"{_below(value / size, 2)} {unit}"
+    return f"{_below(value / 1e-3, 2)} mm"
 
 
 def proved_words(proof: Proof | None) -> str:

@@ -19,7 +19,7 @@ static void screw(const double *R, const double *o, const double *a, int revolut
 static const double EYE[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
 /* Joint screws (v, omega) in the middle link's frame, and the origin of the last joint. */
-static void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip) {
+void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip) {
   double R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, o[3], E[9], x[3];
   for (int i = 0; i < 3; i++) o[i] = tip[i] = -g->shift[i];
   for (int l = g->k; l < g->P; l++) {
@@ -110,8 +110,8 @@ double spectral(int n, int r, const double *X, double *below) {
 
 /* Evaluate V, its slopes and the bound of the rest, in a gauge with orthonormal columns. What arm angles add to V, its
    slopes, the rest and the rounding is given, if there are any: n, n n, n and 1 numbers for each potential. */
-static int potentials(const Problem *g, const double *q, const double *h, const double *arms, double V[g->r][g->n],
-                      double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
+int bound_potentials(const Problem *g, const double *q, const double *h, const double *arms, double V[g->r][g->n],
+               double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
   int n = g->n, r = g->r, F = g->F;
   double z[g->Z + 1], phi[F + 1];
   for (int s = 0; s < g->Z; s++) {
@@ -506,7 +506,7 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
     if (h[j] > h[*split]) *split = j;
   columns(g, theta, eta, J, dJ, turns, linear, angular);
   for (int i = 0; i < 6; i++) round[i] = g->round[i];
-  if (!potentials(g, q, h, arms, V, dV, rest, round)) {
+  if (!bound_potentials(g, q, h, arms, V, dV, rest, round)) {
     *center = 0; /* V = 0 */
     return;
   }

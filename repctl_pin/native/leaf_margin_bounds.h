@@ -3,7 +3,7 @@
 #ifndef REPCTL_LEAF_MARGIN_BOUNDS_H
 #define REPCTL_LEAF_MARGIN_BOUNDS_H
 
-typedef struct {
+typedef struct Problem {
   int P, k, n, N, r, Z, F, F3;
   double eps, beta;
   const double *R, *p, *a, *shift, *reach; /* P 3 3, P 3, P 3, 3, P: link placements, axes, middle, offsets */
@@ -19,6 +19,9 @@ typedef struct {
 } Problem;
 
 int invert(int N, double B[N][N], double A[N][N]);
+void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip);
+int bound_potentials(const Problem *g, const double *q, const double *h, const double *arms, double V[g->r][g->n],
+               double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round);
 double spectral(int n, int r, const double *X, double *below);
 void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6], double dJ[g->n][g->N][6],
              char turns[g->n][g->N], double *linear, double *angular);

@@ -1,4 +1,4 @@
-/* The files of Taylor models, and of batches of cell functions, are compiled once for each level of the vector units; levels.c chooses. */
+/* Some files are compiled once for each level of the vector units; levels.c chooses. */
 
 #ifndef REPCTL_LEVELS_H
 #define REPCTL_LEVELS_H
@@ -10,8 +10,11 @@
 struct Cell;
 struct Margins;
 struct ArmAngle;
+struct Problem;
 
 typedef int CellBounds(const struct Cell *, long, const double *, const double *, const double *, const struct Margins *);
 typedef int ArmGradients(const struct ArmAngle *, long, const double *, const double *, double *, double *);
+typedef int InverseBounds(const struct Problem *, long, const double *, const double *, const double *, const double *,
+                          double, double *, double *, int *);
 
 #endif

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 import numpy as np
 
-from ..certificate import Proof
+from ..certificate import ClosingRadius, Proof
 from ..errors import InputError
 from ..model.task import Task
 from ..model.task_parts import check_configurations, points_at
@@ -211,6 +211,21 @@ class Figures(Part):
     degrees: tuple[tuple[int, float, float], ...]
 
 
+class ClosingRadiusFile(Part):
+    """Closing radius, see :class:`repctl_pin.certificate.ClosingRadius`; null: no orientation."""
+
+    metres: float
+    radians: float | None
+    around: str
+    kind: str
+    start: Row
+    positions: Rows
+    rotations: list[Rows]
+    boxes: int
+    complete: bool
+    reason: str
+
+
 class ProofFile(Part):
     """Result of a proof, see :class:`repctl_pin.Proof`; null: no limits, or no bound required.
 
@@ -232,6 +247,7 @@ class ProofFile(Part):
     theorem: int
     seconds: float | msgspec.UnsetType = msgspec.UNSET
     excepted: list[str] = []
+    closes: ClosingRadiusFile | msgspec.UnsetType = msgspec.UNSET
     subject: str = ""
     seal: str = ""
 
@@ -303,12 +319,20 @@ def proof_file(proof: Proof | None) -> ProofFile | msgspec.UnsetType:
     """Convert a proof to its part of a file; UNSET if there is none, or nothing is proved."""
     if not proof:
         return msgspec.UNSET
-    return described(ProofFile, proof, seconds=msgspec.UNSET)
+    closes: ClosingRadiusFile | msgspec.UnsetType = msgspec.UNSET
+    if proof.closes is not None:
+        closes = described(ClosingRadiusFile, proof.closes)
+    return described(ProofFile, proof, seconds=msgspec.UNSET, closes=closes)
 
 
 def proof_of(data: ProofFile | msgspec.UnsetType) -> Proof | None:
     """Create a proof from its part of a file; None if there is none."""
-    return None if isinstance(data, msgspec.UnsetType) else made(Proof, data)
+    if isinstance(data, msgspec.UnsetType):
+        return None
+    part, closes = data.closes, None
+    if not isinstance(part, msgspec.UnsetType):
+        closes = made(ClosingRadius, part)
+    return made(Proof, data, closes=closes)
 
 
 def basis_file(potentials: PotentialBasis) -> BasisFile:

@@ -152,7 +152,7 @@ class NumPyLaw:
             inverse: Array = np.linalg.inv(J_V)
         except np.linalg.LinAlgError:
             raise failure(self.task, q, rhs) from None
-        x = inverse @ rhs
+        x: Array = inverse @ rhs
         if not (np.isfinite(x).all() and is_regular(J_V, inverse)):
             raise failure(self.task, q, rhs)
         return x

@@ -150,6 +150,9 @@ def study(
         )
 
     problem, design = design_for(problem, desired, make, seed=options.seed, say=say)
+    design = replace(
+        design, cycle=Cycle(problem.start, problem.cycle, period or PERIOD)
+    )
     for addition in parts("study_design"):
         design = addition(design, thread_time() - begun, say)
     say(f"following the path for {cycles} cycles")

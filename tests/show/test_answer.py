@@ -76,10 +76,11 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
     assert none == "–"
     assert answered(answer, "limits") == ["kept"] * 3 and "!" not in answer
     assert "\nnot checked: 5 bodies without a shape\n" in answer  # issue 37, item 16
-    (bound,) = re.findall(
-        r"^leaf margin in Ω: proved > ([\d.]+)$", answer, flags=re.MULTILINE
+    closes = study.design.proof.closes
+    assert closes and f"\n{closes.words} too: proved\n" in answer
+    assert re.match(
+        r"closed paths within [\d.]+ [cm]m .*of the path close", closes.words
     )
-    assert 0 <= study.design.proof.leaf_margin - float(bound) < 1e-2
 
 
 @pytest.fixture(scope="module")

@@ -4,24 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ... import progress as reporting
-from ...arguments import finite, flag, positive, require_type
+from ...arguments import finite, flag, positive, require_type, vector
 from ...certificate import CELL_THEOREM, Proof
 from ...design import Design
 from ...design.subject import subject_of
-from ...errors import InputError
-from ...regions import Region
+from ...errors import InputError, SingularityError
+from ...native import library
+from ...paths.task_path import ClosedPath
+from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
 from .branch_and_bound import bound_leaf_margin
+from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
+from .signs import opposite_signs
 
 if TYPE_CHECKING:
     from ..cells.cell_design import CellDesign
+
+_SHRINKING_SECONDS = 0.2
+"""Processor time for each smaller Ω that is tried where there is a singularity, s."""
+
+_CLOSING_SECONDS = 5.0
+"""Minimum processor time, s, that a closing radius may take."""
 
 
 def prove(
@@ -30,6 +40,8 @@ def prove(
     margin: float | None = None,
     limit_margin: float | None = None,
     region: Region | None = None,
+    closes: float | tuple[float, float] | ClosedPath | bool = True,
+    ratio: float = 3.0,
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
 ) -> Proof:
@@ -57,6 +69,13 @@ def prove(
     region
         Region of joint space to prove a design over, by default its own one. A proof over another
         region is no certificate of the design.
+    closes
+        Closing radius to prove: metres, or (metres, radians). By default the largest one that some
+        100,000 boxes prove; False for none. A closed path: the largest
+        one along it, in place of the surroundings of the start; for a tube, by default along the
+        path of the design's cycle. A function closes all paths in its cell.
+    ratio
+        Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
         Processor time, s, after which the bounds found so far are taken.
     progress
@@ -65,7 +84,8 @@ def prove(
     Returns
     -------
     Proof
-        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``.
+        ``proved``, the bounds, and where they are smallest; ``bool(proof)`` is ``proved``. Its
+        ``closes`` is the closing radius.
 
     Raises
     ------
@@ -78,6 +98,8 @@ def prove(
     >>> proof = rp.prove(design)
     >>> proof.proved, 0.9 * design.leaf_margin < proof.leaf_margin <= design.leaf_margin + 1e-6
     (True, True)
+    >>> bool(rp.prove(design, closes=(0.05, 0.15)))  # every closed path within 5 cm and 8.5°?
+    True
     """
     if not isinstance(what, Design):
         from ..cells.cell_design import CellDesign  # a study has no need of it
@@ -102,12 +124,18 @@ def prove(
                 argument="region",
                 remedy="omit it",
             )
+    path = closes if isinstance(closes, ClosedPath) else None
+    asked, ratio, closing = _asked_radius(True if path else closes, ratio)
     if not callable(progress):
         progress = flag(progress, "progress")
     with reporting.reporter(progress) as report:
         if isinstance(what, Design):
             over = what.region if region is None else region
-            return _of_region(what, over, goal, least, seconds, report)
+            proof = _of_region(
+                what, over, goal, least, seconds, path, ratio, asked, closing, report
+            )
+            subject = subject_of(what.task, what.potentials, what.coefficients, over)
+            return proof.sealed(subject) if subject else proof
         return _of_cell(what, goal, least, seconds, report)
 
 
@@ -120,20 +148,42 @@ def _share(margin: float) -> float:
     return value
 
 
+def _asked_radius(closes: Any, ratio: float) -> tuple[float | None, float, bool]:
+    """Return the closing radius to prove, m, the radians per metre, and whether to prove one."""
+    ratio = positive(ratio, "ratio", "rad per m", zero=True)
+    if isinstance(closes, (bool, np.bool_)):
+        return None, ratio, bool(closes)
+    if isinstance(closes, (tuple, list, np.ndarray)):
+        metres, radians = vector(closes, 2, "closes, metres and radians,")
+        metres = positive(metres, "the metres of closes", "m")
+        return (
+            metres,
+            positive(radians, "the radians of closes", zero=True) / metres,
+            True,
+        )
+    return positive(closes, "closes", "m"), ratio, True
+
+
 def _of_region(
     design: Design,
     region: Region,
     goal: float | None,
     least: float | None,
     seconds: float,
+    path: ClosedPath | None,
+    ratio: float,
+    radius: float | None,
+    closing: bool,
     report: reporting.Report,
 ) -> Proof:
-    """Prove the margins of a design over a region of joint space."""
+    """Prove the margins and the closing radius of a design over a region of joint space."""
     task = design.task
     low, high = cover(region)
     limit_bound, nearest = limit_margin(task, low, high)
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
+    if not found and found.leaf_margin == 0:
+        found = _named(found, design, region, report)
     proof = replace(
         found,
         what=f"{task.robot.name} {task}, {region}",
@@ -148,8 +198,61 @@ def _of_region(
             half=(high[nearest] - low[nearest]) / 2,
             reason=f"the limit margin there is {limit_bound:.4g}",
         )
-    subject = subject_of(task, design.potentials, design.coefficients, region)
-    return proof.sealed(subject) if subject else proof
+    if isinstance(region, Tube) and path is None:
+        if design.cycle is None:
+            return proof
+        path = design.cycle.path
+    if not closing:
+        return proof
+    if library() is None and radius is None:
+        return proof  # one warning has said so
+    report("proving the closing radius", 0.0)
+    time = max(seconds, _CLOSING_SECONDS)
+    closes = closing_radius(design, region, problem, path, ratio, radius, time)
+    if radius is not None and closes.metres < radius:
+        said = f"closing radius {closes.size}" if closes else "no closing radius"
+        why = f"{said}: {closes.reason}"
+        return replace(proof, closes=closes, proved=False, reason=proof.reason or why)
+    return replace(proof, closes=closes)
+
+
+def _named(
+    found: Proof, design: Design, region: Region, report: reporting.Report
+) -> Proof:
+    """Name the singularity that prevented a proof, if signs of det J_V prove that there is one."""
+    task, field = design.task, design.inverse.potentials
+    if isinstance(region, WorkspaceBox):
+        region = region.within
+    try:
+        pair = opposite_signs(task, field, region, found.worst)
+    except SingularityError:  # an arm angle that is not defined somewhere
+        return found
+    if pair is None:
+        return found
+    a, b = (", ".join(f"{v:.4g}" for v in np.round(q, 4) + 0.0) for q in pair)
+    reason = f"J_V is singular between q = ({a}) and q = ({b}): its determinant changes its sign"
+    return replace(
+        found,
+        worst=(pair[0] + pair[1]) / 2,
+        half=np.abs(pair[0] - pair[1]) / 2,
+        reason=reason
+        + _without(design, region, float(region.ratio(pair[1][None])[0]), report),
+    )
+
+
+def _without(
+    design: Design, region: Region, share: float, report: reporting.Report
+) -> str:
+    """Write how wide Ω may be without a singularity, from its share that reaches a known one."""
+    task, field = design.task, design.inverse.potentials
+    for part in (0.95, 0.8, 0.6, 0.4):
+        smaller = region.shrunk(part * min(1.0, share)) if share > 0 else region
+        low, high = cover(smaller)
+        problem = leaf_margin_of(task, field, enclosing(low, high))
+        if bound_leaf_margin(problem, low, high, 1e-3, _SHRINKING_SECONDS, report):
+            width = part * min(1.0, share)
+            return f"; Ω shrunk to {width:.2g} of its width is proved to have none"
+    return ""
 
 
 def _of_cell(

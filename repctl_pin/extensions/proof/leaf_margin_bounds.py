@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -598,9 +599,8 @@ def _spectral(X: Array) -> tuple[Array, Array]:
 # ---- C -----------------------------------------------------------------------------------------
 
 
-def _in_c(
-    problem: LeafMarginProblem, native: ctypes.CDLL, Q: Array, half: Array
-) -> LeafMarginBounds:
+def c_problem(problem: LeafMarginProblem) -> tuple[Any, list[NDArray[np.generic]]]:
+    """Create the C struct of a problem, and the arrays that must live as long as it."""
     chain, parts, n = problem.chain, problem.features, problem.chain.n
     S = chain.S
     row, column = np.nonzero(S)
@@ -636,7 +636,13 @@ def _in_c(
     sizes = {"P": len(S), "k": chain.middle, "n": n, "N": chain.N, "r": len(parts.G)}
     sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
     scalars = sizes | {"eps": problem.eps, "beta": problem.beta}
-    struct, held = filled_struct(PROBLEM, ints, reals, scalars)
+    return filled_struct(PROBLEM, ints, reals, scalars)
+
+
+def _in_c(
+    problem: LeafMarginProblem, native: ctypes.CDLL, Q: Array, half: Array
+) -> LeafMarginBounds:
+    struct, held = c_problem(problem)
     Q, half = (np.ascontiguousarray(values, float) for values in (Q, half))
     bound, center, sigma = np.zeros((3, len(Q)))
     split = np.zeros(len(Q), np.int32)
@@ -644,7 +650,7 @@ def _in_c(
         ctypes.c_void_p(array.ctypes.data)
         for array in (Q, half, bound, center, sigma, split)
     ]
-    arms = _arm_angles(problem, Q, half) if parts.arms else None
+    arms = arm_angles_for_c(problem, Q, half)
     native.leaf_margins(
         ctypes.byref(struct),
         ctypes.c_long(len(Q)),
@@ -655,8 +661,13 @@ def _in_c(
     return LeafMarginBounds(bound, center, sigma, split)
 
 
-def _arm_angles(problem: LeafMarginProblem, Q: Array, half: Array) -> Array:
-    """Lay out the arm angles' V, dV, rest and rounding (K, r (n² + 2 n + 1)) for the C kernel."""
+def arm_angles_for_c(problem: LeafMarginProblem, Q: Array, half: Array) -> Array | None:
+    """Lay out the arm angles' V, dV, rest and rounding (K, r (n² + 2 n + 1)) for the C kernel.
+
+    None if there are no arm angles.
+    """
+    if not problem.features.arms:
+        return None
     r, n, K = len(problem.features.G), Q.shape[1], len(Q)
     out = np.zeros((K, r, n * n + 2 * n + 1))
     for arm in problem.features.arms:

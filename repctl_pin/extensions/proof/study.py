@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from ...design import Design
 from ...errors import InputError
+from ...regions import Tube
 from .certify import prove
 
 PROVED = 0.9
@@ -19,15 +20,22 @@ PROVING, LEAST_PROVING = 0.05, 0.3
 def with_certificate(
     design: Design, spent: float, say: Callable[[str], None]
 ) -> Design:
-    """Add a certificate of the leaf margin to a design; return it unchanged if the proof fails.
+    """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
+
+    It holds the closing radius along the path, if Ω is a tube.
 
     The proof fails, too, if it takes too long compared with the ``spent`` seconds of processor
     time.
     """
-    say("proving its leaf margin")
+    say("proving its leaf margin and closing radius")
     seconds = max(LEAST_PROVING, PROVING * spent)
     try:
-        proof = prove(design, margin=PROVED * design.leaf_margin, seconds=seconds)
+        proof = prove(
+            design,
+            margin=PROVED * design.leaf_margin,
+            closes=isinstance(design.region, Tube),
+            seconds=seconds,
+        )
     except (
         InputError
     ):  # bounds of these potentials, or the region's shape, are not known

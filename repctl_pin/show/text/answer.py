@@ -6,7 +6,6 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ...certificate import proved_words
 from ...model.bodies import bodies_of
 from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
@@ -73,8 +72,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     notes = [
         f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)
     ]
-    if proof := study.design.proof:
-        notes.append(f"leaf margin in Ω: {proved_words(proof)}")
+    notes += _proved(study)
     notes += [f"note: {with_options(note)}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
@@ -82,6 +80,12 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     if _height_of(notes) == left + 1:
         below, left = below[1:], left + 1  # rather than the empty line
     return [*out, Span(fitted("\n".join([*_as_many(notes, left), *below])))]
+
+
+def _proved(study: Study) -> list[str]:
+    """Write what is proved of closed paths near the one that was followed, if it closes itself."""
+    closes = study.design.proof and study.design.proof.closes
+    return [f"{closes.words} too: proved"] if closes else []
 
 
 def _title(row: Row) -> str:

@@ -1,0 +1,164 @@
+"""The closing radius of a design: around its start, or along a closed path that closes itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arguments import Array
+from ...certificate import ClosingRadius
+from ...design import Design
+from ...errors import SingularityError
+from ...motion import follow
+from ...paths.task_path import ClosedPath
+from ...regions import Box, Region, Tube, WorkspaceBox
+from .leaf_margin_bounds import LeafMarginProblem
+from .lifts import Places, bound_reach
+
+_CYCLE_STEPS = 100
+"""Number of configurations along a path, between which straight lines are taken."""
+
+_SECTION = 0.25
+"""Motion of a joint within one place of a path, relative to its room."""
+
+_MOST = {"start": 120_000, "path": 20_000}
+"""Number of boxes after which the largest radius found so far is taken."""
+
+_CLOSED = 1e-7
+"""Gap, rad or m, below which a followed path is taken for closed."""
+
+
+def closing_radius(
+    design: Design,
+    region: Region,
+    problem: LeafMarginProblem,
+    path: ClosedPath | None,
+    ratio: float,
+    goal: float | None,
+    seconds: float,
+) -> ClosingRadius:
+    """Prove a closing radius of a design.
+
+    Parameters
+    ----------
+    design, region, problem
+        The design, Ω, and J_V over Ω.
+    path
+        Closed path along which to prove it; None for the surroundings of the start.
+    ratio
+        Angle per distance, rad per m.
+    goal
+        Radius, m, that suffices; None for the largest one.
+    seconds
+        Processor time after which the bounds found so far are taken.
+    """
+    task = design.task
+    turns = task.kind in ("pose", "axis")
+    ratio = ratio if turns else 0.0
+    start = _start(design, region)
+    if path is None:
+        Q, around, why = start[None], "start", ""
+    else:
+        Q, why = _followed(design, path, start)
+        around = "path"
+    poses = [task.placement(q) for q in Q]
+    radius, boxes, complete = 0.0, 0, True
+    if not why:
+        room = _room(region, Q)
+        places = _sections(Q, room)
+        if not (places.room > 0).all():
+            why = f"the {around} is not inside Ω"
+        else:
+            try:
+                found = bound_reach(
+                    problem,
+                    task,
+                    design.inverse.potentials,
+                    places,
+                    ratio,
+                    goal,
+                    seconds,
+                    np.inf if goal is not None else _MOST[around],
+                )
+            except SingularityError as error:
+                why = str(error)
+            else:
+                radius, boxes, complete = found.radius, found.boxes, found.complete
+                why = _limit(task.joint_names[found.joint], complete, boxes)
+    return ClosingRadius(
+        radius,
+        ratio * radius if turns else None,
+        around,
+        task.kind,
+        start,
+        np.array([pose.translation for pose in poses]),
+        np.array([pose.rotation for pose in poses]),
+        boxes,
+        complete,
+        why,
+    )
+
+
+def _limit(joint: str, complete: bool, boxes: int) -> str:
+    """Write why the radius is not larger."""
+    if complete:
+        return f"{joint} may leave Ω"
+    return f"not all of Ω was decided in {boxes} boxes; {joint} may leave it"
+
+
+def _start(design: Design, region: Region) -> Array:
+    """Return the start of the design's own cycle, or of the region, if it is inside Ω."""
+    if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:
+        return design.cycle.start
+    return region.center
+
+
+def _followed(design: Design, path: ClosedPath, start: Array) -> tuple[Array, str]:
+    """Follow a path once: configurations along it, and why there are none, if so."""
+    try:
+        motion = follow(design.inverse, path, start, cycles=1, steps=_CYCLE_STEPS)
+    except SingularityError as error:
+        return start[None], f"the path ends in a singularity ({error})"
+    gap = float(np.abs(motion.q[-1] - motion.q[0]).max())
+    if gap > _CLOSED:
+        return start[None], f"the path itself does not close, by {gap:.2g}"
+    return np.concatenate([motion.q[:-1], motion.q[:1]]), ""
+
+
+def _room(region: Region, Q: Array) -> Array:
+    """Bound the distances (K, n) that the joints may move from configurations Q (K, n) within Ω.
+
+    Between neighbours the smaller one of their rooms is left: for a tube, less half of the step.
+    """
+    if isinstance(region, WorkspaceBox):
+        return _room(region.within, Q)
+    if isinstance(region, Box):
+        return np.minimum(Q - region.lower, region.upper - Q)
+    assert isinstance(region, Tube), "regions of other shapes were refused"
+    away = np.abs(Q[:, None] - region.samples)  # (K, samples, n)
+    nearest = (away / region.radius).max(axis=2).argmin(axis=1)
+    room = region.radius - away[np.arange(len(Q)), nearest]
+    steps = np.abs(np.diff(Q, axis=0))
+    if len(steps):
+        gaps = np.zeros_like(room)
+        gaps[:-1], gaps[1:] = steps, np.maximum(gaps[1:], steps)
+        room = room - gaps / 2
+    return np.asarray(room, float)
+
+
+def _sections(Q: Array, room: Array) -> Places:
+    """Divide a path through Q (K, n) into places; neighbours share a configuration."""
+    first, ends = 0, []
+    for i in range(1, len(Q)):
+        moved = np.ptp(Q[first : i + 1], axis=0)
+        if i > first + 1 and (moved > _SECTION * room[first : i + 1].min(axis=0)).any():
+            ends.append((first, i))
+            first = i - 1
+    parts = [slice(a, b) for a, b in [*ends, (first, len(Q))]]
+    low, high = (
+        np.array([f(Q[part], axis=0) for part in parts]) for f in (np.min, np.max)
+    )
+    return Places(
+        (low + high) / 2,
+        (high - low) / 2 * (1 + 1e-12),
+        np.array([room[part].min(axis=0) for part in parts]),
+    )

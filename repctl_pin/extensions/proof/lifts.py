@@ -1,0 +1,370 @@
+r"""The closing radius: every closed path within it closes, however long the path is.
+
+Lifts of straight lines are followed in boxes ``S_1 ⊂ S_2 ⊂ … ⊂ S_M ⊂ Ω`` around their start, of
+half-widths ``w_1 < w_2 < …``. While such a lift is in S_k, joint i moves by at most
+
+.. math::
+
+   T_{ki} = \max_{S_k} \left(‖g_{i,v}‖ + \frac{α}{ρ} ‖g_{i,ω}‖\right) \text{ per metre},
+   \qquad g_i \text{ row i of } G_r.
+
+Branch and bound proves the T_k. They give the length ρ that every line has before its lift leaves
+the last box. The theory, "The closing radius", has the theorem.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from time import thread_time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...errors import InputError, SingularityError
+from ...model.task import Task
+from ...native import library
+from ...potentials.basis import Potentials
+from .leaf_margin_bounds import LeafMarginProblem, arm_angles_for_c, c_problem, inverses
+
+_BATCH = 4096
+
+_STEPS = 12
+"""Number of boxes S, if the rates in all of them were those at the start."""
+
+_MOST_STEPS = 4 * _STEPS
+
+_SLACK = 0.03, 0.15
+"""Proved rates relative to their largest samples, less 1: in the first box, and in the last one."""
+
+_FREE = 0.97
+"""Rates of joints that do not limit the radius, as a share of what would make them limit it."""
+
+_SAMPLES = 256
+"""Number of samples of the rates in a box S, and at least 8 for each of many places."""
+
+_SINGULAR = 1e8
+"""Rates, rad or m per m, beyond which J_V counts as singular."""
+
+_WIDEST = 3.1
+"""Maximum angle, rad, of a closing radius: a rotation by less than π has one axis."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Places:
+    """K boxes of configurations in which lifts begin, and the room around them.
+
+    Attributes
+    ----------
+    center, extent : (K, n) arrays
+        Centres and half-widths of the boxes.
+    room : (K, n) array
+        Distance by which each joint may move away from its start.
+    """
+
+    center: Array
+    extent: Array
+    room: Array
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Reach:
+    """Length of the lines whose lifts are proved to stay in the room of their places.
+
+    Attributes
+    ----------
+    radius : float
+        The length, m.
+    boxes : int
+        Number of boxes evaluated.
+    place, joint : int
+        Place and joint at which a longer line may leave the room.
+    complete : bool
+        False if the search ended before all boxes were decided.
+    """
+
+    radius: float
+    boxes: int
+    place: int
+    joint: int
+    complete: bool
+
+
+def bound_reach(
+    problem: LeafMarginProblem,
+    task: Task,
+    field: Potentials,
+    places: Places,
+    ratio: float,
+    goal: float | None,
+    seconds: float,
+    most: float,
+) -> Reach:
+    """Bound from below the length of the lines whose lifts stay in the room of their places.
+
+    Parameters
+    ----------
+    problem, task, field
+        The augmented Jacobian J_V of a task and its potentials.
+    places
+        Where lifts begin, and their room.
+    ratio
+        Rotation, rad, per metre of the lines.
+    goal
+        Length, m, that suffices; None for the greatest one.
+    seconds, most
+        Processor time and number of boxes after which boxes that are not decided count with their
+        last bounds.
+    """
+    search = _Search(problem, task, field, places, ratio, goal)
+    end = thread_time() + seconds
+    while len(search.low) and thread_time() < end and search.boxes < most:
+        search.advance()
+    return search.reach()
+
+
+class _Search:
+    """Branch and bound on the rates of lifts, in the boxes S_1 ⊂ … ⊂ S_M of each place."""
+
+    def __init__(
+        self,
+        problem: LeafMarginProblem,
+        task: Task,
+        field: Potentials,
+        places: Places,
+        ratio: float,
+        goal: float | None,
+    ) -> None:
+        self.problem, self.places, self.ratio = problem, places, ratio
+        slack = _SLACK
+        if goal is not None:  # all that a shorter way leaves
+            best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
+            slack = (max(_SLACK[0], 0.95 * best / goal - 1),) * 2
+        self.widths, self.rates, _ = _sampled(task, field, places, ratio, goal, slack)
+        self.low, self.high, self.place, self.within = self._layers()
+        self.split = np.full(len(self.low), -1, np.int32)  # −1: not evaluated yet
+        self.bound = np.full(self.low.shape, np.inf)
+        self.boxes = 0
+
+    def _layers(self) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
+        """Divide S_1, and each S_k without S_(k−1), into boxes.
+
+        Returns their lower and upper corners, relative to the centres, their places and k.
+        """
+        K, M, n = self.widths.shape
+        half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
+        lows, highs, sets = [-half[:, 0]], [half[:, 0]], [0]
+        for k in range(1, M):
+            low, high = -half[:, k], half[:, k].copy()
+            for j in range(n):
+                for side in (0, 1):
+                    a, b = low.copy(), high.copy()
+                    (a if side else b)[:, j] = (2 * side - 1) * half[:, k - 1, j]
+                    lows.append(a)
+                    highs.append(b)
+                    sets.append(k)
+                low[:, j], high[:, j] = -half[:, k - 1, j], half[:, k - 1, j]
+        low, high = np.array(lows), np.array(highs)
+        place = np.tile(np.arange(K), len(sets))
+        return (
+            low.reshape(-1, n),
+            high.reshape(-1, n),
+            place,
+            np.repeat(np.array(sets, np.intp), K),
+        )
+
+    def advance(self) -> None:
+        """Halve one batch of undecided boxes, the smallest S first, and evaluate the halves."""
+        take = np.arange(len(self.low))
+        if len(take) > _BATCH:
+            take = np.argpartition(self.within, _BATCH)[:_BATCH]
+        low, high, place, within = self._halved(take)
+        Q = self.places.center[place] + (low + high) / 2
+        half = (high - low) / 2 * (1 + 1e-12) + 1e-15 * (1 + np.abs(Q))
+        bound, value, split = rate_bounds(
+            self.problem, Q, half, self.rates[place, within], self.ratio
+        )
+        self.boxes += len(Q)
+        self._raise(place, within, value)
+        stays = np.ones(len(self.low), bool)
+        stays[take] = False
+        parts = (
+            (self.low, low),
+            (self.high, high),
+            (self.place, place),
+            (self.within, within),
+            (self.bound, bound),
+            (self.split, split),
+        )
+        joined = [np.concatenate([old[stays], new]) for old, new in parts]
+        undecided = ~(joined[4] <= self.rates[joined[2], joined[3]]).all(axis=1)
+        self.low, self.high, self.place, self.within, self.bound, self.split = (
+            values[undecided] for values in joined
+        )
+
+    def _halved(
+        self, take: NDArray[np.intp]
+    ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
+        """Return the halves of boxes, with their places and sets.
+
+        Boxes that were not evaluated yet are returned whole.
+        """
+        low, high, split = self.low[take], self.high[take], self.split[take]
+        whole, rows = split < 0, np.flatnonzero(split >= 0)
+        at = np.arange(len(rows)), split[rows]
+        first, second = high[rows].copy(), low[rows].copy()
+        first[at] = second[at] = (low[rows][at] + high[rows][at]) / 2
+        order = np.concatenate([take[whole], take[rows], take[rows]])
+        return (
+            np.concatenate([low[whole], low[rows], second]),
+            np.concatenate([high[whole], first, high[rows]]),
+            self.place[order],
+            self.within[order],
+        )
+
+    def _raise(
+        self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array
+    ) -> None:
+        """Raise the rates that are exceeded at a centre: the samples had missed it."""
+        over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))
+        for b in over:
+            rates = self.rates[place[b], within[b] :]
+            high = value[b] * (1 + _SLACK[0])
+            np.copyto(rates, np.maximum(rates, np.where(value[b] > rates, high, 0)))
+
+    def reach(self) -> Reach:
+        """Return the length that the proved rates leave, the smallest one of all places.
+
+        ``moved`` bounds the motion of each joint at the end of each step.
+        """
+        rates = self.rates.copy()
+        np.maximum.at(rates, (self.place, self.within), self.bound)
+        rates = np.maximum.accumulate(rates, axis=1)
+        moved = np.zeros_like(self.places.center)
+        length, last = np.zeros(len(moved)), np.zeros(len(moved), int)
+        for k in range(rates.shape[1]):
+            left = np.maximum(0.0, self.widths[:, k] - moved) / rates[:, k]
+            step = left.min(axis=1)
+            last = np.where(step > 0, left.argmin(axis=1), last)
+            finite = np.where(np.isfinite(rates[:, k]), rates[:, k], 0.0)
+            moved = np.minimum(moved + step[:, None] * finite, self.widths[:, k])
+            length += step
+        worst = int(np.argmin(length))
+        radius = float(length[worst])
+        if self.ratio:
+            radius = min(radius, _WIDEST / self.ratio)
+        return Reach(
+            radius * (1 - 1e-9),
+            self.boxes,
+            worst,
+            int(last[worst]),
+            not len(self.low),
+        )
+
+
+def _sampled(
+    task: Task,
+    field: Potentials,
+    places: Places,
+    ratio: float,
+    goal: float | None,
+    slacks: tuple[float, float],
+) -> tuple[Array, Array, float]:
+    """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
+
+    They are such that lines of the same length lead from one box to the next at every place, for
+    the largest sampled rates with some slack, from that in the first box to that in the last one.
+    Returns the length of these lines, m, too.
+    """
+    K, n = places.center.shape
+    signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
+    rates = _rates(task, field, places.center[:, None], ratio).max(axis=1)  # (K, n)
+    if not rates.max() < _SINGULAR:
+        raise SingularityError("J_V is singular at the start")
+    rates = np.maximum(rates, 1e-9 * rates.max(axis=1)[:, None])  # joints that rest
+    whole = float((places.room / rates).min())
+    if goal is not None:
+        whole = min(whole, goal)
+    step, free = whole / _STEPS, _FREE * places.room / whole
+    width, length = np.zeros((K, n)), 0.0
+    widths: list[Array] = []
+    allowed: list[Array] = []
+    while len(widths) < _MOST_STEPS:
+        slack = 1 + np.interp(length, [0, 0.7 * whole], slacks)
+        for _ in range(2):
+            wide = width + step * np.maximum(slack * rates, free) + places.extent
+            corners = places.center[:, None] + signs * wide[:, None]
+            rates = np.maximum(rates, _rates(task, field, corners, ratio).max(axis=1))
+        T = np.maximum(slack * rates, free)
+        part = float(((places.room - width) / (step * T)).min())
+        if goal is not None:
+            part = min(part, (goal * (1 + 1e-6) - length) / step)
+        if not (part > 1e-9 and np.isfinite(T).all()):
+            break
+        width = width + min(1.0, part) * step * T
+        length += min(1.0, part) * step
+        widths.append(width)
+        allowed.append(T)
+        if part <= 1:
+            break
+    if not widths:
+        raise SingularityError("there is no room around the start")
+    return np.stack(widths, axis=1), np.stack(allowed, axis=1), length
+
+
+def rate_bounds(
+    problem: LeafMarginProblem, Q: Array, half: Array, most: Array, ratio: float
+) -> tuple[Array, Array, NDArray[np.int32]]:
+    """Bound ``‖g_v‖ + ratio ‖g_ω‖`` of the rows g of G_r in boxes Q ± half, (K, n) each.
+
+    Returns the bounds, the values at the centres, both (K, n), and the joint along which to halve
+    each box in order to come below ``most`` (K, n) soonest.
+
+    Raises
+    ------
+    InputError
+        If there is no native library.
+    """
+    native = library()
+    if native is None:
+        raise InputError(
+            "the closing radius needs the native library: install a C compiler, then install "
+            "repctl_pin again"
+        )
+    struct, held = c_problem(problem)
+    bound, value = np.zeros((2, *Q.shape))
+    split = np.zeros(len(Q), np.int32)
+    arms = arm_angles_for_c(problem, Q, half)
+    given = [np.ascontiguousarray(values, float) for values in (Q, half, most)]
+    q, h, T = (ctypes.c_void_p(values.ctypes.data) for values in given)
+    native.inverse_bounds(
+        ctypes.byref(struct),
+        ctypes.c_long(len(Q)),
+        q,
+        h,
+        None if arms is None else ctypes.c_void_p(arms.ctypes.data),
+        T,
+        ctypes.c_double(ratio),
+        *(ctypes.c_void_p(values.ctypes.data) for values in (bound, value, split)),
+    )
+    del held  # alive until here
+    return bound, value, split
+
+
+@np.errstate(all="ignore")
+def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
+    """Evaluate ``‖g_v‖ + ratio ‖g_ω‖`` of the rows g of G_r at configurations (K, s, n)."""
+    J, V = (
+        task.jacobians(Q.reshape(-1, Q.shape[2])),
+        field.gradients(Q.reshape(-1, Q.shape[2])),
+    )
+    J_V = np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1)
+    G = inverses(J_V)[:, :, : task.m]
+    split = 3 if task.kind in ("pose", "axis", "position") else 2
+    rates = np.linalg.norm(G[:, :, :split], axis=2)
+    if ratio:
+        rates = rates + ratio * np.linalg.norm(G[:, :, split:], axis=2)
+    return np.nan_to_num(rates, nan=np.inf).reshape(Q.shape)

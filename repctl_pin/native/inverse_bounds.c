@@ -1,0 +1,205 @@
+/* Upper bounds of the rows of G_r over boxes of joint space: see docs/theory.md, "The closing radius".
+
+   With A an approximate inverse of J_V at the centre and C the change of frame from the middle link to the task there,
+   Z = J_V^-1 [C; 0] solves (A J_V) Z = A [C; 0] =: Z_c, where A J_V = I + sum delta_j B_j + E, |E| <= R:
+
+     Z = Z_c + sum delta_j Z_j + zeta,  Z_j = -B_j Z_c,  zeta = zeta' - E Z_c,
+     (A J_V) zeta' = -sum delta_j delta_k B_j Z_k - E sum delta_k Z_k + (A J_V - I) E Z_c.
+
+   A row of G_r is (Z_v, Z_w + Z_v x (d - d_c)), with d the tool as seen from the origin of the screws. */
+
+#include <math.h>
+
+#include "chain.h"
+#include "leaf_margin_bounds.h"
+#include "levels.h"
+
+static double norm(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
+
+static double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]; }
+
+/* The slopes of the tool in the middle link's frame, and a bound of what they leave out. */
+static double tool_slopes(const Problem *g, const double *theta, const double *eta, double (*xi)[6], const double *tip,
+                          double (*dd)[3]) {
+  double H_R = 0, H_P = 0, L = g->k < g->P ? g->reach[g->P - 1] : 0, x[3];
+  for (int j = 0; j < g->n; j++) dd[j][0] = dd[j][1] = dd[j][2] = 0;
+  for (int p = g->k; p < g->P - 1; p++) {
+    if (g->revolute[p]) H_R += eta[p];
+    else H_P += eta[p], L += fabs(theta[p]) + eta[p];
+    cross(xi[p] + 3, tip, x);
+    for (int t = g->first[p]; t < g->first[p + 1]; t++)
+      if (g->column[t] < g->n)
+        for (int i = 0; i < 3; i++) dd[g->column[t]][i] += g->S[t] * (x[i] + xi[p][i]);
+  }
+  return 0.5 * H_R * H_R * L + H_R * H_P;
+}
+
+/* max |v + x_v| + ratio |w + x_w| over x = sum delta_j slope_j, |delta_j| <= h_j, from above: the smaller of two bounds.
+   wide bounds |x|; along is filled with the slopes of the sum.
+   |v + x| <= sqrt(|v|^2 + 2 v.x + |x|^2) <= |v| + v.x / |v| + |x|^2 / (2 |v|). */
+static double most_of(int n, const double *h, double ratio, const double *value, double slope[n][6],
+                      const double *wide, double *along) {
+  const double v = norm(value) + 1e-150, w = norm(value + 3) + 1e-150;
+  double both = 0, apart_v = 0, apart_w = 0;
+  for (int j = 0; j < n; j++) {
+    const double s = dot(value, slope[j]), t = dot(value + 3, slope[j] + 3);
+    along[j] = fabs(s / v + ratio * t / w);
+    both += h[j] * along[j], apart_v += h[j] * fabs(s), apart_w += h[j] * fabs(t);
+  }
+  const double square_v = dot(wide, wide), square_w = dot(wide + 3, wide + 3);
+  const double apart = sqrt(v * v + 2 * apart_v + square_v) + ratio * sqrt(w * w + 2 * apart_w + square_w);
+  const double sum = v + ratio * w + both + square_v / (2 * v) + ratio * square_w / (2 * w);
+  return sum < apart ? sum : apart;
+}
+
+typedef struct {
+  double ratio;          /* rad per m */
+  const double *most;    /* n: what the rows may be */
+  double *bound, *value; /* n: of |g_v| + ratio |g_w|, g a row of G */
+  int *split;
+} Rows;
+
+static void one_box(const Problem *g, const double *q, const double *h, const double *arms, const Rows *rows) {
+  const int P = g->P, n = g->n, N = g->N, r = g->r;
+  const double eps = g->eps;
+  double theta[P], eta[P], xi[P][6], tip[3], dd[n][3], J[N][6], dJ[n][N][6], linear[N], angular[N];
+  double V[r][n], dV[r][n][n], rest[r][n], round[6 + r];
+  char turns[n][N];
+  for (int i = 0; i < n; i++) rows->bound[i] = INFINITY, rows->value[i] = 0;
+  *rows->split = 0;
+  for (int j = 1; j < n; j++)
+    if (h[j] > h[*rows->split]) *rows->split = j;
+  for (int l = 0; l < P; l++) {
+    theta[l] = g->o[l], eta[l] = 0;
+    for (int s = g->first[l]; s < g->first[l + 1]; s++)
+      if (g->column[s] < n) {
+        theta[l] += g->S[s] * q[g->column[s]];
+        eta[l] += fabs(g->S[s]) * h[g->column[s]];
+      }
+  }
+  columns(g, theta, eta, J, dJ, turns, linear, angular);
+  screws(g, theta, xi, tip);
+  const double bent = tool_slopes(g, theta, eta, xi, tip, dd) + eps * g->beta;
+  for (int i = 0; i < 6; i++) round[i] = g->round[i];
+  if (!bound_potentials(g, q, h, arms, V, dV, rest, round)) return;
+
+  double M[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N], Z[N][6], dZ[n][N][6], share[n];
+  for (int c = 0; c < N; c++) {
+    for (int a = 0; a < 6; a++) M[a][c] = J[c][a];
+    for (int a = 0; a < r; a++) M[6 + a][c] = c < n ? V[a][c] : 0;
+  }
+  if (!invert(N, M, A)) return;
+  for (int i = 0; i < N; i++) {
+    const double *x = A[i];
+    double tiny = 0;
+    for (int a = 0; a < 6 + r; a++) tiny += fabs(x[a]) * round[a];
+    for (int c = 0; c < N; c++) {
+      double s = -(i == c), e = tiny + norm(x) * linear[c] + norm(x + 3) * angular[c];
+      for (int a = 0; a < 6; a++) s += x[a] * J[c][a];
+      if (c < n)
+        for (int a = 0; a < r; a++) s += x[6 + a] * V[a][c], e += fabs(x[6 + a]) * rest[a][c];
+      D[i][c] = R[i][c] = e + fabs(s);
+    }
+    cross(x, tip, Z[i] + 3); /* of the twist about the tool */
+    for (int k = 0; k < 3; k++) Z[i][k] = x[k], Z[i][3 + k] += x[3 + k];
+  }
+  for (int i = 0; i < n; i++) rows->value[i] = norm(Z[i]) + rows->ratio * norm(Z[i] + 3);
+
+  for (int j = 0; j < n; j++) { /* B_j, column by column, and Z_j */
+    share[j] = 0;
+    for (int i = 0; i < N; i++)
+      for (int k = 0; k < 6; k++) dZ[j][i][k] = 0;
+    if (h[j] == 0) continue;
+    for (int c = 0; c < N; c++) {
+      if (!turns[j][c] && c >= n) continue;
+      for (int i = 0; i < N; i++) {
+        const double *x = A[i], *d = dJ[j][c];
+        double s = 0;
+        if (turns[j][c]) s = x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
+        if (c < n)
+          for (int a = 0; a < r; a++) s += x[6 + a] * dV[a][c][j];
+        D[i][c] += h[j] * fabs(s);
+        share[j] += h[j] * fabs(s);
+        for (int k = 0; k < 6; k++) dZ[j][i][k] -= s * Z[c][k];
+      }
+    }
+  }
+  for (int j = 0; j < n; j++)
+    if (share[j] > share[*rows->split]) *rows->split = j;
+
+  double rough[N][6];
+  for (int i = 0; i < N; i++) {
+    for (int c = 0; c < N; c++) F[i][c] = eps;
+    for (int k = 3; k < 6; k++) F[i][k] += eps * (norm(A[i]) * g->beta + norm(A[i] + 3)); /* rounding of Z_c */
+    for (int k = 0; k < 6; k++) {
+      rough[i][k] = 0;
+      for (int c = 0; c < N; c++) rough[i][k] += R[i][c] * fabs(Z[c][k]);
+    }
+  }
+  for (int c = 0; c < N; c++)
+    for (int k = 0; k < 6; k++) {
+      double first = 0;
+      for (int j = 0; j < n; j++) first += h[j] * fabs(dZ[j][c][k]);
+      for (int i = 0; i < N; i++) F[i][k] += R[i][c] * first + D[i][c] * rough[c][k];
+    }
+  for (int j = 0; j < n; j++) /* second order: |B_j Z_l + B_l Z_j| for j < l, |B_j Z_j| */
+    for (int l = j; l < n; l++) {
+      const double both = h[j] * h[l];
+      double X[6 + r][6];
+      if (both == 0) continue;
+      for (int a = 0; a < 6 + r; a++)
+        for (int k = 0; k < 6; k++) X[a][k] = 0;
+      for (int c = 0; c < N; c++) {
+        if (turns[j][c])
+          for (int a = 0; a < 6; a++)
+            for (int k = 0; k < 6; k++) X[a][k] += dJ[j][c][a] * dZ[l][c][k];
+        if (turns[l][c] && l > j)
+          for (int a = 0; a < 6; a++)
+            for (int k = 0; k < 6; k++) X[a][k] += dJ[l][c][a] * dZ[j][c][k];
+        if (c < n)
+          for (int a = 0; a < r; a++)
+            for (int k = 0; k < 6; k++)
+              X[6 + a][k] += dV[a][c][j] * dZ[l][c][k] + (l > j ? dV[a][c][l] * dZ[j][c][k] : 0);
+      }
+      for (int i = 0; i < N; i++)
+        for (int k = 0; k < 6; k++) {
+          double s = 0;
+          for (int a = 0; a < 6 + r; a++) s += A[i][a] * X[a][k];
+          F[i][k] += both * fabs(s);
+        }
+    }
+  if (!enclose(N, eps, D, F, Y, DY)) return;
+
+  double moved = bent, shares = 0, worst = 0, grows[n];
+  for (int j = 0; j < n; j++) moved += h[j] * norm(dd[j]), shares += share[j], grows[j] = h[j];
+  for (int i = 0; i < n; i++) {
+    double z[6], wide[6] = {0}, slope[n][6], along[n], x[3];
+    for (int k = 0; k < 6; k++) z[k] = Y[i][k] + rough[i][k];
+    for (int j = 0; j < n; j++) {
+      cross(Z[i], dd[j], x);
+      for (int k = 0; k < 6; k++) slope[j][k] = dZ[j][i][k] + (k < 3 ? 0 : x[k - 3]);
+      for (int k = 0; k < 6; k++) wide[k] += h[j] * fabs(slope[j][k]);
+    }
+    const double loose = norm(z) + (rows->ratio > 0 ? rows->ratio * (norm(z + 3) + (norm(wide) + norm(z)) * moved +
+                                                                    norm(Z[i]) * bent) : 0);
+    const double all = most_of(n, h, rows->ratio, Z[i], slope, wide, along) + loose;
+    rows->bound[i] = (all + eps) * (1 + 64 * eps);
+    if (all > worst * rows->most[i]) {
+      worst = all / rows->most[i];
+      for (int j = 0; j < n; j++) grows[j] = h[j] * along[j] + 2 * loose * share[j] / shares;
+    }
+  }
+  *rows->split = 0;
+  for (int j = 1; j < n; j++)
+    if (grows[j] > grows[*rows->split]) *rows->split = j;
+}
+
+int LEVELLED(inverse_bounds)(const Problem *g, long K, const double *Q, const double *half, const double *arms,
+                             const double *most, double ratio, double *bound, double *value, int *split) {
+  const long n = g->n, size = g->r * (n * n + 2 * n + 1);
+  for (long i = 0; i < K; i++) {
+    const Rows rows = {ratio, most + i * n, bound + i * n, value + i * n, split + i};
+    one_box(g, Q + i * n, half + i * n, arms ? arms + i * size : 0, &rows);
+  }
+  return 0;
+}

@@ -1,0 +1,170 @@
+"""The closing radius: bounds of G_r hold, paths within it close, and rings never fit into it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from arms import planar_task, sliding_task, spatial_task
+from closed_paths import lifted_round
+from mimic_arm import arm
+from proofs import design_of, near_null_space, regular_start
+
+import repctl_pin as rp
+from repctl_pin.extensions.proof.leaf_margin_bounds import leaf_margin_of
+from repctl_pin.extensions.proof.lifts import rate_bounds
+
+
+def rates(design: rp.Design, Q: np.ndarray, ratio: float) -> np.ndarray:
+    """``‖g_v‖ + ratio ‖g_ω‖`` of the rows of G_r, (K, n)."""
+    task, V = design.task, design.inverse.potentials.gradients(Q)
+    J_V = np.concatenate([task.jacobians(Q), np.swapaxes(V, 1, 2)], axis=1)
+    G = np.linalg.inv(J_V)[:, :, : task.m]
+    k = 3 if task.kind in ("pose", "axis", "position") else 2
+    return np.asarray(
+        np.linalg.norm(G[:, :, :k], axis=2)
+        + ratio * np.linalg.norm(G[:, :, k:], axis=2)
+    )
+
+
+def cases(folder: Path) -> list[tuple[rp.Design, float]]:
+    """Designs of all kinds of tasks, r = 1 and more, with prismatic and driven joints."""
+    tasks = [
+        spatial_task(7, folder, kind="pose", seed=1),
+        spatial_task(8, folder, kind="pose", seed=2),
+        spatial_task(6, folder, kind="axis", seed=3),
+        spatial_task(5, folder, kind="position", seed=4),
+        planar_task([0.5, 0.4, 0.3, 0.2], folder),
+        sliding_task(folder),
+        rp.Robot.load(arm(folder, {6: 'joint="j2" multiplier="0.5"'})).task(
+            "l7", "position"
+        ),
+    ]
+    out = []
+    for i, task in enumerate(tasks):
+        q = regular_start(task, i)
+        box = rp.Box(q, 0.3)
+        potentials = near_null_space(task, q, 0.3, i, rough=0.3)
+        ratio = 2.0 if task.kind in ("pose", "axis") else 0.0
+        out.append((design_of(task, potentials, box), ratio))
+    return out
+
+
+def test_bounds_of_the_inverse_hold_and_are_close(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for design, ratio in cases(tmp_path):
+        n, q = design.task.n, design.region.center
+        problem = leaf_margin_of(design.task, design.inverse.potentials, design.region)
+        for width in (0.1, 0.03, 0.01):
+            Q = q + rng.uniform(-0.1, 0.1, (40, n))
+            half = width * rng.uniform(0.2, 1, (40, n))
+            most = np.ones((40, n))
+            bound, value, split = rate_bounds(problem, Q, half, most, ratio)
+            np.testing.assert_allclose(value, rates(design, Q, ratio), rtol=1e-9)
+            found = value.copy()
+            for s in np.sign(rng.uniform(-1, 1, (60, 1, n))):
+                found = np.maximum(found, rates(design, Q + s * half, ratio))
+            assert (found <= bound).all() and (split < n).all()
+            if width < 0.02:
+                assert np.median(bound / found) < 1.05, design.task
+
+
+def test_the_panda_s_radius_is_close_to_the_sampled_one(
+    panda_design: rp.Design,
+) -> None:
+    closes = rp.prove(panda_design, margin=0.3, seconds=60).closes
+    assert closes and closes.around == "start" and closes.kind == "pose"
+    D, box = panda_design.region.half_width, panda_design.region
+    U = np.sign(np.random.default_rng(0).uniform(-1, 1, (2000, 7)))
+    shells = (np.arange(24) + 1) / 24
+    K = [(rates(panda_design, box.center + s * D * U, 3.0) / D).max() for s in shells]
+    sampled = sum(1 / 24 / np.maximum.accumulate(K))
+    assert closes.metres < 1.2 * sampled
+    if closes.complete:  # within the time, which other programs may have used
+        assert closes.metres > 0.9 * sampled
+    assert closes.radians == pytest.approx(3 * closes.metres)
+
+
+def test_wild_paths_within_the_radius_close(
+    tmp_path: Path, panda_design: rp.Design
+) -> None:
+    rng = np.random.default_rng(1)
+    designs = [design for design, _ in cases(tmp_path)]
+    for design in [*designs, panda_design]:
+        proof = rp.prove(design, margin=0.01, seconds=0.3)
+        if not proof.closes:
+            assert proof.closes.reason
+            continue
+        before, after, share = lifted_round(design, proof.closes, 12, rng)
+        assert np.abs(before - after).max() < 1e-9 and share < 1
+
+
+def test_what_is_asked_is_proved_or_refused(panda_design: rp.Design) -> None:
+    small = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05))
+    assert small and small.closes.metres >= 0.02 and small.closes.radians >= 0.05
+    large = rp.prove(panda_design, margin=0.3, closes=0.5, seconds=1)
+    assert not large and "closing radius" in large.reason
+    still = rp.prove(panda_design, margin=0.3, ratio=0, closes=0.02)
+    assert still.closes.radians == 0 and "constant orientation" in str(still.closes)
+    assert rp.prove(panda_design, margin=0.3, closes=False).closes is None
+    with pytest.raises(rp.InputError, match="closes"):
+        rp.prove(panda_design, closes=(0.1, 0.2, 0.3))
+    with pytest.raises(rp.InputError, match="ratio"):
+        rp.prove(panda_design, ratio=-1)
+
+
+def test_a_pose_is_inside_or_beyond_the_radius(panda_design: rp.Design) -> None:
+    closes = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05)).closes
+    at = panda_design.task.placement(closes.start)
+    for d, angle, inside in ((0.019, 0.0, True), (0.021, 0.0, False), (0, 0.049, True)):
+        turned = pin.exp3(angle * np.array([0, 0.6, 0.8]))
+        pose = pin.SE3(turned @ at.rotation, at.translation + [0, d, 0])
+        assert closes.contains(pose) is inside
+    assert not closes.contains(
+        pin.SE3(pin.exp3(np.array([0, 0.06, 0])) @ at.rotation, at.translation)
+    )
+
+
+def test_the_certificate_holds_the_radius(
+    panda_design: rp.Design, tmp_path: Path
+) -> None:
+    proof = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05))
+    design = replace(panda_design, proof=proof)
+    rp.save(design, tmp_path / "d.json")
+    loaded = rp.load_design(tmp_path / "d.json").proof
+    assert loaded.seal == proof.seal and loaded.closes.words == proof.closes.words
+    with pytest.raises(rp.InputError, match="cannot be changed in part"):
+        replace(proof, closes=replace(proof.closes, metres=1.0))
+    assert "closing       closed paths within 2 cm" in proof.summary()
+
+
+def test_a_ring_around_the_base_never_fits(tmp_path: Path) -> None:
+    """The planar ring does not close, although J_V is regular in its box."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    box = rp.Box((0, 1.26, 0.385), (3.4, 0.55, 0.75))
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=3)
+    closes = rp.prove(design, margin=0.3, seconds=1).closes
+    assert closes and closes.metres < np.linalg.norm(closes.positions[0, :2])
+
+
+def test_a_singular_start_has_no_radius_and_says_so(panda_pose: rp.Task) -> None:
+    q = panda_pose.reference
+    J = panda_pose.jacobian(q)
+    flat = rp.Polynomial(q, 1).weighted(J[:1].T)  # V is a row of J
+    proof = rp.prove(design_of(panda_pose, flat, rp.Box(q, 0.1)), seconds=1)
+    assert not proof and not proof.closes and proof.closes.metres == 0
+    assert "singular" in proof.closes.words
+
+
+def test_around_a_path_that_closes_others_close(panda_design: rp.Design) -> None:
+    start = panda_design.region.center
+    path = rp.Problem(panda_design.task, start=start, path="circle:0.02").cycle
+    proof = rp.prove(panda_design, margin=0.3, closes=path)
+    assert proof and proof.closes.around == "path" and len(proof.closes.positions) > 50
+    before, after, share = lifted_round(
+        panda_design, proof.closes, 40, np.random.default_rng(0), step=0.5
+    )
+    assert np.abs(before - after).max() < 1e-9 and share < 1
