@@ -218,16 +218,16 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
     fine = len(path_grid(path, 2 * steps)) - 1
     size = _size(path.points())
     for k, coarse in enumerate(motion.q[steps::steps]):
-        apart = "one stops in"
+        outcome = "one stops in"
         try:
             q = _run(method, task, path, (1, fine), size, q)[0][-1]
             gap = float(np.linalg.norm(q - coarse))
             if gap <= max(_RESOLVED * motion.drift[k], CLOSED):
                 continue
-            apart = f"their ends are {gap:.2g} {task.unit} apart after"
+            outcome = f"their ends are {gap:.2g} {task.unit} apart after"
         except SingularityError:
             pass
-        runs = f"with {steps:,} and {fine:,} steps per cycle, {apart} cycle {k + 1}"
+        runs = f"with {steps:,} and {fine:,} steps per cycle, {outcome} cycle {k + 1}"
         return f"{UNRESOLVED} ({runs})"
     return ""
 

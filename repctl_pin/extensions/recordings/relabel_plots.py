@@ -49,8 +49,8 @@ def arms_figure(relabeled: Relabeled) -> Figure | None:
 def _at_one_pose(relabeled: Relabeled) -> list[int]:
     """Choose a frame of each of several sessions, all at nearly one pose, far apart in the joints.
 
-    Of some frames of the first session, the one is taken whose neighbours in the other sessions
-    differ most in the joints per distance of their poses.
+    Some frames of the first session are tried; the one is taken whose neighbours in the other
+    sessions differ most in the joints per distance of their poses.
     """
     recording, found = relabeled.recording, relabeled.found
     if recording.joints is None:
@@ -70,8 +70,8 @@ def _at_one_pose(relabeled: Relabeled) -> list[int]:
     for first in np.unique(sessions[0][some]):
         gaps = [np.linalg.norm(U[frames] - U[first], axis=1) for frames in sessions]
         rows = [int(at[gap.argmin()]) for at, gap in zip(sessions, gaps, strict=True)]
-        apart = float(np.ptp(recording.joints[rows], axis=0).max())
-        score = apart / (_NEAR + max(float(gap.min()) for gap in gaps))
+        spread = float(np.ptp(recording.joints[rows], axis=0).max())
+        score = spread / (_NEAR + max(float(gap.min()) for gap in gaps))
         best, most = (rows, score) if score > most else (best, most)
     return best
 
