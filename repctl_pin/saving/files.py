@@ -142,7 +142,7 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
     Raises
     ------
     InputError
-        If the file holds a cell, or as for :func:`load`.
+        If the file holds a function over a cell, or as for :func:`load`.
 
     Examples
     --------
