@@ -149,10 +149,10 @@ class NumPyLaw:
         if not np.isfinite(rhs).all():
             raise failure(self.task, q, rhs)
         try:
-            inverse: Array = np.linalg.inv(J_V)
+            inverse = np.asarray(np.linalg.inv(J_V), float)
         except np.linalg.LinAlgError:
             raise failure(self.task, q, rhs) from None
-        x: Array = inverse @ rhs
+        x = inverse @ rhs
         if not (np.isfinite(x).all() and is_regular(J_V, inverse)):
             raise failure(self.task, q, rhs)
         return x

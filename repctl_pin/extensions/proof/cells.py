@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,7 +201,7 @@ class CellProof:
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
         space, *held = space_of(k)
-        ints = {
+        ints: dict[str, Any] = {
             "parent": made.parent,
             "variable": made.variable,
             "used": parts.used,
@@ -208,7 +209,7 @@ class CellProof:
             "beneath": models.lower,
             "powers": models.exponents.T,
         }
-        reals = {
+        reals: dict[str, Any] = {
             "parts": np.moveaxis(parts.parts, 1, 0),
             "rest": parts.rest,
             "blur": self.blur,

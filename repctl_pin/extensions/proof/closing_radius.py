@@ -88,7 +88,7 @@ def closing_radius(
         radius,
         ratio * radius if turns else None,
         around,
-        task.kind,
+        str(task.kind),
         start,
         np.array([pose.translation for pose in poses]),
         np.array([pose.rotation for pose in poses]),

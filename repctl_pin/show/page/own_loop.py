@@ -69,7 +69,7 @@ def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
         for j in range(len(tree.parents))
     ]
     return {
-        "kind": task.kind if task.kind in ("pose", "axis") else "position",
+        "kind": str(task.kind) if task.kind.turns else "position",
         "rows": task.kind.rows.tolist(),
         "joints": joints,
         "chain": tree.chain.tolist(),
