@@ -14,6 +14,7 @@ from mimic_arm import arm
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
+from repctl_pin.extensions.proof import closing_radius
 from repctl_pin.extensions.proof.leaf_margin_bounds import leaf_margin_of
 from repctl_pin.extensions.proof.lifts import rate_bounds
 
@@ -89,8 +90,9 @@ def test_the_panda_s_radius_is_close_to_the_sampled_one(
 
 
 def test_wild_paths_within_the_radius_close(
-    tmp_path: Path, panda_design: rp.Design
+    tmp_path: Path, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(closing_radius._MOST, "start", 6000)  # a quick proof
     rng = np.random.default_rng(1)
     designs = [design for design, _ in cases(tmp_path)]
     for design in [*designs, panda_design]:
@@ -105,7 +107,7 @@ def test_wild_paths_within_the_radius_close(
 def test_what_is_asked_is_proved_or_refused(panda_design: rp.Design) -> None:
     small = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05))
     assert small and small.closes.metres >= 0.02 and small.closes.radians >= 0.05
-    large = rp.prove(panda_design, margin=0.3, closes=0.5, seconds=1)
+    large = rp.prove(panda_design, margin=0.3, closes=0.5, seconds=0.1)
     assert not large and "closing radius" in large.reason
     still = rp.prove(panda_design, margin=0.3, ratio=0, closes=0.02)
     assert still.closes.radians == 0 and "constant orientation" in str(still.closes)
