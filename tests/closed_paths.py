@@ -4,12 +4,12 @@ proof."""
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 import repctl_pin as rp
-from repctl_pin.certificate import ClosingRadius
 
 
 def wild_poses(
@@ -67,7 +67,7 @@ def lift(design: rp.Design, q: np.ndarray, poses: list[pin.SE3]) -> np.ndarray:
 
 def lifted_round(
     design: rp.Design,
-    closes: ClosingRadius,
+    closes: Any,
     corners: int,
     rng: np.random.Generator,
     *,
