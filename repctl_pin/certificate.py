@@ -33,7 +33,7 @@ class ClosingRadius:
 
     Every closed path of the frame whose poses are all within :attr:`metres` **and**
     :attr:`radians` of the start pose closes, however long it is: its motion, begun on the leaf of
-    the start, stays in Ω and ends where it began. Of a path that closes itself: every closed path
+    the start, stays in Ω and ends where it began. Around a path that closes itself, every closed path
     that deviates from it by less than both, at each moment, closes as well.
     ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
 
@@ -241,8 +241,8 @@ class Proof:
         names = [n for n in self.__dataclass_fields__ if n not in ("seal", "closes")]
         own = [getattr(self, name) for name in names]
         if self.closes is not None:
-            fields = self.closes.__dataclass_fields__
-            own.append([getattr(self.closes, name) for name in fields])
+            inner = self.closes.__dataclass_fields__
+            own.append([getattr(self.closes, name) for name in inner])
         return fingerprint(*own)
 
     def summary(self) -> str:

@@ -415,7 +415,7 @@ static void remainders_of(const Problem *g, const double *theta, const double *e
 }
 
 /* Bound |A (J(q) - J(q_0))| for |q - q_0| <= near and |q_0 - q_c| <= wide, and add it to R. A has some rows of pitch
-   numbers, and B (n, rows, N) = A dJ. Of a mean over q, mean bounds the mean of |q - q_0|; else it is near. */
+   numbers, and B (n, rows, N) = A dJ. For a mean over q, mean bounds the mean of |q - q_0|; else it is near. */
 static void beside_chart(const Cell *s, int rows, int pitch, const double *A, const double *B, const double *q,
                          const double *wide, const double *near, const double *mean, double *R) {
   const Problem *g = s->chain;

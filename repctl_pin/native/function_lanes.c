@@ -82,10 +82,10 @@ SHARED void find_configurations(const Arm *arm, const Chart *chart, int keep, in
   for (int l = 0; l < AT_ONCE; l++) { /* after the last target, that one again */
     const int at = l < count ? l : count - 1;
     double one[6], added[N];
-    const int told = find_coordinates(arm, chart, targets + at, one, added);
-    if (l < count) status[l] = told;
-    for (int k = 0; k < chart->k; k++) LANE(u[k], l) = told == OK ? one[k] : 0.0;
-    for (int i = 0; i < N; i++) LANE(shift[i], l) = told == OK ? added[i] : 0.0;
+    const int found = find_coordinates(arm, chart, targets + at, one, added);
+    if (l < count) status[l] = found;
+    for (int k = 0; k < chart->k; k++) LANE(u[k], l) = found == OK ? one[k] : 0.0;
+    for (int i = 0; i < N; i++) LANE(shift[i], l) = found == OK ? added[i] : 0.0;
     for (int i = 0; i < 3; i++) LANE(goal[i], l) = targets[at].p[i];
     for (int i = 0; i < 9; i++) LANE(goal[3 + i], l) = targets[at].R[i];
     for (int j = 0; j < N - M; j++) LANE(level[j], l) = leaf ? leaf[at * stride + j] : 0.0;

@@ -106,11 +106,11 @@ class NumPyTorques:
         h, hdot = self._potentials.value(q), rates[m:]
         omega, zeta = gains.leaf_frequency, gains.leaf_damping
         hddot = omega**2 * (leaf - h) - 2 * zeta * omega * hdot
-        wanted = np.concatenate([xddot, hddot]) - self._curvature(q, qdot)
+        desired = np.concatenate([xddot, hddot]) - self._curvature(q, qdot)
         d = np.zeros(task.n)
         if observer is not None:
             d[m:] = gains.observer_rate * (hdot - observer.state)
-        if not (np.isfinite(wanted).all() and np.isfinite(d).all()):
+        if not (np.isfinite(desired).all() and np.isfinite(d).all()):
             raise _not_finite()
         try:
             inverse = augmented_inverse(J_V[:m], J_V[m:].T)
@@ -118,7 +118,7 @@ class NumPyTorques:
             raise failure(task, q, d) from None
         opposed = M @ inverse @ d
         share = 1 / max(1.0, np.abs(opposed / gains.observer_limit).max())
-        tau = M @ inverse @ wanted + b - share * opposed
+        tau = M @ inverse @ desired + b - share * opposed
         if not np.isfinite(tau).all():
             raise _not_finite()
         if observer is not None:

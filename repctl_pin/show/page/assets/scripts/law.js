@@ -130,7 +130,7 @@ export class Law {
   }
 }
 
-// Make the rows of A orthonormal, A = L Q, and put the least x with A x = b into x; gives the smallest sine.
+// Make the rows of A orthonormal, A = L Q, and put the shortest x with A x = b into x; gives the smallest sine.
 function leastSolution(A, rows, n, b, L, x) {
   let least = 1;
   for (let i = 0; i < rows; i++) {

@@ -5,7 +5,7 @@ import { byId, element } from "./dom.js";
 import { Chain, Law, pieces, stepped } from "./law.js";
 import { inMetres } from "./numbers.js";
 import { computed, drawnAt } from "./run.js";
-import { told } from "./sentence.js";
+import { answer } from "./sentence.js";
 import { Trail } from "./traces.js";
 
 const CYCLES = 10;
@@ -233,13 +233,13 @@ export class Own {
     byId("own").hidden = false;
     this.player.play({ ...result, seconds: result.slower * (length / chain.speed), path: points });
     this.tell(Math.min(cycle, result.cycles));
-    this.clock.seek(this.told);
+    this.clock.seek(this.shown);
   }
 
-  // Say what has happened after so many cycles.
+  // Say what has happened after a number of cycles.
   tell(cycles) {
-    const { chain, arms, result, shape, also } = this, { sentence, notes, part } = told(chain, arms, result, cycles, shape);
-    this.told = cycles;
+    const { chain, arms, result, shape, also } = this, { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
+    this.shown = cycles;
     this.scene.part = part;
     for (const arm of arms) arm.pointAt((s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
     if (result.cycles < CYCLES) sentence.push([` In cycle ${result.cycles + 1} an arm comes to a singularity.`, "bad"]);
@@ -250,7 +250,7 @@ export class Own {
 
   // From one cycle to all of them, by their ends, when only what drifts is seen to move; and again.
   repeat() {
-    if (this.told < this.result.cycles) this.clock.seek(this.told); else this.clock.seek(0);
+    if (this.shown < this.result.cycles) this.clock.seek(this.shown); else this.clock.seek(0);
     const done = () => this.tell(this.result.cycles);
     if (window.matchMedia("(prefers-reduced-motion: reduce)").matches) { this.clock.seek(this.result.cycles); done(); } else this.clock.finish(done);
   }

@@ -6,9 +6,9 @@ const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
 
-// {sentence, notes, part} after so many cycles, in pieces [words, tone]; whether the loop encloses anything, and how often it
+// {sentence, notes, part} after a number of cycles, in pieces [words, tone]; whether the loop encloses anything, and how often it
 // turns around the first joint.
-export function told(chain, arms, result, cycles, { encloses, turns }) {
+export function answer(chain, arms, result, cycles, { encloses, turns }) {
   const { runs } = result, k = cycles - 1, times = cycles === 1 ? "one cycle" : `${cycles} cycles`;
   const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k])), most = worst.reduce((a, b) => (b.off > a.off ? b : a));
   const joints = runs.map(({ turned }) => Math.max(...turned[k])), joint = chain.names[runs.flatMap(({ turned }) => [turned[k]]).reduce((a, b) => (Math.max(...b) > Math.max(...a) ? b : a)).reduce((b, v, i, all) => (v > all[b] ? i : b), 0)];
