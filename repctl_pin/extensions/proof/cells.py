@@ -24,7 +24,7 @@ import ctypes
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Array, read_only
 from ...errors import InputError
@@ -200,7 +200,7 @@ class CellProof:
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
         space, *held = space_of(k)
-        ints = {
+        ints: dict[str, ArrayLike] = {
             "parent": made.parent,
             "variable": made.variable,
             "used": parts.used,
@@ -208,7 +208,7 @@ class CellProof:
             "beneath": models.lower,
             "powers": models.exponents.T,
         }
-        reals = {
+        reals: dict[str, ArrayLike] = {
             "parts": np.moveaxis(parts.parts, 1, 0),
             "rest": parts.rest,
             "blur": self.blur,
