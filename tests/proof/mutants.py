@@ -455,8 +455,6 @@ CELL_V = {
         "add(g, out + i, 1, &along, out + i);",
     ),
     "no second order of it": (_CELL, "add(g, out + i, -W[i], &y, out + i);", ";"),
-    "no motion round the axis": (_CELL, "cross_constant(g, s->a, p, twists[a]),", ""),
-    "joints that symmetries move": (_CELL, "if (moved != 0) add", "if (0) add"),
     "derivatives without their factor": (
         _CELL,
         "x->p[m] * power * unit",

@@ -147,7 +147,7 @@ def scenarios(every: dict[str, Any]) -> Any:
     the normals; J and the twists, seen from the first or the last link. On a longer one along a
     single coordinate, it differs by terms of second order.
     """
-    for name in ("pose", "axis", "position", "sector", "reduced sector"):
+    for name in ("pose", "axis", "position", "sector", "prismatic, pose"):
         chart = every[name]
         k, n = chart.cell.k, chart.cell.task.n
         C = chart.coefficients.copy()
@@ -174,8 +174,7 @@ def most_used(every: dict[str, Any], library: Any = None) -> float:
             problem = copy(problem)
             problem.use(library)
         try:
-            ratio, share = used(problem, Uc, half, 4, start)
-            worst = max(worst, ratio if share == 1 else np.inf)
+            worst = max(worst, used(problem, Uc, half, 4, start)[0])
         except AssertionError:
             return np.inf
         if worst > 1:

@@ -22,10 +22,9 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Array, read_only
 from ...errors import InputError
@@ -201,7 +200,7 @@ class CellProof:
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
         space, *held = space_of(k)
-        ints: dict[str, Any] = {
+        ints: dict[str, ArrayLike] = {
             "parent": made.parent,
             "variable": made.variable,
             "used": parts.used,
@@ -209,7 +208,7 @@ class CellProof:
             "beneath": models.lower,
             "powers": models.exponents.T,
         }
-        reals: dict[str, Any] = {
+        reals: dict[str, ArrayLike] = {
             "parts": np.moveaxis(parts.parts, 1, 0),
             "rest": parts.rest,
             "blur": self.blur,
