@@ -22,8 +22,11 @@ _THEOREM = 4
 CELL_THEOREM = 5
 """Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is no leaf margin: it is larger."""
 
-_LEAST_RADIUS = 1e-3
+LEAST_RADIUS = 1e-3
 """Closing radius, m, below which there is said to be none."""
+
+_SAME_ANGLE = 1e-7
+"""Angle, rad, by which a commanded pose of constant orientation may be off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,7 @@ class ClosingRadius:
             object.__setattr__(self, name, array)
 
     def __bool__(self) -> bool:
-        return self.metres >= _LEAST_RADIUS
+        return self.metres >= LEAST_RADIUS
 
     def __repr__(self) -> str:
         return f"<ClosingRadius: {self.words}>"
@@ -103,21 +106,27 @@ class ClosingRadius:
             (3,) and ``rotation`` (3, 3).
         """
         away = np.asarray(placement.translation) - self.positions
-        away = (
-            away[:, ["xyz".index(c) for c in self.kind]]
-            if len(self.kind) == 2
-            else away
-        )
+        if len(self.kind) == 2:
+            away = away[:, ["xyz".index(c) for c in self.kind]]
         near = (away**2).sum(axis=1) <= self.metres**2
         if self.radians is None or not near.any():
             return bool(near.any())
-        R = np.asarray(placement.rotation)
+        turned = np.asarray(placement.rotation) - self.rotations
         if self.kind == "axis":
-            cosine = self.rotations[:, :, 2] @ R[:, 2]
+            chord = (turned[:, :, 2] ** 2).sum(axis=1)
         else:
-            cosine = ((self.rotations * R).sum(axis=(1, 2)) - 1) / 2
-        angle = np.arccos(np.clip(cosine, -1, 1))
-        return bool((near & (angle <= self.radians + 1e-7)).any())
+            chord = (turned**2).sum(axis=(1, 2)) / 2
+        return bool((near & (chord <= self.squared_chord)).any())
+
+    @property
+    def squared_chord(self) -> float:
+        """Squared chord of the angle: ``(2 sin(α/2))² = ‖R − R₀‖²_F / 2 = ‖z − z₀‖²``.
+
+        It is 0 for a task without orientation.
+        """
+        if self.radians is None:
+            return 0.0
+        return float(4 * np.sin(min(self.radians + _SAME_ANGLE, np.pi) / 2) ** 2)
 
     @property
     def words(self) -> str:

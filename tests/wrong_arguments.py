@@ -234,6 +234,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "export_c": {
             "control": inverse, "folder": folder / "c", "name": "arm_control", "region": box,
+            "closes": rp.prove(design, closes=0.001).closes,
         },
         "nearest_inverse_function": {
             "desired": control, "cell": cell, "posture": q0, "degree": 1, "limit_margin": 0.05,

@@ -20,6 +20,7 @@ from .terminal import progress, report, say_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from ..certificate import ClosingRadius
     from ..regions import Region
     from ..strategies import Bounded, Inverse, Strategy
 
@@ -153,7 +154,7 @@ def run(options: Options) -> int:
         period=options.period or case.period,
         integrator=rp.LeafLock(2) if lock else "rk4",
     )
-    motion = replace(motion, region=case.region)
+    motion = replace(motion, region=case.region, closing_radius=case.closes)
     loose = "" if lock else unresolved(strategy, motion)
     notes += [f"this motion {loose}"] if loose else []
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
@@ -256,7 +257,8 @@ def _check_control(options: Options) -> None:
 class _Case(NamedTuple):
     """Controller, the problem that it is to solve, and what is known of its design.
 
-    ``region`` is Ω, ``period`` the time of one cycle, s, and ``desired`` the desired inverse G_d.
+    ``region`` is Ω, ``period`` the time of one cycle, s, ``desired`` the desired inverse G_d, and
+    ``closes`` the closing radius of its certificate.
     """
 
     strategy: Strategy
@@ -265,6 +267,7 @@ class _Case(NamedTuple):
     period: float | None = None
     notes: tuple[str, ...] = ()
     desired: Inverse | None = None
+    closes: ClosingRadius | None = None
 
 
 def _saved(options: Options) -> _Case:
@@ -272,7 +275,12 @@ def _saved(options: Options) -> _Case:
     design = options.load_saved()
     problem = options.problem_of(design)
     return _Case(
-        design.inverse, problem, problem.region, problem.period, desired=design.desired
+        design.inverse,
+        problem,
+        problem.region,
+        problem.period,
+        desired=design.desired,
+        closes=design.proof.closes if design.proof else None,
     )
 
 
@@ -379,6 +387,7 @@ def _result(
         "start": [float(v) for v in q0],
         "drift": motion.drift.tolist(),
         "outside": motion.outside,
+        "beyond_closing_radius": motion.beyond_closing_radius,
         "tracking_error": float(motion.tracking_error.max()),
         **limits_dict(motion),
         **bodies_dict(motion),
@@ -418,6 +427,9 @@ def _lines(
     yield f"time            {result['duration']:.4g} s{_timing_words(result)}"
     if motion.outside is not None:
         yield f"outside Ω       {percentage(motion.outside)}"
+    if motion.beyond_closing_radius is not None:
+        share = percentage(motion.beyond_closing_radius)
+        yield f"closing radius  {share} beyond the proved radius"
     yield from (f"note: {note}" for note in result["notes"])
     if written and result["slowed_by"] is not None:
         ends = "this motion starts and ends at path speed"

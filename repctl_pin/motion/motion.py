@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, per_joint, positive, read_only
+from ..certificate import ClosingRadius
 from ..model.chain_formulas import Placement
 from ..model.length import arm_length
 from ..model.task import Task
@@ -49,6 +50,9 @@ class Motion(JointMotion):
         Maximum damping λ used near singularities, in the units of J; 0 if every step was exact.
     region : Bounded, optional
         Design region Ω, see :attr:`outside`.
+    closing_radius : ClosingRadius, optional
+        Closing radius of the design's certificate, ``design.proof.closes``, see
+        :attr:`beyond_closing_radius`.
 
     Examples
     --------
@@ -66,6 +70,7 @@ class Motion(JointMotion):
     turning_error: Array
     damping: float = 0.0
     region: Bounded | None = None
+    closing_radius: ClosingRadius | None = None
 
     def __repr__(self) -> str:
         task = self.task
@@ -86,6 +91,17 @@ class Motion(JointMotion):
             if self.region is None
             else float(np.mean(self.region.ratio(self.q) > 1 + 1e-9))
         )
+
+    @cached_property
+    def beyond_closing_radius(self) -> float | None:
+        """Share of the samples beyond the proved closing radius; None without such a radius.
+
+        Nothing is wrong there, but a loop that goes there is not proved to close."""
+        closes = self.closing_radius
+        if not closes:
+            return None
+        poses = map(self.task.placement, self.q)
+        return float(np.mean([not closes.contains(pose) for pose in poses]))
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:

@@ -92,6 +92,9 @@ ARM = _struct(
 )
 """The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
 
+CLOSING = _struct(ints="count", doubles="square chord", pointers="p R")
+"""The struct Closing of closing.h: the poses of a closing radius."""
+
 CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
 

@@ -157,6 +157,13 @@ QUANTITIES = (
         meaning="Distance: ‖G − {desired}‖ / ‖{desired}‖, averaged over Ω.",
     ),
     Quantity("outside", "outside Ω", SHARE, lambda m: m.outside, stopped="–"),
+    Quantity(
+        "beyond_closing_radius",
+        "beyond the proved radius",
+        SHARE,
+        lambda m: m.beyond_closing_radius,
+        stopped="–",
+    ),
 )
 """The quantities, in the order of a study's table."""
 

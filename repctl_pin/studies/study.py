@@ -250,7 +250,9 @@ def _repeatable(
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
-        return replace(row, motion=replace(row.motion, region=design.region))
+        closes = design.proof.closes if design.proof else None
+        motion = replace(row.motion, region=design.region, closing_radius=closes)
+        return replace(row, motion=motion)
     failure = own_failure(design.task, path, q0)
     return row if failure is None else replace(row, stopped=str(failure))
 

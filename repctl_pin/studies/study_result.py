@@ -294,7 +294,7 @@ def _row_dict(row: Row) -> dict[str, Any]:
         **values_of(motion, "drift_first", "drift_last"),
         "drift": motion.drift.tolist(),
         "cycle_drift": motion.cycle_drift.tolist(),
-        **values_of(motion, "outside", "tracking_error"),
+        **values_of(motion, "outside", "beyond_closing_radius", "tracking_error"),
         "turning_error": float(motion.turning_error.max()),
         "path_loss": None
         if loss is None

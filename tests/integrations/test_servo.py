@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -403,3 +404,24 @@ def test_random_messages_never_exceed_a_limit_or_leave_the_leaf() -> None:
         and (Q > bench.task.lower).all()
         and (Q < bench.task.upper).all()
     )
+
+
+def test_the_status_says_when_the_command_is_beyond_the_proved_radius() -> None:
+    made = design()
+    proof = rp.prove(made, closes=True, seconds=5)
+    assert proof.closes and proof.closes.metres < 0.3
+    bench = Bench()
+    bench.servo = Servo(
+        replace(made, proof=proof), RATE, rp.Limits(acceleration=A, jerk=J)
+    )
+    bench.run(0.2)
+    bench.at(0.2 * proof.closes.metres, 0.0)
+    bench.run(2.0)
+    assert bench.servo.said == "running"
+    bench.at(1.2 * proof.closes.metres, 0.0)
+    bench.run(3.0)
+    assert bench.servo.state is State.RUNNING and not bench.servo.stopped_early
+    assert bench.servo.said == "running, beyond the proved radius"
+    bench.at(0.0, 0.0)
+    bench.run(3.0)
+    assert bench.servo.said == "running"

@@ -168,3 +168,38 @@ def test_around_a_path_that_closes_others_close(panda_design: rp.Design) -> None
         panda_design, proof.closes, 40, np.random.default_rng(0), step=0.5
     )
     assert np.abs(before - after).max() < 1e-9 and share < 1
+
+
+def test_a_motion_knows_its_share_beyond_the_radius() -> None:
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q = np.array([0.3, 0.8, 0.8])
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(q, 0.6), degree=2
+    )
+    closes = rp.prove(design, seconds=5).closes
+    assert closes.around == "start"
+    shares = []
+    for radius in (0.4, 0.8, 1.6):  # of circles through the start, in closing radii
+        path = rp.circle(task, q, radius * closes.metres)
+        motion = rp.follow(design.inverse, path, q, cycles=1, steps=100)
+        assert motion.beyond_closing_radius is None
+        motion = replace(motion, closing_radius=closes)
+        away = np.linalg.norm(task.positions(motion.q) - closes.positions[0], axis=1)
+        assert motion.beyond_closing_radius == (away > closes.metres).mean()
+        shares.append(motion.beyond_closing_radius)
+    assert shares[0] == 0 < shares[1] < shares[2] < 1
+
+
+def test_the_path_of_a_radius_is_within_it() -> None:
+    """Also between the poses that were followed, where its steps are longer than the radius."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q = np.array([0.3, 0.8, 0.8])
+    path = rp.circle(task, q, 0.3)
+    Q = rp.follow(rp.Pseudoinverse(task), path, q, cycles=1, steps=100).q
+    tube = rp.Tube(Q, 0.05)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, tube, degree=2)
+    closes = rp.prove(design, closes=path, seconds=5).closes
+    assert closes and closes.around == "path", closes.reason
+    motion = rp.follow(design.inverse, path, closes.start, cycles=1, steps=237)
+    motion = replace(motion, closing_radius=closes)
+    assert motion.beyond_closing_radius == 0

@@ -34,6 +34,10 @@ _AHEAD = {
 """Description of what stops the arm, by the governor's status."""
 
 
+BEYOND = "beyond the proved radius"
+"""Words of the status while the command is beyond the closing radius; it is no error."""
+
+
 class State(Enum):
     """State of a :class:`Servo`.
 
@@ -88,6 +92,8 @@ class Servo:
             else design.inverse
         )
         self._inverse, self.task = inverse, inverse.task
+        proof = design.proof if isinstance(design, Design) else None
+        self._closes = proof.closes if proof else None
         self._governor = Governor(inverse, self.dt, limits)
         self._limits = joint_limits(self.task, limits)
         robot = self.task.robot
@@ -233,7 +239,15 @@ class Servo:
         if self.stopped_early and not reason:
             does = "stopped" if self.at_rest else "slowing down"
             reason = f"{does} before the target: {self._ahead()}"
-        return f"{self.state.value}: {reason}" if reason else self.state.value
+        said = f"{self.state.value}: {reason}" if reason else self.state.value
+        return f"{said}, {BEYOND}" if self.beyond_closing_radius else said
+
+    @property
+    def beyond_closing_radius(self) -> bool:
+        """True if the command is beyond the closing radius of the design's certificate."""
+        if not self._closes or self.command is None:
+            return False
+        return not self._closes.contains(self.task.placement(self.command))
 
     def _ahead(self) -> str:
         """Describe what stops the arm before the target."""

@@ -45,7 +45,11 @@ def run(options: Options) -> int:
         files = rp.export_c(design.function, options.out, options.name)
     else:
         files = rp.export_c(
-            design.inverse, options.out, options.name, region=design.region
+            design.inverse,
+            options.out,
+            options.name,
+            region=design.region,
+            closes=(design.proof and design.proof.closes) or None,
         )
     return report(
         options, lambda: {**design.task.as_dict(), "name": options.name}, files=files

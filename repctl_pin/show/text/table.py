@@ -110,11 +110,14 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
     unit, cycles = ("rad", 0) if some is None else (some.task.unit, some.cycles)
     units = {JOINTS: unit, "joints/s": f"{unit}/s" if unit in ("rad", "m") else "per s"}
     bodies = any(row.body_distance is not None for row in study.rows)
+    proved = study.design.proof and study.design.proof.closes
     cells = []
     for quantity in QUANTITIES:
         if quantity.key == "cycle_time":  # below what was not checked
             cells += _unchecked(study)
         if cycles < quantity.cycles > 1 or ("body" in quantity.key and not bodies):
+            continue
+        if quantity.key == "beyond_closing_radius" and not proved:
             continue
         name = quantity.name.format(cycles=cycles, desired=_desired(study))
         if quantity.unit not in ("", SHARE):

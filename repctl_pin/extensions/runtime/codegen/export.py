@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from ...._version import __version__
 from ....arguments import Array, file_name, require_type
+from ....certificate import ClosingRadius
 from ....errors import InputError
 from ....files import write_whole, written_together
 from ....regions import Region
@@ -44,6 +45,7 @@ def export_c(
     name: str = "arm_control",
     *,
     region: Region | None = None,
+    closes: ClosingRadius | None = None,
 ) -> list[Path]:
     """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
 
@@ -72,6 +74,9 @@ def export_c(
         Region such as ``design.region``, which ``name_inside`` checks and from which the test
         vectors are sampled; by default the inverse's own Ω. That of a cell's function and of its
         inverse is their cell; their steps by default stay within the cell and the joint limits.
+    closes
+        Closing radius of the design's certificate, ``design.proof.closes``. With it,
+        ``name_within_closing_radius`` tells whether a pose is within it.
 
     Returns
     -------
@@ -94,7 +99,9 @@ def export_c(
     name, folder = checked_name(name), file_name(folder, "folder")
     if region is not None:
         require_type(region, Region, "region", A_REGION)
-    source = write_source(control, name, region, governor=True)
+    if closes is not None:
+        require_type(closes, ClosingRadius, "closes", "design.proof.closes")
+    source = write_source(control, name, region, governor=True, closes=closes)
     if isinstance(control, InverseFunction):
         inverse = control.inverse
         declared, functions = (
@@ -116,6 +123,7 @@ def export_c(
         "vectors": ",\n".join(_vector(v, said, inverse, name) for v, said in found),
         "function": declared,
         "governor": source.governor,
+        "closing": source.closing,
         "functions": functions,
         "torque": filled("torque.hpp", name, {}),
     }

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...._version import __version__
 from ....arguments import require_type
+from ....certificate import ClosingRadius
 from ....errors import InputError
 from ....regions import Region
 from ....strategies.native_arm import native_arm
@@ -16,6 +17,7 @@ from ...cells.cell import Cell
 from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
 from .cell_function import function_code, native_files
+from .closing import closing_source
 from .constants import constants
 from .governor import governor_source, torque_code
 from .text import comment, filled, pasted
@@ -32,11 +34,12 @@ _MEANING = {
 
 
 class _Source(NamedTuple):
-    """Texts of the C header and the C source file, and of the governor in the C++ header."""
+    """Texts of the C header and the C source file, and parts of the C++ header."""
 
     header: str
     code: str
     governor: str = ""
+    closing: str = ""
 
 
 def write_source(
@@ -45,6 +48,7 @@ def write_source(
     region: Region | None = None,
     *,
     governor: bool = False,
+    closes: ClosingRadius | None = None,
 ) -> _Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
 
@@ -60,6 +64,8 @@ def write_source(
         of a cell function. Without a region, every q is inside.
     governor
         True to write the governor, too.
+    closes
+        Closing radius, which ``name_within_closing_radius`` checks; None to leave it out.
 
     Raises
     ------
@@ -113,15 +119,25 @@ def write_source(
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
     governed = governor_source(task, name) if governor else ("", "", "")
+    closing = closing_source(closes, task, name)
     torque = torque_code(name)
     header = parts | {
         "torque": torque[0],
         "function": declared,
         "governor": governed[0],
+        "closing": closing[0],
     }
-    code = parts | {"torque": torque[1], "function": defined, "governor": governed[1]}
+    code = parts | {
+        "torque": torque[1],
+        "function": defined,
+        "governor": governed[1],
+        "closing": closing[1],
+    }
     return _Source(
-        filled("arm.h", name, header), filled("arm.c", name, code), governed[2]
+        filled("arm.h", name, header),
+        filled("arm.c", name, code),
+        governed[2],
+        closing[2],
     )
 
 

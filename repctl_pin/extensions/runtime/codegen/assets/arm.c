@@ -92,4 +92,4 @@ arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, co
     if (!options) arm_defaults(&usual);
     return (arm_status)take_step(arm_tables, q, target, dt, twist, leaf, options ? options : &usual, report, q_next);
 }
-@torque@function@governor
+@torque@function@governor@closing

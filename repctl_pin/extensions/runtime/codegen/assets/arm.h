@@ -79,7 +79,7 @@ void arm_defaults(arm_options *options);
  */
 arm_status arm_step(const double q[ARM_N], const arm_pose *target, double dt, const double *twist,
                     const double *leaf, const arm_options *options, arm_report *report, double q_next[ARM_N]);
-@torque@function@governor
+@torque@function@governor@closing
 #ifdef __cplusplus
 }
 #endif

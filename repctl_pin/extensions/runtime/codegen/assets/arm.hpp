@@ -81,7 +81,7 @@ inline Status step(const Joints& q, const Pose& target, double dt, const Twist* 
     return static_cast<Status>(arm_step(q.data(), &target, dt, twist ? twist->data() : nullptr,
                                         c ? c->data() : nullptr, options, report, q_next.data()));
 }
-@torque@function@governor
+@torque@function@governor@closing
 }  // namespace arm
 
 #endif
