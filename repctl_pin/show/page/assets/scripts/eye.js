@@ -106,3 +106,47 @@ export function towards(tip, whole) {
   const azimuth = Math.abs(heading) > 1.2 ? heading + (heading > 0 ? -0.75 : 0.75) : turn;
   return new MeshCat.THREE.Vector3(Math.cos(azimuth) * Math.cos(rise), Math.sin(azimuth) * Math.cos(rise), Math.sin(rise));
 }
+
+// Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of the picture, between where
+// the part that is off most stands at the end and where it stood at the start, as far as nothing hides the part and the hand.
+// `usual`: the direction that counts where views are alike, or nothing is off
+export function clearest(arms, usual) {
+  const T = MeshCat.THREE, arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a));
+  if (!(arm.data.off.at(-1)[1] > 1e-4) || !arm.part.length) return usual;
+  const corners = () => arm.part.flatMap((k) => { const place = arm.moving[k]; place.updateMatrix(); return arm.corners[k].map((c) => c.clone().applyMatrix4(place.matrix)); });
+  arm.pose(0, 0);
+  const before = corners();
+  arm.pose(arm.frames - 1, 0);
+  const after = corners(), centre = new T.Box3().setFromPoints(after).getCenter(new T.Vector3()), tip = arm.point("tip", 0, arm.frames - 1);
+  const others = [...arm.moving, ...arm.still].filter((place) => !arm.part.includes(arm.moving.indexOf(place))).flatMap(boxOf), all = others.flatMap(({ corners: c }) => c);
+  const plan = Math.atan2(usual.y, usual.x);
+  let best = { score: -1 };
+  for (const rise of [0.2, 0.5])
+    for (let k = 0; k < 24; k++) {
+      const turn = (k * Math.PI) / 12, out = new T.Vector3(Math.cos(plan + turn) * Math.cos(rise), Math.sin(plan + turn) * Math.cos(rise), Math.sin(rise));
+      const across = (v) => Math.sqrt(Math.max(0, v.lengthSq() - v.dot(out) ** 2));
+      const gap = after.reduce((sum, p, i) => sum + across(p.clone().sub(before[i])), 0) / after.length, size = Math.max(...all.map((p) => across(p.clone().sub(centre))));
+      const rays = [centre, ...after], seen = rays.filter((p) => !hidden(p, out, others)).length / rays.length;
+      const score = (gap / size) * (0.15 + 0.85 * seen) * (hidden(centre, out, others) ? 0.5 : 1) * (hidden(tip, out, others) ? 0.85 : 1) * (1 + 0.15 * Math.cos(turn));
+      if (score > best.score) best = { score, out };
+    }
+  return best.out;
+}
+
+// A body as a box in its own axes, a little smaller, for rays; and its corners.
+function boxOf(place) {
+  const T = MeshCat.THREE;
+  place.updateMatrix();
+  return place.children.filter((mesh) => mesh.isMesh && !mesh.geometry.boundingBox.isEmpty()).map((mesh) => {
+    mesh.updateMatrix();
+    const { min, max } = mesh.geometry.boundingBox, matrix = new T.Matrix4().multiplyMatrices(place.matrix, mesh.matrix);
+    const box = new T.Box3(min.clone().lerp(max, 0.1), max.clone().lerp(min, 0.1));
+    return { box, inverse: matrix.clone().invert(), corners: [0, 1, 2, 3, 4, 5, 6, 7].map((k) => new T.Vector3(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z).applyMatrix4(matrix)) };
+  });
+}
+
+// Whether a body stands between a point and a camera far out; what surrounds the point itself does not count.
+function hidden(point, out, boxes) {
+  const ray = new MeshCat.THREE.Ray();
+  return boxes.some(({ box, inverse }) => { ray.set(point, out).applyMatrix4(inverse); return !box.containsPoint(ray.origin) && ray.intersectsBox(box); });
+}

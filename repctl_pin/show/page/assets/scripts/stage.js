@@ -2,7 +2,7 @@
 
 import { ArmView, cornersOf } from "./arm.js";
 import { byId, summed, unpack } from "./dom.js";
-import { Eye, towards } from "./eye.js";
+import { clearest, Eye, towards } from "./eye.js";
 import { inMetres } from "./numbers.js";
 import { Panes } from "./panes.js";
 import { drawPaths, drawWays } from "./traces.js";
@@ -18,7 +18,7 @@ export async function setStage(viewer, scene) {
   const tips = arms.flatMap((arm) => Array.from({ length: arm.chains }, (_, k) => [arm.point("tip", k, 0), arm.point("tip", k, F >> 1)]).flat());
   const tip = new T.Box3().setFromPoints(tips).getCenter(new T.Vector3());
   const whole = new T.Box3().setFromPoints(arms.flatMap((arm) => Object.values(arm.reach()).flat()));
-  const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : towards(tip, whole), scene.planar);
+  const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : scene.live ? towards(tip, whole) : clearest(arms, towards(tip, whole)), scene.planar);
   const { points, extent, ground } = inSight(arms, paths.flat(), eye);
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
