@@ -309,7 +309,7 @@ def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered(
     assert sum(stop.share for stop in stops.values()) == pytest.approx(1 - every.mean())
     assert margin(stops["fold"].u[0]) <= 0.05 and "folds back" in str(stops["fold"])
     if covered.any():
-        assert 0.05 < j.leaf_margin <= margin(U[covered, 0]).min() * 1.02
+        assert 0.9 < j.leaf_margin <= 1  # of V, which is not turned as n_ref is
 
 
 def test_extra_speeds_are_relative_to_the_desired_inverse(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_a_singular_arm_angle_is_never_proved(case: str, tmp_path: Path) -> None
     design = design_of(task, potentials, region)
     proof = rp.prove(design, margin=0.0, seconds=0.2)
     assert not proof and proof.leaf_margin == 0
-    assert proof.reason.startswith("stopped after 0.2 s")
+    assert "singular" in proof.reason or proof.reason.startswith("stopped after")
     problem = leaf_margin_bounds.leaf_margin_of(task, potentials, region)
     at = at if task.n == 7 else region.center
     assert problem.undefined(at[None], np.full((1, task.n), 1e-9))[0]

@@ -314,7 +314,7 @@ def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     text, figures = printed(study, tmp_path, "--full", "--report")
     assert "<hand>" in text
     lines = figures[0].axes[0].lines
-    assert [line.get_label() for line in lines] == [row.label for row in study.rows]
+    assert [line.get_label() for line in lines][3:5] == ["by <hand>", "M"]
     assert len({to_hex(line.get_color()) for line in lines}) == 6
     page = (tmp_path / "animation.html").read_text(encoding="utf-8")
     assert [arm["label"] for arm in read(page)[0]["arms"]] == [

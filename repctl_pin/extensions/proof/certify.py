@@ -98,7 +98,7 @@ def prove(
     >>> proof = rp.prove(design)
     >>> proof.proved, 0.9 * design.leaf_margin < proof.leaf_margin <= design.leaf_margin + 1e-6
     (True, True)
-    >>> bool(rp.prove(design, closes=(0.05, 0.15)))  # every closed path within 5 cm and 8.5°?
+    >>> bool(rp.prove(design, closes=(0.03, 0.1)))  # every closed path within 3 cm and 5.7°?
     True
     """
     if not isinstance(what, Design):
