@@ -22,7 +22,7 @@ _THEOREM = 4
 CELL_THEOREM = 5
 """Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is no leaf margin: it is larger."""
 
-LEAST_RADIUS = 1e-3
+_LEAST_RADIUS = 1e-3
 """Closing radius, m, below which there is said to be none."""
 
 _SAME_ANGLE = 1e-7
@@ -89,7 +89,7 @@ class ClosingRadius:
             object.__setattr__(self, name, array)
 
     def __bool__(self) -> bool:
-        return self.metres >= LEAST_RADIUS
+        return self.metres >= _LEAST_RADIUS
 
     def __repr__(self) -> str:
         return f"<ClosingRadius: {self.words}>"

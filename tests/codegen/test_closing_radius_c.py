@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
+from closed_paths import ClosingRadius
 from controls import NEEDS_C, control, own_cache  # noqa: F401
 from test_governor_c import DOUBLE, Pose, in_c
 
 import repctl_pin as rp
-from repctl_pin.certificate import ClosingRadius
 
 OK, OUTSIDE = 0, 3
 

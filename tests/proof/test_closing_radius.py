@@ -188,18 +188,3 @@ def test_a_motion_knows_its_share_beyond_the_radius() -> None:
         assert motion.beyond_closing_radius == (away > closes.metres).mean()
         shares.append(motion.beyond_closing_radius)
     assert shares[0] == 0 < shares[1] < shares[2] < 1
-
-
-def test_the_path_of_a_radius_is_within_it() -> None:
-    """Also between the poses that were followed, where its steps are longer than the radius."""
-    task = rp.Robot.load("planar3r").task("tool", "xy")
-    q = np.array([0.3, 0.8, 0.8])
-    path = rp.circle(task, q, 0.3)
-    Q = rp.follow(rp.Pseudoinverse(task), path, q, cycles=1, steps=100).q
-    tube = rp.Tube(Q, 0.05)
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, tube, degree=2)
-    closes = rp.prove(design, closes=path, seconds=5).closes
-    assert closes and closes.around == "path", closes.reason
-    motion = rp.follow(design.inverse, path, closes.start, cycles=1, steps=237)
-    motion = replace(motion, closing_radius=closes)
-    assert motion.beyond_closing_radius == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arguments import Array
-from ...certificate import LEAST_RADIUS, ClosingRadius
+from ...certificate import ClosingRadius
 from ...design import Design
 from ...errors import SingularityError
 from ...motion import follow
@@ -60,6 +60,7 @@ def closing_radius(
     else:
         Q, why = _followed(design, path, start)
         around = "path"
+    poses = [task.placement(q) for q in Q]
     radius, boxes, complete = 0.0, 0, True
     if not why:
         room = _room(region, Q)
@@ -83,7 +84,6 @@ def closing_radius(
             else:
                 radius, boxes, complete = found.radius, found.boxes, found.complete
                 why = _limit(task.joint_names[found.joint], complete, boxes)
-    poses = [task.placement(q) for q in _within_reach(Q, task.positions(Q), radius)]
     return ClosingRadius(
         radius,
         ratio * radius if turns else None,
@@ -96,16 +96,6 @@ def closing_radius(
         complete,
         why,
     )
-
-
-def _within_reach(Q: Array, positions: Array, radius: float) -> Array:
-    """Divide the steps of a path through Q (K, n) if they are longer than the closing radius."""
-    longest = np.linalg.norm(np.diff(positions, axis=0), axis=1).max(initial=0.0)
-    if radius < LEAST_RADIUS or longest <= radius:
-        return Q
-    share = np.arange(np.ceil(longest / radius))[:, None] / np.ceil(longest / radius)
-    between = Q[:-1, None] + share * np.diff(Q, axis=0)[:, None]
-    return np.concatenate([between.reshape(-1, Q.shape[1]), Q[-1:]])
 
 
 def _limit(joint: str, complete: bool, boxes: int) -> str:
