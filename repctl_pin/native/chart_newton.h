@@ -4,7 +4,7 @@
 /* Sines and cosines: by polynomials, after the nearest quarter turns are removed. */
 static void LANED(turns)(const Arm *arm, const Number angle[], Number sine[], Number cosine[]) {
   (void)arm;
-  for (int j = 0; j < JOINTS; j++) {
+  UNFOLDED for (int j = 0; j < JOINTS; j++) {
     const Number a = angle[j], k = NEAREST(a * 0.6366197723675814), half = 0.5 * k, h = half - NEAREST(half);
     const Number odd = 4.0 * h * h, quarter = 0.25 * (k - odd), e = quarter - NEAREST(quarter);
     const Number sign = 1.0 - 8.0 * e * e; /* odd 0 or 1, sign 1 or -1 */
@@ -23,7 +23,7 @@ static void LANED(turns)(const Arm *arm, const Number angle[], Number sine[], Nu
 /* Sines and cosines from those of angles at most 0.01 away, by the addition theorems. */
 static void LANED(turns_on)(const Arm *arm, const Number step[], Number sine[], Number cosine[]) {
   (void)arm;
-  for (int j = 0; j < JOINTS; j++) {
+  UNFOLDED for (int j = 0; j < JOINTS; j++) {
     const Number d = step[j], z = d * d, s = d * (1.0 - z * (0.16666666666666666 - z * 8.333333333333333e-3));
     const Number less = z * (0.5 - z * (0.041666666666666664 - z * 1.388888888888889e-3)); /* 1 - cos(d) */
     const Number up = cosine[j] * s - sine[j] * less, down = sine[j] * s + cosine[j] * less;
@@ -36,12 +36,12 @@ static void LANED(turns_on)(const Arm *arm, const Number step[], Number sine[], 
 static void LANED(chain)(const Arm *arm, const Number angle[], const Number sine[], const Number cosine[],
                          Number here[12], Number o[][3], Number z[][3]) {
   Number *p = here, *R = here + 3;
-  for (int i = 0; i < 3; i++) p[i] = angle[0] * 0.0 + arm->p[i];
-  for (int i = 0; i < 9; i++) R[i] = angle[0] * 0.0 + arm->R[i];
-  for (int j = 0; j < JOINTS; j++) {
+  UNFOLDED for (int i = 0; i < 3; i++) p[i] = angle[0] * 0.0 + arm->p[i];
+  UNFOLDED for (int i = 0; i < 9; i++) R[i] = angle[0] * 0.0 + arm->R[i];
+  UNFOLDED for (int j = 0; j < JOINTS; j++) {
     const double *B = arm->R + 9 * (j + 1), *t = arm->p + 3 * (j + 1);
     Number S[9];
-    for (int i = 0; i < 3; i++) {
+    UNFOLDED for (int i = 0; i < 3; i++) {
       o[j][i] = p[i];
       S[3 * i] = R[3 * i];
       S[3 * i + 1] = R[3 * i + 1];
@@ -49,24 +49,24 @@ static void LANED(chain)(const Arm *arm, const Number angle[], const Number sine
     }
     if (arm->revolute[j]) {
       const Number c = cosine[j], s = sine[j];
-      for (int i = 0; i < 9; i += 3) {
+      UNFOLDED for (int i = 0; i < 9; i += 3) {
         S[i] = c * R[i] + s * R[i + 1];
         S[i + 1] = c * R[i + 1] - s * R[i];
       }
     } else
-      for (int i = 0; i < 3; i++) p[i] += S[3 * i + 2] * angle[j];
-    for (int k = 0; k < 3; k++) { /* quarter turns have one entry in each column */
+      UNFOLDED for (int i = 0; i < 3; i++) p[i] += S[3 * i + 2] * angle[j];
+    UNFOLDED for (int k = 0; k < 3; k++) { /* quarter turns have one entry in each column */
       const double a = B[k], b = B[3 + k], d = B[6 + k];
       if (t[k] != 0.0)
-        for (int i = 0; i < 3; i++) p[i] += S[3 * i + k] * t[k];
+        UNFOLDED for (int i = 0; i < 3; i++) p[i] += S[3 * i + k] * t[k];
       if (b == 0.0 && d == 0.0)
-        for (int i = 0; i < 9; i += 3) R[i + k] = S[i] * a;
+        UNFOLDED for (int i = 0; i < 9; i += 3) R[i + k] = S[i] * a;
       else if (a == 0.0 && b == 0.0)
-        for (int i = 0; i < 9; i += 3) R[i + k] = S[i + 2] * d;
+        UNFOLDED for (int i = 0; i < 9; i += 3) R[i + k] = S[i + 2] * d;
       else if (a == 0.0 && d == 0.0)
-        for (int i = 0; i < 9; i += 3) R[i + k] = S[i + 1] * b;
+        UNFOLDED for (int i = 0; i < 9; i += 3) R[i + k] = S[i + 1] * b;
       else
-        for (int i = 0; i < 9; i += 3) R[i + k] = S[i] * a + S[i + 1] * b + S[i + 2] * d;
+        UNFOLDED for (int i = 0; i < 9; i += 3) R[i + k] = S[i] * a + S[i + 1] * b + S[i + 2] * d;
     }
   }
 }
@@ -78,7 +78,7 @@ static void LANED(fill)(const Arm *arm, const Chart *chart, const Number here[12
   const Number *R = here + 3, none = here[0] * 0.0;
   for (int a = 0; a < M && arm->coupled; a++)
     for (int i = 0; i < N; i++) A[row[a]][i] = none;
-  for (int j = 0; j < JOINTS; j++) {
+  UNFOLDED for (int j = 0; j < JOINTS; j++) {
     const Number x = z[j][0], y = z[j][1], w = z[j][2];
     const Number d[3] = {here[0] - o[j][0], here[1] - o[j][1], here[2] - o[j][2]};
     Number part[6] = {x, y, w, none, none, none};
@@ -86,18 +86,18 @@ static void LANED(fill)(const Arm *arm, const Chart *chart, const Number here[12
       part[0] = y * d[2] - w * d[1];
       part[1] = w * d[0] - x * d[2];
       part[2] = x * d[1] - y * d[0];
-      for (int k = 0; k < 3; k++) part[3 + k] = arm->kind == AXIS ? R[k] * x + R[3 + k] * y + R[6 + k] * w : z[j][k];
+      UNFOLDED for (int k = 0; k < 3; k++) part[3 + k] = arm->kind == AXIS ? R[k] * x + R[3 + k] * y + R[6 + k] * w : z[j][k];
     }
-    for (int a = 0; a < M; a++) {
+    UNFOLDED for (int a = 0; a < M; a++) {
       const Number entry = part[arm->kind == POSITION ? arm->rows[a] : a];
       if (!arm->coupled)
         A[row[a]][column[j]] = entry;
       else
-        for (int i = 0; i < N; i++) A[row[a]][column[i]] += arm->S[j * N + i] * entry;
+        UNFOLDED for (int i = 0; i < N; i++) A[row[a]][column[i]] += arm->S[j * N + i] * entry;
     }
   }
-  for (int j = 0; j < N - M; j++)
-    for (int i = 0; i < N; i++) A[row[M + j]][column[i]] = both[Q_WIDE + j * N + i];
+  UNFOLDED for (int j = 0; j < N - M; j++)
+    UNFOLDED for (int i = 0; i < N; i++) A[row[M + j]][column[i]] = both[Q_WIDE + j * N + i];
 }
 
 /* The right-hand side of a Newton step, b: the task error to the goal, and c - h. Sines stand for the angles: for a
@@ -108,14 +108,14 @@ static void LANED(errors)(const Arm *arm, const Chart *chart, const Number goal[
   const int *row = chart->row;
   const Number *G = goal + 3, *R = here + 3;
   *cosine = goal[0] * 0.0 + 1.0;
-  for (int a = 0; a < M && a < 3; a++) {
+  UNFOLDED for (int a = 0; a < M && a < 3; a++) {
     const int at = arm->kind == POSITION ? arm->rows[a] : a;
     b[row[a]] = goal[at] - here[at];
   }
   if (arm->kind == POSE) {
     Number E[9];
-    for (int j = 0; j < 3; j++)
-      for (int k = 0; k < 3; k++)
+    UNFOLDED for (int j = 0; j < 3; j++)
+      UNFOLDED for (int k = 0; k < 3; k++)
         E[3 * j + k] = G[3 * j] * R[3 * k] + G[3 * j + 1] * R[3 * k + 1] + G[3 * j + 2] * R[3 * k + 2];
     b[row[3]] = 0.5 * (E[7] - E[5]);
     b[row[4]] = 0.5 * (E[2] - E[6]);
@@ -128,9 +128,9 @@ static void LANED(errors)(const Arm *arm, const Chart *chart, const Number goal[
     b[row[4]] = R[0] * x + R[3] * y + R[6] * w;
     *cosine = R[2] * x + R[5] * y + R[8] * w;
   }
-  for (int j = 0; j < N - M; j++) {
+  UNFOLDED for (int j = 0; j < N - M; j++) {
     Number sum = level[j];
-    for (int i = 0; i < N; i++) sum += both[Q_WIDE + j * N + i] * (both[i] - q[i]);
+    UNFOLDED for (int i = 0; i < N; i++) sum += both[Q_WIDE + j * N + i] * (both[i] - q[i]);
     b[row[M + j]] = sum;
   }
 }
@@ -139,28 +139,28 @@ static void LANED(errors)(const Arm *arm, const Chart *chart, const Number goal[
 static void LANED(eliminate)(const Arm *arm, Number A[][N], Number *squares) {
   (void)arm;
   *squares = A[0][0] * 0.0;
-  for (int k = 0; k < N; k++) {
+  UNFOLDED for (int k = 0; k < N; k++) {
     const Number scale = 1.0 / A[k][k];
     A[k][k] = scale;
     *squares += scale * scale;
-    for (int i = k + 1; i < N; i++) {
+    UNFOLDED for (int i = k + 1; i < N; i++) {
       const Number f = A[i][k] * scale;
       A[i][k] = f;
-      for (int j = k + 1; j < N; j++) A[i][j] -= f * A[k][j];
+      UNFOLDED for (int j = k + 1; j < N; j++) A[i][j] -= f * A[k][j];
     }
   }
 }
 
 static void LANED(substitute)(const Arm *arm, Number A[][N], Number b[]) {
   (void)arm;
-  for (int k = 0; k < N; k++) {
+  UNFOLDED for (int k = 0; k < N; k++) {
     const Number known = b[k];
-    for (int i = k + 1; i < N; i++) b[i] -= A[i][k] * known;
+    UNFOLDED for (int i = k + 1; i < N; i++) b[i] -= A[i][k] * known;
   }
-  for (int k = N - 1; k >= 0; k--) {
+  UNFOLDED for (int k = N - 1; k >= 0; k--) {
     const Number known = b[k] * A[k][k];
     b[k] = known;
-    for (int i = 0; i < k; i++) b[i] -= A[i][k] * known;
+    UNFOLDED for (int i = 0; i < k; i++) b[i] -= A[i][k] * known;
   }
 }
 
@@ -178,11 +178,11 @@ static void LANED(settle)(const Arm *arm, const Chart *chart, const Number goal[
   }
   for (int turn = 0; turn < 8 && left; turn++) {
     const int fresh = longest > 2e-5;
-    for (int j = 0; j < JOINTS; j++) {
+    UNFOLDED for (int j = 0; j < JOINTS; j++) {
       Number theta = q[j];
       if (arm->coupled) {
         theta = q[0] * 0.0 + arm->offset[j];
-        for (int i = 0; i < N; i++) theta += arm->S[j * N + i] * q[i];
+        UNFOLDED for (int i = 0; i < N; i++) theta += arm->S[j * N + i] * q[i];
       }
       if (turn) step[j] = theta - angle[j];
       angle[j] = theta;
@@ -199,7 +199,7 @@ static void LANED(settle)(const Arm *arm, const Chart *chart, const Number goal[
     LANED(errors)(arm, chart, goal, here, both, level, q, b, &near);
     LANED(substitute)(arm, A, b);
     sum = b[0] * 0.0;
-    for (int i = 0; i < N; i++) {
+    UNFOLDED for (int i = 0; i < N; i++) {
       const Number d = b[chart->column[i]];
       q[i] += d * open;
       sum += d * d;

@@ -14,14 +14,14 @@ static void LANED(references)(const Arm *arm, const Chart *chart, const Number T
   const int Q = Q_WIDE / PER, ALL = WIDE / PER;
   Sum sum[WIDE], *found = (Sum *)both;
   (void)arm;
-  for (int i = 0; i < ALL; i++) sum[i] = w[0] * 0.0 * T[0];
+  UNFOLDED for (int i = 0; i < ALL; i++) sum[i] = w[0] * 0.0 * T[0];
   for (int a = 0; a < chart->both; a += 4, w += 4 * ALL) {
     const Number s = T[a], t = T[a + 1], u = T[a + 2], v = T[a + 3];
-    for (int i = 0; i < ALL; i++) sum[i] += s * w[i] + t * w[ALL + i] + (u * w[2 * ALL + i] + v * w[3 * ALL + i]);
+    UNFOLDED for (int i = 0; i < ALL; i++) sum[i] += s * w[i] + t * w[ALL + i] + (u * w[2 * ALL + i] + v * w[3 * ALL + i]);
   }
   for (int a = chart->both; a < chart->terms; a += 4, w += 4 * Q) {
     const Number s = T[a], t = T[a + 1], u = T[a + 2], v = T[a + 3];
-    for (int i = 0; i < Q; i++) sum[i] += s * w[i] + t * w[Q + i] + (u * w[2 * Q + i] + v * w[3 * Q + i]);
+    UNFOLDED for (int i = 0; i < Q; i++) sum[i] += s * w[i] + t * w[Q + i] + (u * w[2 * Q + i] + v * w[3 * Q + i]);
   }
-  for (int i = 0; i < ALL; i++) found[i] = sum[i];
+  UNFOLDED for (int i = 0; i < ALL; i++) found[i] = sum[i];
 }

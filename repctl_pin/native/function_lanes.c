@@ -12,12 +12,14 @@
 #define Weight Pair
 #define Sum Pair
 #define PER PAIR
+#define UNFOLDED UNROLLED
 #define LANED(name) name##_of_one
 #include "chart_polynomials.h"
 #undef Number
 #undef Weight
 #undef Sum
 #undef PER
+#undef UNFOLDED
 #undef LANED
 #endif
 
@@ -25,10 +27,12 @@
 
 #define Number double
 #define LANES 1
+#define UNFOLDED UNROLLED
 #define LANED(name) name##_of_one
 #include "chart_newton.h"
 #undef Number
 #undef LANES
+#undef UNFOLDED
 #undef LANED
 
 #define Number Several
@@ -36,6 +40,7 @@
 #define Sum Several
 #define PER 1
 #define LANES AT_ONCE
+#define UNFOLDED
 #define LANED(name) name##_of_several
 #include "chart_polynomials.h"
 #include "chart_newton.h"
@@ -44,6 +49,7 @@
 #undef Sum
 #undef PER
 #undef LANES
+#undef UNFOLDED
 #undef LANED
 
 SHARED int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf,
