@@ -272,7 +272,7 @@ SHARED void scaled_coordinates(const Arm *arm, const Chart *chart, const double 
 SHARED void add_cell_potentials(const Arm *arm, const Chart *chart, const double q[], const double p[3],
                                 const double R[9], double J[][N], double h[], double V[][N]) {
   const double whole = 6.283185307179586;
-  double y[6], u[6], T[CHART_TERMS], both[WIDE], shift[N], away[N], bar[CHART_TERMS];
+  double y[6], u[6] = {0.0}, T[CHART_TERMS], both[WIDE], shift[N], away[N], bar[CHART_TERMS];
   Pose x;
   for (int i = 0; i < 3; i++) x.p[i] = p[i];
   for (int i = 0; i < 9; i++) x.R[i] = R[i];

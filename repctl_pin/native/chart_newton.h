@@ -108,7 +108,7 @@ static void LANED(errors)(const Arm *arm, const Chart *chart, const Number goal[
   const int *row = chart->row;
   const Number *G = goal + 3, *R = here + 3;
   *cosine = goal[0] * 0.0 + 1.0;
-  UNFOLDED for (int a = 0; a < M && a < 3; a++) {
+  for (int a = 0; a < M && a < 3; a++) {
     const int at = arm->kind == POSITION ? arm->rows[a] : a;
     b[row[a]] = goal[at] - here[at];
   }
@@ -176,6 +176,7 @@ static void LANED(settle)(const Arm *arm, const Chart *chart, const Number goal[
     before[l] = 1.0;
     state[l] = 0.0;
   }
+  UNFOLDED for (int j = 0; j < JOINTS; j++) angle[j] = q[0] * 0.0;
   for (int turn = 0; turn < 8 && left; turn++) {
     const int fresh = longest > 2e-5;
     UNFOLDED for (int j = 0; j < JOINTS; j++) {
@@ -184,7 +185,7 @@ static void LANED(settle)(const Arm *arm, const Chart *chart, const Number goal[
         theta = q[0] * 0.0 + arm->offset[j];
         UNFOLDED for (int i = 0; i < N; i++) theta += arm->S[j * N + i] * q[i];
       }
-      if (turn) step[j] = theta - angle[j];
+      step[j] = theta - angle[j];
       angle[j] = theta;
     }
     if (longest > 0.01)

@@ -1,10 +1,24 @@
 /* The polynomials of a chart. A Number is a double, or a vector of doubles, one for each pose. Included once for each;
    LANED(name) tells their functions apart. */
 
-/* The monomials of u. */
+/* The monomials of u, ordered by degree, then by their factors: those of a degree that begin with u_v are u_v times
+   the last ones of the degree before, from its first one that begins with u_v. */
 static void LANED(monomials)(const Chart *chart, const Number u[], Number T[]) {
+  int first[6] = {0}, end = 1, a = 1;
   T[0] = u[0] * 0.0 + 1.0;
-  for (int a = 1; a < chart->terms; a++) T[a] = T[chart->parent[a]] * u[chart->factor[a]];
+  while (a < chart->terms && chart->k) {
+    for (int v = 0; v < chart->k; v++) {
+      const int room = chart->terms - a, all = end - first[v], count = all < room ? all : room;
+      const Number factor = u[v], *from = T + first[v];
+      int i = 0;
+      for (; i + PER <= count; i += PER) *(Sum *)(T + a + i) = *(const Sum *)(from + i) * factor;
+      for (; i < count; i++) T[a + i] = from[i] * factor;
+      first[v] = a;
+      a += count;
+    }
+    end = a;
+  }
+  for (; a < chart->terms; a++) T[a] = u[0] * 0.0;
 }
 
 /* q_ref and n_ref^T from the monomials, four at a time. One pose has PER entries of a row in each Sum and each Weight,

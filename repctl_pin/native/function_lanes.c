@@ -54,7 +54,7 @@
 
 SHARED int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose *target, const double *leaf,
                               double q[]) {
-  double u[6], T[CHART_TERMS], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
+  double u[6] = {0.0}, T[CHART_TERMS], both[WIDE], shift[N], level[N], x[N], start[N], goal[12], state[1];
   int status;
   if (leaf && !all_finite(leaf, N - M)) return BAD_NUMBER;
   status = find_coordinates(arm, chart, target, u, shift);
@@ -90,7 +90,7 @@ SHARED void find_configurations(const Arm *arm, const Chart *chart, int keep, in
     double one[6], added[N];
     const int found = find_coordinates(arm, chart, targets + at, one, added);
     if (l < count) status[l] = found;
-    for (int k = 0; k < chart->k; k++) LANE(u[k], l) = found == OK ? one[k] : 0.0;
+    for (int k = 0; k < 6; k++) LANE(u[k], l) = found == OK && k < chart->k ? one[k] : 0.0;
     for (int i = 0; i < N; i++) LANE(shift[i], l) = found == OK ? added[i] : 0.0;
     for (int i = 0; i < 3; i++) LANE(goal[i], l) = targets[at].p[i];
     for (int i = 0; i < 9; i++) LANE(goal[3 + i], l) = targets[at].R[i];
