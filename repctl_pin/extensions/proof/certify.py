@@ -209,7 +209,7 @@ def _of_region(
     report("proving the closing radius", 0.0)
     time = max(seconds, _CLOSING_SECONDS)
     closes = closing_radius(design, region, problem, path, ratio, radius, time)
-    if radius is not None and closes.metres < radius:
+    if radius is not None and not closes.metres >= radius:
         said = f"closing radius {closes.size}" if closes else "no closing radius"
         why = f"{said}: {closes.reason}"
         return replace(proof, closes=closes, proved=False, reason=proof.reason or why)

@@ -157,8 +157,22 @@ def _sections(Q: Array, room: Array) -> Places:
     low, high = (
         np.array([f(Q[part], axis=0) for part in parts]) for f in (np.min, np.max)
     )
+    bent = _bent(Q)
+    bends = np.array([bent[part].max(axis=0) for part in parts])
     return Places(
         (low + high) / 2,
-        (high - low) / 2 * (1 + 1e-12),
-        np.array([room[part].min(axis=0) for part in parts]),
+        (high - low) / 2 * (1 + 1e-12) + bends,
+        np.array([room[part].min(axis=0) for part in parts]) - bends,
     )
+
+
+def _bent(Q: Array) -> Array:
+    """Bound how far a closed path through Q (K, n) is from straight lines between neighbours.
+
+    ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four
+    times the sag of a parabola.
+    """
+    if len(Q) < 3:
+        return np.zeros_like(Q)
+    steps = np.diff(Q, axis=0)
+    return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)

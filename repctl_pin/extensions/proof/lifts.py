@@ -241,7 +241,8 @@ class _Search:
         ``moved`` bounds the motion of each joint at the end of each step.
         """
         rates = self.rates.copy()
-        np.maximum.at(rates, (self.place, self.within), self.bound)
+        bound = np.where(np.isnan(self.bound), np.inf, self.bound)
+        np.maximum.at(rates, (self.place, self.within), bound)
         rates = np.maximum.accumulate(rates, axis=1)
         moved = np.zeros_like(self.places.center)
         length, last = np.zeros(len(moved)), np.zeros(len(moved), int)
