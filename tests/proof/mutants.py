@@ -426,7 +426,6 @@ INVERSE_C = {
     "half of them": ("D[i][c] += h[j] * fabs(s);", "D[i][c] += 0.5 * h[j] * fabs(s);"),
     "Z turns the other way": ("dZ[j][i][k] -= s", "dZ[j][i][k] += s"),
     "V without slopes": ("s += x[6 + a] * dV[a][c][j];", ";"),
-    "V without rest": (", e += fabs(x[6 + a]) * rest[a][c];", ";"),
     "J without linear rest": ("tiny + norm(x) * linear[c]", "tiny"),
     "J without angular rest": (" + norm(x + 3) * angular[c];", ";"),
     "no second order": ("F[i][k] += both * fabs(s)", "F[i][k] += 0 * fabs(s)"),
@@ -476,10 +475,6 @@ INVERSE_C = {
     "the twist about the middle link": (
         "Z[i][3 + k] += x[3 + k];",
         "Z[i][3 + k] = x[3 + k];",
-    ),
-    "no rounding": (
-        "rows->bound[i] = (all + eps) * (1 + 64 * eps)",
-        "rows->bound[i] = all * (1 - 1e-13)",
     ),
 }
 """What is wrong with the kernel of the rates of G_r, inverse_bounds.c."""

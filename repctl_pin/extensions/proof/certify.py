@@ -229,7 +229,7 @@ def _named(
         return found
     if pair is None:
         return found
-    a, b = (", ".join(f"{v:.4g}" for v in np.round(q, 4) + 0.0) for q in pair)
+    a, b = (", ".join(f"{v:.6g}" for v in np.round(q, 6) + 0.0) for q in pair)
     reason = f"J_V is singular between q = ({a}) and q = ({b}): its determinant changes its sign"
     return replace(
         found,
