@@ -35,9 +35,10 @@ class ClosingRadius:
     """Distance from a start pose, or from a closed path, within which every closed path closes.
 
     Every closed path of the frame whose poses are all within :attr:`metres` **and**
-    :attr:`radians` of the start pose closes, however long it is: its motion, begun on the leaf of
-    the start, stays in Ω and ends where it began. Around a path that closes itself, every closed path
-    that deviates from it by less than both, at each moment, closes as well.
+    :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
+    the straight way from the start, stays in Ω and ends where it began. Around a path that closes
+    itself, every closed path that deviates by less than both, at each moment, closes too.
+    Where the path crosses itself, a path that leaves it for its other branch is none of these.
     ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
 
     Attributes

@@ -15,6 +15,8 @@ import pytest
 PACKAGE = "repctl_pin.extensions.proof"
 NATIVE = "repctl_pin.native"
 
+LEVELLED = ("cell_bounds", "arm_gradients", "inverse_bounds")
+
 NUMPY = {
     "no products of slopes": (
         "np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2",
@@ -401,11 +403,81 @@ def compiled(folder: Path, name: str, piece: str, instead: str) -> ctypes.CDLL:
     (wrong / name).write_text(text, encoding="utf-8")
     kernels = {"leaf_margin_bounds.c", name.replace("taylor.h", "cell_bounds.c")}
     flags = ["-std=c99", "-O1", "-w", "-fPIC", "-shared", "-DLEVEL=plain"]
-    flags += [f"-D{f}_plain={f}" for f in ("cell_bounds", "arm_gradients")]
+    flags += [f"-D{f}_plain={f}" for f in LEVELLED]
     line = [compiler, *flags, *kernels, "-o", "wrong.so", "-lm"]
     subprocess.run(line, cwd=wrong, check=True)
     return ctypes.CDLL(str(wrong / "wrong.so"))
 
+
+INVERSE_C = {
+    "no R Z_j": ("R[i][c] * first + D[i][c]", "D[i][c]"),
+    "half of R Z_j": ("R[i][c] * first +", "0.5 * R[i][c] * first +"),
+    "no D R Z_c": (" + D[i][c] * rough[c][k];", ";"),
+    "half of D R Z_c": ("D[i][c] * rough[c][k]", "0.5 * D[i][c] * rough[c][k]"),
+    "no R Z_c": ("z[k] = Y[i][k] + rough[i][k]", "z[k] = Y[i][k]"),
+    "half of R Z_c": ("Y[i][k] + rough[i][k]", "Y[i][k] + 0.5 * rough[i][k]"),
+    "no ζ": ("z[k] = Y[i][k] + rough[i][k]", "z[k] = rough[i][k]"),
+    "half of ζ": ("z[k] = Y[i][k] +", "z[k] = 0.5 * Y[i][k] +"),
+    "R not in D": (
+        "D[i][c] = R[i][c] = e + fabs(s)",
+        "D[i][c] = 0, R[i][c] = e + fabs(s)",
+    ),
+    "slopes not in D": ("D[i][c] += h[j] * fabs(s);", ";"),
+    "half of them": ("D[i][c] += h[j] * fabs(s);", "D[i][c] += 0.5 * h[j] * fabs(s);"),
+    "Z turns the other way": ("dZ[j][i][k] -= s", "dZ[j][i][k] += s"),
+    "V without slopes": ("s += x[6 + a] * dV[a][c][j];", ";"),
+    "J without linear rest": ("tiny + norm(x) * linear[c]", "tiny"),
+    "J without angular rest": (" + norm(x + 3) * angular[c];", ";"),
+    "no second order": ("F[i][k] += both * fabs(s)", "F[i][k] += 0 * fabs(s)"),
+    "half of it": ("F[i][k] += both * fabs(s)", "F[i][k] += 0.5 * both * fabs(s)"),
+    "one of two products": ("if (turns[l][c] && l > j)", "if (0)"),
+    "one of two products of V": (
+        "(l > j ? dV[a][c][l] * dZ[j][c][k] : 0)",
+        "0",
+    ),
+    "no second order of V": (
+        "X[6 + a][k] += dV[a][c][j] * dZ[l][c][k]",
+        "X[6 + a][k] += 0 * dZ[l][c][k]",
+    ),
+    "the tool stands still": ("moved += h[j] * norm(dd[j]), ", ""),
+    "the tool has no slopes": (
+        "dZ[j][i][k] + (k < 3 ? 0 : x[k - 3])",
+        "dZ[j][i][k]",
+    ),
+    "the tool goes straight": ("norm(Z[i]) * bent)", "0)"),
+    "half of its bend": (
+        "0.5 * H_R * H_R * L + H_R * H_P",
+        "0.25 * H_R * H_R * L + H_R * H_P",
+    ),
+    "no bend of turning and sliding": (
+        "0.5 * H_R * H_R * L + H_R * H_P",
+        "0.5 * H_R * H_R * L",
+    ),
+    "no slide": ("cross(xi[p] + 3, tip, x);", "x[0] = x[1] = x[2] = 0;"),
+    "no changes times moves": ("(norm(wide) + norm(z)) * moved", "0"),
+    "no squares": (
+        "+ both + square_v / (2 * v) + ratio * square_w / (2 * w)",
+        "+ both",
+    ),
+    "no linear square": ("+ both + square_v / (2 * v) +", "+ both +"),
+    "no angular square": (" + ratio * square_w / (2 * w);", ";"),
+    "no slopes along": ("+ both + square_v", "+ square_v"),
+    "apart without slopes": (
+        "sqrt(v * v + 2 * apart_v + square_v)",
+        "sqrt(v * v + square_v)",
+    ),
+    "apart without angular slopes": (
+        "sqrt(w * w + 2 * apart_w + square_w)",
+        "sqrt(w * w + square_w)",
+    ),
+    "apart without squares": ("2 * apart_v + square_v)", "2 * apart_v)"),
+    "apart without angular squares": ("2 * apart_w + square_w)", "2 * apart_w)"),
+    "the twist about the middle link": (
+        "Z[i][3 + k] += x[3 + k];",
+        "Z[i][3 + k] = x[3 + k];",
+    ),
+}
+"""What is wrong with the kernel of the rates of G_r, inverse_bounds.c."""
 
 _CELL = "cell_bounds.c"
 

@@ -103,9 +103,10 @@ def test_wild_paths_within_the_radius_close(
 
 
 def test_what_is_asked_is_proved_or_refused(panda_design: rp.Design) -> None:
+    tiny = rp.Box(panda_design.region.center, 0.05)
     small = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05))
     assert small and small.closes.metres >= 0.02 and small.closes.radians >= 0.05
-    large = rp.prove(panda_design, margin=0.3, closes=0.5, seconds=0.1)
+    large = rp.prove(panda_design, margin=0.3, closes=0.5, region=tiny)
     assert not large and "closing radius" in large.reason
     still = rp.prove(panda_design, margin=0.3, ratio=0, closes=0.02)
     assert still.closes.radians == 0 and "constant orientation" in str(still.closes)

@@ -159,7 +159,7 @@ def test_it_says_what_was_found_and_how_to_repeat_it(
     )
     lines = re.findall(r"<tr>(.*?)</tr>", page)
     said = re.search(r"cycles, rad</th><td>(\S+?)</td>", lines[4])
-    assert len(lines) == 16 and reads(said[1], plain.drift[-1], 3)
+    assert len(lines) == 17 and reads(said[1], plain.drift[-1], 3)
 
 
 @pytest.mark.usefixtures("blank_pictures")

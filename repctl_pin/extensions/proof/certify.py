@@ -209,7 +209,7 @@ def _of_region(
     report("proving the closing radius", 0.0)
     time = max(seconds, _CLOSING_SECONDS)
     closes = closing_radius(design, region, problem, path, ratio, radius, time)
-    if radius is not None and closes.metres < radius:
+    if radius is not None and not closes.metres >= radius:
         said = f"closing radius {closes.size}" if closes else "no closing radius"
         why = f"{said}: {closes.reason}"
         return replace(proof, closes=closes, proved=False, reason=proof.reason or why)
@@ -229,7 +229,7 @@ def _named(
         return found
     if pair is None:
         return found
-    a, b = (", ".join(f"{v:.4g}" for v in np.round(q, 4) + 0.0) for q in pair)
+    a, b = (", ".join(f"{v:.6g}" for v in np.round(q, 6) + 0.0) for q in pair)
     reason = f"J_V is singular between q = ({a}) and q = ({b}): its determinant changes its sign"
     return replace(
         found,

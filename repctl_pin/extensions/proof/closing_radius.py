@@ -18,7 +18,7 @@ _CYCLE_STEPS = 100
 """Number of configurations along a path, between which straight lines are taken."""
 
 _SECTION = 0.25
-"""Motion of a joint within one place of a path, relative to its room."""
+"""Motion of a joint within one place of a path, relative to its clearance."""
 
 _MOST = {"start": 120_000, "path": 20_000}
 """Number of boxes after which the largest radius found so far is taken."""
@@ -63,9 +63,9 @@ def closing_radius(
     poses = [task.placement(q) for q in Q]
     radius, boxes, complete = 0.0, 0, True
     if not why:
-        room = _room(region, Q)
-        places = _sections(Q, room)
-        if not (places.room > 0).all():
+        clearance = _clearance(region, Q)
+        places = _sections(Q, clearance)
+        if not (places.clearance > 0).all():
             why = f"the {around} is not inside Ω"
         else:
             try:
@@ -124,41 +124,58 @@ def _followed(design: Design, path: ClosedPath, start: Array) -> tuple[Array, st
     return np.concatenate([motion.q[:-1], motion.q[:1]]), ""
 
 
-def _room(region: Region, Q: Array) -> Array:
+def _clearance(region: Region, Q: Array) -> Array:
     """Bound the distances (K, n) that the joints may move from configurations Q (K, n) within Ω.
 
     Between neighbours the smaller one of their rooms is left: for a tube, less half of the step.
     """
     if isinstance(region, WorkspaceBox):
-        return _room(region.within, Q)
+        return _clearance(region.within, Q)
     if isinstance(region, Box):
         return np.minimum(Q - region.lower, region.upper - Q)
     assert isinstance(region, Tube), "regions of other shapes were refused"
     away = np.abs(Q[:, None] - region.samples)  # (K, samples, n)
     nearest = (away / region.radius).max(axis=2).argmin(axis=1)
-    room = region.radius - away[np.arange(len(Q)), nearest]
+    clearance = region.radius - away[np.arange(len(Q)), nearest]
     steps = np.abs(np.diff(Q, axis=0))
     if len(steps):
-        gaps = np.zeros_like(room)
+        gaps = np.zeros_like(clearance)
         gaps[:-1], gaps[1:] = steps, np.maximum(gaps[1:], steps)
-        room = room - gaps / 2
-    return np.asarray(room, float)
+        clearance = clearance - gaps / 2
+    return np.asarray(clearance, float)
 
 
-def _sections(Q: Array, room: Array) -> Places:
+def _sections(Q: Array, clearance: Array) -> Places:
     """Divide a path through Q (K, n) into places; neighbours share a configuration."""
     first, ends = 0, []
     for i in range(1, len(Q)):
         moved = np.ptp(Q[first : i + 1], axis=0)
-        if i > first + 1 and (moved > _SECTION * room[first : i + 1].min(axis=0)).any():
+        if (
+            i > first + 1
+            and (moved > _SECTION * clearance[first : i + 1].min(axis=0)).any()
+        ):
             ends.append((first, i))
             first = i - 1
     parts = [slice(a, b) for a, b in [*ends, (first, len(Q))]]
     low, high = (
         np.array([f(Q[part], axis=0) for part in parts]) for f in (np.min, np.max)
     )
+    bent = _bent(Q)
+    bends = np.array([bent[part].max(axis=0) for part in parts])
     return Places(
         (low + high) / 2,
-        (high - low) / 2 * (1 + 1e-12),
-        np.array([room[part].min(axis=0) for part in parts]),
+        (high - low) / 2 * (1 + 1e-12) + bends,
+        np.array([clearance[part].min(axis=0) for part in parts]) - bends,
     )
+
+
+def _bent(Q: Array) -> Array:
+    """Bound how far a closed path through Q (K, n) is from straight lines between neighbours.
+
+    ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``: enough for a corner anywhere between two of them, and four
+    times the sag of a parabola.
+    """
+    if len(Q) < 3:
+        return np.zeros_like(Q)
+    steps = np.diff(Q, axis=0)
+    return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)

@@ -54,25 +54,25 @@ _WIDEST = 3.1
 @dataclass(frozen=True, eq=False)
 @read_only
 class Places:
-    """K boxes of configurations in which lifts begin, and the room around them.
+    """K boxes of configurations in which lifts begin, and the clearance around them.
 
     Attributes
     ----------
     center, extent : (K, n) arrays
         Centres and half-widths of the boxes.
-    room : (K, n) array
+    clearance : (K, n) array
         Distance by which each joint may move away from its start.
     """
 
     center: Array
     extent: Array
-    room: Array
+    clearance: Array
 
 
 @dataclass(frozen=True, eq=False)
 @read_only
 class Reach:
-    """Length of the lines whose lifts are proved to stay in the room of their places.
+    """Length of the lines whose lifts are proved to stay in the clearance of their places.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Reach:
     boxes : int
         Number of boxes evaluated.
     place, joint : int
-        Place and joint at which a longer line may leave the room.
+        Place and joint at which a longer line may leave the clearance.
     complete : bool
         False if the search ended before all boxes were decided.
     """
@@ -103,14 +103,14 @@ def bound_reach(
     seconds: float,
     most: float,
 ) -> Reach:
-    """Bound from below the length of the lines whose lifts stay in the room of their places.
+    """Bound from below the length of the lines whose lifts stay in the clearance of their places.
 
     Parameters
     ----------
     problem, task, field
         The augmented Jacobian J_V of a task and its potentials.
     places
-        Where lifts begin, and their room.
+        Where lifts begin, and their clearance.
     ratio
         Rotation, rad, per metre of the lines.
     goal
@@ -241,7 +241,8 @@ class _Search:
         ``moved`` bounds the motion of each joint at the end of each step.
         """
         rates = self.rates.copy()
-        np.maximum.at(rates, (self.place, self.within), self.bound)
+        bound = np.where(np.isnan(self.bound), np.inf, self.bound)
+        np.maximum.at(rates, (self.place, self.within), bound)
         rates = np.maximum.accumulate(rates, axis=1)
         moved = np.zeros_like(self.places.center)
         length, last = np.zeros(len(moved)), np.zeros(len(moved), int)
@@ -285,10 +286,10 @@ def _sampled(
     if not rates.max() < _SINGULAR:
         raise SingularityError("J_V is singular at the start")
     rates = np.maximum(rates, 1e-9 * rates.max(axis=1)[:, None])  # joints that rest
-    whole = float((places.room / rates).min())
+    whole = float((places.clearance / rates).min())
     if goal is not None:
         whole = min(whole, goal)
-    step, free = whole / _STEPS, _FREE * places.room / whole
+    step, free = whole / _STEPS, _FREE * places.clearance / whole
     width, length = np.zeros((K, n)), 0.0
     widths: list[Array] = []
     allowed: list[Array] = []
@@ -299,7 +300,7 @@ def _sampled(
             corners = places.center[:, None] + signs * wide[:, None]
             rates = np.maximum(rates, _rates(task, field, corners, ratio).max(axis=1))
         T = np.maximum(slack * rates, free)
-        part = float(((places.room - width) / (step * T)).min())
+        part = float(((places.clearance - width) / (step * T)).min())
         if goal is not None:
             part = min(part, (goal * (1 + 1e-6) - length) / step)
         if not (part > 1e-9 and np.isfinite(T).all()):
@@ -311,7 +312,7 @@ def _sampled(
         if part <= 1:
             break
     if not widths:
-        raise SingularityError("there is no room around the start")
+        raise SingularityError("there is no clearance around the start")
     return np.stack(widths, axis=1), np.stack(allowed, axis=1), length
 
 
