@@ -140,9 +140,9 @@ class _Search:
     ) -> None:
         self.problem, self.places, self.ratio = problem, places, ratio
         slack = _SLACK
-        if goal is not None:  # all that a shorter way leaves
-            best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
-            slack = (max(_SLACK[0], 0.95 * best / goal - 1),) * 2
+        if goal is not None:
+            slack = _largest_slack(task, field, places, ratio, goal)
+            goal = None if slack is _SLACK else goal  # the largest radius may be larger
         self.widths, self.rates, _ = _sampled(task, field, places, ratio, goal, slack)
         self.low, self.high, self.place, self.within = self._layers()
         self.split = np.full(len(self.low), -1, np.int32)  # −1: not evaluated yet
@@ -264,6 +264,22 @@ class _Search:
             int(last[worst]),
             not len(self.low),
         )
+
+
+def _largest_slack(
+    task: Task, field: Potentials, places: Places, ratio: float, goal: float
+) -> tuple[float, float]:
+    """Choose how much more than the sampled rates to allow, so that lines of the goal's length fit.
+
+    The more is allowed, the fewer boxes prove it; but wider boxes have larger rates.
+    """
+    best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
+    slack = 0.95 * best / goal - 1
+    while slack > _SLACK[0]:
+        if _sampled(task, field, places, ratio, goal, (slack, slack))[2] >= goal:
+            return slack, slack
+        slack = 0.8 * (1 + slack) - 1
+    return _SLACK
 
 
 def _sampled(
