@@ -168,9 +168,10 @@ def the_colour_is_how_far_a_body_is_off_its_start(
         )
         np.testing.assert_allclose(painted[1][s], grey, atol=1)  # who comes back
     np.testing.assert_array_equal(plain, np.broadcast_to(grey, np.shape(plain)))
-    # within a cycle, against the same moment of cycle 1
+    # within a cycle, against the repeatable arm at the same instant
     between, _ = told(2.5)
-    expected = drawn.moved(*whole(motions[0].q[[30, 150]]))
+    apart = np.array([motions[1].q[150], motions[0].q[150]])
+    expected = drawn.moved(*whole(apart))
     np.testing.assert_allclose(between[0], expected[moving], atol=2e-6)
     in_the_menu(driver, "show-drift").click()
     _, own = told(3)
@@ -200,8 +201,8 @@ def ghosts_show_drift_and_nothing_else(
             picture(driver, moment, ghost=ghost) for ghost in (True, False)
         )
         for arm, motion in enumerate(motions):
-            at, phase = round(moment * motion.steps), round(moment % 1 * motion.steps)
-            off = np.linalg.norm(motion.q[at] - motion.q[phase])
+            at = round(moment * motion.steps)
+            off = np.linalg.norm(motion.q[at] - motions[1].q[at])
             seen = changed(pane(driver, with_ghost, arm), pane(driver, without, arm))
             assert seen <= 0.0005 if off < 1e-6 else off < 0.1 or seen > 0.0005, (
                 moment,

@@ -1,7 +1,7 @@
 // The page: what is loaded, and what happens when.
 
 import { keep, wishes } from "./address.js";
-import { GAIN } from "./arm.js";
+import { GAIN, referenceOf } from "./arm.js";
 import { Callouts } from "./callouts.js";
 import { Chart, SCALE } from "./chart.js";
 import { Clock } from "./clock.js";
@@ -61,6 +61,9 @@ async function main() {
   }
   const { arms, paths, line, leave, extent, eye, points, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
 
+  const compare = () => { const found = scene.live ? null : referenceOf(arms); for (const arm of arms) arm.reference = arm === found ? null : found; };
+  compare();
+
   // ---- what is shown at each time
   const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), { last: study.last }), box = (name) => byId(`show-${name}`);
   const chart = scene.live ? null : new Chart(arms, scene, (time) => { clock.play(false); clock.seek(time); });
@@ -83,9 +86,9 @@ async function main() {
       arm.mark(arm.past.node.position);
     }
     if (scene.live || leading) { if (leading) callouts.say(); viewer.set_dirty(); return; }
-    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.first, arm.now.f)); }
-    chart.show(done, cycle, part);
-    callouts.say();
+    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f)); }
+    const times = chart.show(done, cycle, part);
+    callouts.say(clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null);
     tell(done, part);
     keep(clock, eye, own && own.points);
     viewer.set_dirty();
@@ -118,6 +121,7 @@ async function main() {
     if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false);
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
+    compare();
     Object.assign(clock, { cycles: cycles.length, last: cycles.at(-1), seconds, time: cycles.length });
     line(ways_);
     ways = leave();
