@@ -3,9 +3,11 @@
 
 import { tone } from "./dom.js";
 
-export const FULL = 0.1; // m off its place, where a body's colour is full
+const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
+const OUTLINE = 1.6; // px, of a ghost
+const OF_ARM = 1, OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
@@ -23,6 +25,7 @@ export class ArmView {
       mesh.geometry.computeBoundingBox();
       mesh.plain = mesh.material;
       mesh.grey = shape.standing ? mesh.plain : paint([1, 1, 1, 1]);
+      for (const material of [mesh.plain, mesh.grey].flat()) Object.assign(material, { stencilWrite: true, stencilRef: OF_ARM, stencilZPass: T.ReplaceStencilOp });
       const place = new T.Group();
       Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
@@ -145,18 +148,21 @@ export class ArmView {
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
-  // A see-through copy of the moving bodies, one in this.shades for each; it stands behind what it nearly coincides with.
+  // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the arm does not cover it; it
+  // stands behind what it nearly coincides with.
   makeGhost() {
     const T = MeshCat.THREE, shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 256 };
-    const veil = new T.MeshBasicMaterial({ ...shared, colorWrite: false, depthWrite: true });
-    const tint = new T.MeshLambertMaterial({ ...shared, opacity: 0.34, depthWrite: false });
-    this.tint = tint;
+    const bare = { stencilWrite: true, stencilRef: OF_GHOST, stencilFunc: T.EqualStencilFunc, stencilFuncMask: OF_ARM };
+    const veil = new T.MeshBasicMaterial({ ...shared, ...bare, colorWrite: false, depthWrite: true, stencilWriteMask: OF_GHOST, stencilZPass: T.ReplaceStencilOp });
+    const tint = new T.MeshLambertMaterial({ ...shared, ...bare, opacity: 0.3, depthWrite: false });
+    const edge = outlined({ ...shared, ...bare, stencilRef: 0, stencilFuncMask: OF_ARM | OF_GHOST, depthWrite: false });
+    Object.assign(this, { tint, edge });
     this.ghost = new T.Group();
     this.ghosts = this.rows.map((place) => {
       if (!place) return null;
       const copy = new T.Group();
       for (const mesh of place.children)
-        [veil, tint].forEach((material, order) => {
+        [veil, tint, edge].forEach((material, order) => {
           const pale = mesh.clone();
           Object.assign(pale, { material, castShadow: false, receiveShadow: false, renderOrder: 2 + order });
           copy.add(pale);
@@ -207,10 +213,11 @@ export class ArmView {
     return this.corners[k].reduce((most, c) => Math.max(most, p.copy(c).applyMatrix4(here.matrix).distanceTo(q.copy(c).applyMatrix4(there.matrix))), 0);
   }
 
-  // Grey, and the drift's colour as far as a body is off; or else the robot's own colours.
-  showDrift(on) {
+  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.
+  showDrift(on, most) {
     const T = MeshCat.THREE, grey = new T.Color(tone("--body")), full = new T.Color(tone("--drift"));
     this.tint.color.set(tone("--ghost"));
+    this.edge.uniforms.color.value.set(tone("--ghost"));
     for (const place of [...this.moving, ...this.still])
       for (const mesh of place.children) {
         mesh.material = on ? mesh.grey : mesh.plain;
@@ -218,7 +225,7 @@ export class ArmView {
       }
     if (on)
       this.moving.forEach((place, k) => {
-        const share = Math.min(1, (this.gain * this.off[k]) / FULL);
+        const share = Math.min(1, this.off[k] / most);
         for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
       });
   }
@@ -238,6 +245,31 @@ export function referenceOf(arms) {
     return arm.rows.every((place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])));
   };
   return arms.every(alike) ? found : null;
+}
+
+// How far off a body of these arms is coloured in full, m: as far as one is after any cycle.
+export function fullDrift(arms) {
+  const most = Math.max(...arms.flatMap(({ data }) => data.off.flat()));
+  return arms[0].gain > 1 ? most : Math.max(most, LEAST_FULL);
+}
+
+// Size of a pixel, in parts of half a pane: of width and of height.
+export const PIXEL = { value: null };
+
+// A material that draws a body a little larger on the screen, for an outline.
+function outlined(options) {
+  const T = MeshCat.THREE;
+  PIXEL.value = PIXEL.value || new T.Vector2(0.002, 0.002);
+  return new T.ShaderMaterial({
+    ...options, side: T.DoubleSide, uniforms: { color: { value: new T.Color() }, pixel: PIXEL, wide: { value: OUTLINE } },
+    vertexShader: `uniform vec2 pixel; uniform float wide;
+      void main() {
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+        vec2 way = (projectionMatrix * vec4(normalMatrix * normal, 0.0)).xy / pixel;
+        gl_Position.xy += wide * gl_Position.w * pixel * way / max(length(way), 1e-9);
+      }`,
+    fragmentShader: "uniform vec3 color; void main() { gl_FragColor = vec4(color, 0.75); }",
+  });
 }
 
 function fanned(place, material, order) {

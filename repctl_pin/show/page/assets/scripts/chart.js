@@ -4,7 +4,7 @@ import { byId, element, sharp, tone } from "./dom.js";
 import { inMetres, inWords } from "./numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
-export const SCALE = 0.1; // m, which bars reach at least up to
+const SCALE = 0.1; // m, which bars reach at least up to
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle

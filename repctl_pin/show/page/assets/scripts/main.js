@@ -1,9 +1,9 @@
 // The page: what is loaded, and what happens when.
 
 import { keep, wishes } from "./address.js";
-import { GAIN, referenceOf } from "./arm.js";
+import { fullDrift, GAIN, referenceOf } from "./arm.js";
 import { Callouts } from "./callouts.js";
-import { Chart, SCALE } from "./chart.js";
+import { Chart } from "./chart.js";
 import { Clock } from "./clock.js";
 import { openConsole } from "./console.js";
 import { connect, rule } from "./controls.js";
@@ -16,6 +16,8 @@ import { savable } from "./save.js";
 import { setStage } from "./stage.js";
 import { cleared } from "./traces.js";
 import { openViewer } from "./viewer.js";
+
+const LIVE_FULL = 0.1; // m off, where a body of a running loop is coloured in full
 
 window.repctl = { ready: false, errors: [] };
 
@@ -70,14 +72,15 @@ async function main() {
   const callouts = scene.live ? null : new Callouts(panes, scene), wish = wishes();
   let tell = () => {}, ways = scene.live ? [] : leave(), own = null;
   function show() {
-    const { cycles } = clock, leading = own && own.lead;
+    const { cycles } = clock, leading = own && own.lead, full = scene.live ? LIVE_FULL : fullDrift(arms);
+    byId("drift-to").textContent = `${inMetres(full)} off or more`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (leading) arm.stand(1, 0); else if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
       if (arm.traces) arm.traces.visible = box("traces").checked;
       arm.showFan(box("fan").checked);
-      arm.showDrift(box("drift").checked);
+      arm.showDrift(box("drift").checked, full);
       if (scene.live) continue;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
       arm.notice.textContent = past ? arm.data.broken.words : "";
@@ -107,7 +110,6 @@ async function main() {
     enlarge(on) {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
-      byId("drift-to").textContent = `${inMetres(SCALE / (on ? GAIN : 1))} off or more`;
       document.body.classList.toggle("enlarged", on);
       ways = leave();
       show();
