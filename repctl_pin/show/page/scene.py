@@ -236,7 +236,9 @@ def animation_page(
     commands, library, problems = record(shapes, surfaces)
     parts: list[Array] = []
     link, name = part
+    # the page compares arms body by body: what moves in one motion moves in all
     rides = np.array([bool(own and on and on[0] >= 0) for on in _links(own, arms[0])])
+    rides = rides | np.any([moving_of(arm.placements) for arm in arms], axis=0)
     described = [_describe(arm, frames, library, link, rides, parts) for arm in arms]
     scene = {
         "title": title,

@@ -1,15 +1,18 @@
-// One arm: its bodies, where they stand at each frame, and its ghost, which is where it stood in cycle 1.
+// One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm stands at the same instant, or
+// else where this arm stood in cycle 1.
 
 import { tone } from "./dom.js";
 
-export const FULL = 0.1; // m off its place, where a body's colour is full
+const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
+const OUTLINE = 1.6; // px, of a ghost
+const OF_ARM = 1, OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
 
 export class ArmView {
   constructor(viewer, data, motion, start, frames, perCycle) {
     const T = MeshCat.THREE;
-    Object.assign(this, { data, chains: data.chains, rows: [], moving: [], still: [], meshes: [], gain: 1 });
+    Object.assign(this, { data, chains: data.chains, rows: [], moving: [], still: [], meshes: [], gain: 1, reference: null });
     this.group = new T.Group();
     this.group.name = data.label;
     data.shapes.forEach((shape, s) => {
@@ -22,6 +25,7 @@ export class ArmView {
       mesh.geometry.computeBoundingBox();
       mesh.plain = mesh.material;
       mesh.grey = shape.standing ? mesh.plain : paint([1, 1, 1, 1]);
+      for (const material of [mesh.plain, mesh.grey].flat()) Object.assign(material, { stencilWrite: true, stencilRef: OF_ARM, stencilZPass: T.ReplaceStencilOp });
       const place = new T.Group();
       Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
@@ -70,12 +74,18 @@ export class ArmView {
     for (let k = 0; k < rows.length; k++) if (rows[k]) setPose(rows[k], this.motion, this.bodyStart + 7 * k, this.stride, near);
   }
 
-  // Stand as at this part of a shown cycle, and the ghost as at the same part of cycle 1; a cycle's end is the start.
+  // What frame i is compared with: that frame of the reference, or the same one of cycle 1; a cycle's end is the start.
+  against(i) {
+    const F = this.perCycle;
+    return this.reference ? { base: this.reference, first: i } : { base: this, first: i % F === F - 1 ? 0 : i % F };
+  }
+
+  // Stand as at this part of a shown cycle, and the ghost where it is compared with.
   stand(cycle, part) {
     const F = this.perCycle, row = Math.min(part * (F - 1), F - 1), i = Math.min(Math.floor(row + 1e-9), F - 1), f = Math.max(0, row - i);
-    this.now = { frame: cycle * F + i, first: part >= 1 ? 0 : i, f };
+    this.now = { frame: cycle * F + i, f, ...this.against(cycle * F + i) };
     this.pose(this.now.frame, f);
-    this.pose(this.now.first, f, this.ghosts);
+    this.now.base.pose(this.now.first, f, this.ghosts);
     this.measure();
     if (this.gain > 1) {
       this.enlarge(this.moving, this.shades);
@@ -107,15 +117,15 @@ export class ArmView {
     this.measure();
   }
 
-  // How far each body is off its place in cycle 1; what its body covers is not drawn.
+  // How far each body is off its ghost; what its body covers is not drawn.
   measure() {
     this.off = this.moving.map((place, k) => this.drift(k));
     this.shades.forEach((shade, k) => { shade.visible = this.off[k] > SAME; });
   }
 
-  // How far the part that is pointed at is off where it was in cycle 1, and how far the hand is, m.
+  // How far the part that is pointed at is off its ghost, and how far the hand is, m.
   partOff() { return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0); }
-  handOff() { const { frame, first, f } = this.now; return this.point("tip", 0, frame, f).distanceTo(this.point("tip", 0, first, f)); }
+  handOff() { const { frame, base, first, f } = this.now; return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f)); }
 
   // The middle of that part, now; of the whole arm where nothing is off.
   partCentre() {
@@ -132,24 +142,27 @@ export class ArmView {
     return out.set(...blended(this.motion, this[which + "Start"] + 3 * chain, 3 * this.chains, 3, between(i, f, this.perCycle)));
   }
 
-  // The same point, as far from where it was at frame `first` as the arm is drawn.
-  drawn(which, chain, i, first, f = 0) {
-    const p = this.point(which, chain, i, f);
-    return this.gain > 1 ? p.lerp(this.point(which, chain, first, f), 1 - this.gain) : p;
+  // The same point, as far from what it is compared with as the arm is drawn.
+  drawn(which, chain, i, f = 0) {
+    const p = this.point(which, chain, i, f), { base, first } = this.against(i);
+    return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
-  // A see-through copy of the moving bodies, one in this.shades for each; it stands behind what it nearly coincides with.
+  // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the arm does not cover it; it
+  // stands behind what it nearly coincides with.
   makeGhost() {
     const T = MeshCat.THREE, shared = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 256 };
-    const veil = new T.MeshBasicMaterial({ ...shared, colorWrite: false, depthWrite: true });
-    const tint = new T.MeshLambertMaterial({ ...shared, opacity: 0.34, depthWrite: false });
-    this.tint = tint;
+    const bare = { stencilWrite: true, stencilRef: OF_GHOST, stencilFunc: T.EqualStencilFunc, stencilFuncMask: OF_ARM };
+    const veil = new T.MeshBasicMaterial({ ...shared, ...bare, colorWrite: false, depthWrite: true, stencilWriteMask: OF_GHOST, stencilZPass: T.ReplaceStencilOp });
+    const tint = new T.MeshLambertMaterial({ ...shared, ...bare, opacity: 0.3, depthWrite: false });
+    const edge = outlined({ ...shared, ...bare, stencilRef: 0, stencilFuncMask: OF_ARM | OF_GHOST, depthWrite: false });
+    Object.assign(this, { tint, edge });
     this.ghost = new T.Group();
     this.ghosts = this.rows.map((place) => {
       if (!place) return null;
       const copy = new T.Group();
       for (const mesh of place.children)
-        [veil, tint].forEach((material, order) => {
+        [veil, tint, edge].forEach((material, order) => {
           const pale = mesh.clone();
           Object.assign(pale, { material, castShadow: false, receiveShadow: false, renderOrder: 2 + order });
           copy.add(pale);
@@ -193,17 +206,18 @@ export class ArmView {
     return { moving, still };
   }
 
-  // How far body k is off where it was in cycle 1, m: the way of its farthest point.
+  // How far body k is off its ghost, m: the way of its farthest point.
   drift(k) {
     const T = MeshCat.THREE, p = new T.Vector3(), q = new T.Vector3(), here = this.moving[k], there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();
     return this.corners[k].reduce((most, c) => Math.max(most, p.copy(c).applyMatrix4(here.matrix).distanceTo(q.copy(c).applyMatrix4(there.matrix))), 0);
   }
 
-  // Grey, and the drift's colour as far as a body is off; or else the robot's own colours.
-  showDrift(on) {
+  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.
+  showDrift(on, most) {
     const T = MeshCat.THREE, grey = new T.Color(tone("--body")), full = new T.Color(tone("--drift"));
     this.tint.color.set(tone("--ghost"));
+    this.edge.uniforms.color.value.set(tone("--ghost"));
     for (const place of [...this.moving, ...this.still])
       for (const mesh of place.children) {
         mesh.material = on ? mesh.grey : mesh.plain;
@@ -211,10 +225,51 @@ export class ArmView {
       }
     if (on)
       this.moving.forEach((place, k) => {
-        const share = Math.min(1, (this.gain * this.off[k]) / FULL);
+        const share = Math.min(1, this.off[k] / most);
         for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
       });
   }
+}
+
+// The arm that the others are compared with, frame by frame: the last one that is back after each cycle, if all begin where it
+// begins and their hands go where its hand goes; null without. It is itself compared with its cycle 1.
+export function referenceOf(arms) {
+  const found = arms.findLast(({ data }) => data.off.flat().every((off) => off < SAME));
+  if (!found || arms.length < 2) return null;
+  const near = (arm, i) => Array.from({ length: arm.chains }, (_, k) => arm.point("tip", k, i).distanceTo(found.point("tip", k, i))).every((way) => way < 1e-3);
+  const alike = (arm) => {
+    if (arm.rows.length !== found.rows.length) return false;
+    for (let i = 0; i < arm.frames; i++) if (!near(arm, i)) return false;
+    arm.pose(0, 0);
+    found.pose(0, 0);
+    return arm.rows.every((place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])));
+  };
+  return arms.every(alike) ? found : null;
+}
+
+// How far off a body of these arms is coloured in full, m: as far as one is after any cycle.
+export function fullDrift(arms) {
+  const most = Math.max(...arms.flatMap(({ data }) => data.off.flat()));
+  return arms[0].gain > 1 ? most : Math.max(most, LEAST_FULL);
+}
+
+// Size of a pixel, in parts of half a pane: of width and of height.
+export const PIXEL = { value: null };
+
+// A material that draws a body a little larger on the screen, for an outline.
+function outlined(options) {
+  const T = MeshCat.THREE;
+  PIXEL.value = PIXEL.value || new T.Vector2(0.002, 0.002);
+  return new T.ShaderMaterial({
+    ...options, side: T.DoubleSide, uniforms: { color: { value: new T.Color() }, pixel: PIXEL, wide: { value: OUTLINE } },
+    vertexShader: `uniform vec2 pixel; uniform float wide;
+      void main() {
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+        vec2 way = (projectionMatrix * vec4(normalMatrix * normal, 0.0)).xy / pixel;
+        gl_Position.xy += wide * gl_Position.w * pixel * way / max(length(way), 1e-9);
+      }`,
+    fragmentShader: "uniform vec3 color; void main() { gl_FragColor = vec4(color, 0.75); }",
+  });
 }
 
 function fanned(place, material, order) {

@@ -13,13 +13,13 @@ export class Callouts {
     }
   }
 
-  words(off) { return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off now`; }
+  words(off) { return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${inMetres(off)} off`; }
 
-  // Say how far they are off now.
-  say() {
+  // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
+  say(read = null) {
     for (const { arm, part, hand } of this.sets) {
-      part.note.textContent = this.scene.leading ? "from the repeatable arm" : "from its place in cycle 1";
-      const off = arm.partOff(), way = arm.handOff();
+      const [off, when] = read ? read(arm) : [arm.partOff(), this.scene.leading || arm.reference ? "from the repeatable arm" : "from its place in cycle 1"], way = arm.handOff();
+      part.note.textContent = when;
       part.value.textContent = this.words(off);
       part.value.className = tint(off);
       part.box.title = `${off.toPrecision(3)} m`;

@@ -4,7 +4,7 @@ import { byId, element, sharp, tone } from "./dom.js";
 import { inMetres, inWords } from "./numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
-export const SCALE = 0.1; // m, which bars reach at least up to
+const SCALE = 0.1; // m, which bars reach at least up to
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
@@ -40,12 +40,13 @@ export class Chart {
   // How far an arm is off after the cycles that are finished when time is here, m.
   after(arm, cycle, part) { return arm.data.off[cycle][part >= 1 ? 1 : 0]; }
 
-  // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time is
+  // `done`: number of the last cycle that is finished, 0 at the start; `cycle`, `part`: where time is; gives the words of say()
   show(done, cycle, part) {
     const times = this.say(done, cycle, part);
     this.canvas.setAttribute("aria-valuenow", done);
     this.canvas.setAttribute("aria-valuetext", this.arms.map((arm) => `${arm.data.title}: ${inMetres(this.after(arm, cycle, part))} off ${times}`).join("; "));
     this.draw(cycle, part);
+    return times;
   }
 
   // Write the readings; gives the words for when they hold.

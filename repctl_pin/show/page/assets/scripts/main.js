@@ -1,9 +1,9 @@
 // The page: what is loaded, and what happens when.
 
 import { keep, wishes } from "./address.js";
-import { GAIN } from "./arm.js";
+import { fullDrift, GAIN, referenceOf } from "./arm.js";
 import { Callouts } from "./callouts.js";
-import { Chart, SCALE } from "./chart.js";
+import { Chart } from "./chart.js";
 import { Clock } from "./clock.js";
 import { openConsole } from "./console.js";
 import { connect, rule } from "./controls.js";
@@ -16,6 +16,8 @@ import { savable } from "./save.js";
 import { setStage } from "./stage.js";
 import { cleared } from "./traces.js";
 import { openViewer } from "./viewer.js";
+
+const LIVE_FULL = 0.1; // m off, where a body of a running loop is coloured in full
 
 window.repctl = { ready: false, errors: [] };
 
@@ -61,20 +63,24 @@ async function main() {
   }
   const { arms, paths, line, leave, extent, eye, points, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
 
+  const compare = () => { const found = scene.live ? null : referenceOf(arms); for (const arm of arms) arm.reference = arm === found ? null : found; };
+  compare();
+
   // ---- what is shown at each time
   const clock = Object.assign(new Clock(scene.cycles.length, scene.seconds, () => show()), { last: study.last }), box = (name) => byId(`show-${name}`);
   const chart = scene.live ? null : new Chart(arms, scene, (time) => { clock.play(false); clock.seek(time); });
   const callouts = scene.live ? null : new Callouts(panes, scene), wish = wishes();
   let tell = () => {}, ways = scene.live ? [] : leave(), own = null;
   function show() {
-    const { cycles } = clock, leading = own && own.lead;
+    const { cycles } = clock, leading = own && own.lead, full = scene.live ? LIVE_FULL : fullDrift(arms);
+    byId("drift-to").textContent = `${inMetres(full)} off or more`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1), part = clock.time - cycle, done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (leading) arm.stand(1, 0); else if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
       if (arm.traces) arm.traces.visible = box("traces").checked;
       arm.showFan(box("fan").checked);
-      arm.showDrift(box("drift").checked);
+      arm.showDrift(box("drift").checked, full);
       if (scene.live) continue;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= arm.data.broken.at;
       arm.notice.textContent = past ? arm.data.broken.words : "";
@@ -83,9 +89,9 @@ async function main() {
       arm.mark(arm.past.node.position);
     }
     if (scene.live || leading) { if (leading) callouts.say(); viewer.set_dirty(); return; }
-    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.first, arm.now.f)); }
-    chart.show(done, cycle, part);
-    callouts.say();
+    for (const { arm, which, chain, trace, ball } of ways) { trace.show(cycle, part); ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f)); }
+    const times = chart.show(done, cycle, part);
+    callouts.say(clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null);
     tell(done, part);
     keep(clock, eye, own && own.points);
     viewer.set_dirty();
@@ -104,7 +110,6 @@ async function main() {
     enlarge(on) {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
-      byId("drift-to").textContent = `${inMetres(SCALE / (on ? GAIN : 1))} off or more`;
       document.body.classList.toggle("enlarged", on);
       ways = leave();
       show();
@@ -118,6 +123,7 @@ async function main() {
     if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false);
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
+    compare();
     Object.assign(clock, { cycles: cycles.length, last: cycles.at(-1), seconds, time: cycles.length });
     line(ways_);
     ways = leave();

@@ -1,5 +1,6 @@
 // One pane an arm, all drawn by one camera: turning one turns all.
 
+import { PIXEL } from "./arm.js";
 import { byId, element, tone } from "./dom.js";
 
 const LOW = 360; // px
@@ -30,6 +31,7 @@ export class Panes {
     this.beside = clientHeight < LOW && this.frames.every((frame, k) => this.inOneRow(frame, this.arms[k]));
     this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), ...this.room() };
     this.eye.aspect(this.size.width / this.size.height);
+    if (PIXEL.value) PIXEL.value.set(2 / this.size.width, 2 / this.size.height);
     this.colour();
   }
 

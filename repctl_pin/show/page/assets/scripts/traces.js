@@ -98,12 +98,12 @@ export function drawPaths(arms, paths, extent) {
   }
 }
 
-// The ways of each arm's tips and elbows, in place of earlier ones; as far from cycle 1 as the arm is drawn.
+// The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the arm is drawn.
 export function drawWays(arms, scene, extent) {
   const F = scene.perCycle, thick = THICK * extent, ways = [];
   for (const arm of arms) {
     const shade = driftShade(arm.data, scene), full = new MeshCat.THREE.Color(arm.data.color);
-    const point = (which, chain, c, i) => arm.drawn(which, chain, c * F + i, i === F - 1 ? 0 : i);
+    const point = (which, chain, c, i) => arm.drawn(which, chain, c * F + i);
     const pieces = (which, chain) => scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));
     arm.traces = cleared(arm.group, arm.traces);
     for (let chain = 0; chain < arm.chains && !scene.live; chain++)
