@@ -15,7 +15,7 @@ from .plugins import all_extensions
 
 _DOOR = {
     "errors": "InputError RepctlError SingularityError UrdfError",
-    "certificate": "Proof",
+    "certificate": "ClosingRadius Proof",
     "model.absolute_angles": "absolute_angles",
     "model.bodies": "Bodies",
     "model.robot": "Robot",

@@ -1,5 +1,6 @@
 from . import redundancy as redundancy
 from ._version import __version__ as __version__
+from .certificate import ClosingRadius as ClosingRadius
 from .certificate import Proof as Proof
 from .design import Design as Design
 from .design import SingularRegionError as SingularRegionError

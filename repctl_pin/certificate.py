@@ -46,7 +46,7 @@ class ClosingRadius:
     metres : float
         Distance of the positions, m.
     radians : float or None
-        Angle of the rotations, for an axis task of the tool axis; 0 for paths of constant
+        Angle of the rotations, rad, for an axis task of the tool axis; 0 for paths of constant
         orientation, None for a task without orientation.
     around : str
         ``"start"`` or ``"path"``.
@@ -66,7 +66,7 @@ class ClosingRadius:
     Examples
     --------
     >>> closes = rp.prove(design).closes
-    >>> closes.metres > 0.05 and closes.radians > 0.15
+    >>> closes.metres > 0.05
     True
     >>> closes.contains(design.task.placement(closes.start))
     True

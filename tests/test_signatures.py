@@ -25,6 +25,7 @@ def made_by_functions(name: str) -> bool:
     return "Examples" in (inspect.getdoc(getattr(rp, name)) or "") and name in {
         "Audit",
         "CellDesign",
+        "ClosingRadius",
         "Design",
         "Motion",
         "Proof",

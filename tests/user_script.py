@@ -94,6 +94,8 @@ def designs(task: rp.Task) -> rp.Design:
     )
     print(rp.redundancy.nullspace(task.jacobian(q0)))
     proof: rp.Proof = rp.prove(design, margin=0.1, seconds=1.0)
+    closes: rp.ClosingRadius | None = proof.closes
+    assert closes is not None
     print(bool(proof), proof.leaf_margin)
     return again
 

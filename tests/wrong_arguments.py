@@ -35,6 +35,7 @@ RESULTS = {
     "Animation",
     "Audit",
     "BestLeaf",
+    "ClosingRadius",
     "Design",
     "Motion",
     "Proof",

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
-from closed_paths import ClosingRadius
 from controls import NEEDS_C, control, own_cache  # noqa: F401
 from test_governor_c import DOUBLE, Pose, in_c
 
@@ -18,12 +17,12 @@ import repctl_pin as rp
 OK, OUTSIDE = 0, 3
 
 
-def radius(task: rp.Task, around: str, kind: str = "") -> ClosingRadius:
+def radius(task: rp.Task, around: str, kind: str = "") -> rp.ClosingRadius:
     """Create a radius of 4 cm, and 0.2 rad if the task turns, around one pose or five."""
     rng, kind = np.random.default_rng(0), kind or str(task.kind)
     Q = Q_PANDA + rng.uniform(-0.05, 0.05, (5 if around == "path" else 1, 7))
     poses = [task.placement(q) for q in Q]
-    return ClosingRadius(
+    return rp.ClosingRadius(
         0.04,
         0.2 if kind in ("pose", "axis") else None,
         around,
@@ -37,7 +36,7 @@ def radius(task: rp.Task, around: str, kind: str = "") -> ClosingRadius:
     )
 
 
-def on_the_edge(closes: ClosingRadius, rng: np.random.Generator) -> list[pin.SE3]:
+def on_the_edge(closes: rp.ClosingRadius, rng: np.random.Generator) -> list[pin.SE3]:
     """Sample poses at 1 ± 1e-12 of one pose's distance or angle, and others far in and out."""
     used = ["xyz".index(c) for c in closes.kind] if len(closes.kind) == 2 else [0, 1, 2]
     poses = []

@@ -10,8 +10,7 @@ import pytest
 from controls import CONTROLS, some
 
 from repctl_pin.native import library
-from repctl_pin.strategies.native_arm import native_arm
-from repctl_pin.strategies.native_law import NativeLaw
+from repctl_pin.strategies import native_arm, native_law
 
 pytestmark = pytest.mark.skipif(library() is None, reason="there is no native library")
 
@@ -22,7 +21,9 @@ pytestmark = pytest.mark.skipif(library() is None, reason="there is no native li
 def test_c_computes_the_formulas(name: str, tmp_path: Path) -> None:
     inverse, q0 = CONTROLS[name](tmp_path)
     task, rng = inverse.task, np.random.default_rng(0)
-    law = NativeLaw(task, inverse.potentials, native_arm(task, inverse.potentials))
+    law = native_law.NativeLaw(
+        task, inverse.potentials, native_arm.native_arm(task, inverse.potentials)
+    )
     Q = q0 + rng.uniform(-0.2, 0.2, (40, task.n))
     J, V = task.jacobians(Q), inverse.potentials.gradients(Q)
     J_V = np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1)
@@ -47,7 +48,9 @@ def test_a_step_in_c_is_its_formula(name: str, tmp_path: Path) -> None:
     inverse, q0 = CONTROLS[name](tmp_path)
     task, rng = inverse.task, np.random.default_rng(1)
     law, h = (
-        NativeLaw(task, inverse.potentials, native_arm(task, inverse.potentials)),
+        native_law.NativeLaw(
+            task, inverse.potentials, native_arm.native_arm(task, inverse.potentials)
+        ),
         inverse.potentials,
     )
     for k in range(20):

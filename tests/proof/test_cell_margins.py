@@ -17,8 +17,7 @@ from mutants import CELL_V, compiled
 from proofs import regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.cell_potentials import CellPotentials
-from repctl_pin.extensions.cells.margins import leaf_margins, potential_gradients
+from repctl_pin.extensions.cells import cell_potentials, margins
 from repctl_pin.extensions.proof import cells
 from repctl_pin.redundancy import leaf_margin, nullspace
 
@@ -69,10 +68,10 @@ def test_v_is_the_gradient_of_the_potentials_and_its_margin_the_price(
     for chart in every.values():
         chart, task = turned(chart, 0.05), chart.cell.task
         at = chart.solve(chart.cell.sample(4), np.zeros((4, task.r)))
-        V, h = potential_gradients(chart, at), 1e-6
-        potentials = CellPotentials(chart)
+        V, h = margins.potential_gradients(chart, at), 1e-6
+        potentials = cell_potentials.CellPotentials(chart)
         for q, gradient, J, margin in zip(
-            at.Q, V, at.J, leaf_margins(chart, at), strict=True
+            at.Q, V, at.J, margins.leaf_margins(chart, at), strict=True
         ):
             steps = q + h * np.concatenate([np.eye(task.n), -np.eye(task.n)])
             up, down = np.split(potentials.values(steps), 2)
@@ -113,11 +112,11 @@ def used(
         t = np.random.default_rng(trial).uniform(-1, 1, Uc.shape)
         t = np.sign(t) if trial % 2 else t
         at = chart.solve(Uc + half * t, np.zeros((K, task.r)))
-        true = np.swapaxes(potential_gradients(chart, at), 1, 2)
+        true = np.swapaxes(margins.potential_gradients(chart, at), 1, 2)
         off = np.abs(true - V[..., 0] - np.einsum("Kaij,Kj->Kai", V[..., 1:-1], t))
         ratio = off / (V[..., -1] + 1e-10)
         worst = max(worst, float(ratio[good].max(initial=0.0)))
-        margin = leaf_margins(chart, at)
+        margin = margins.leaf_margins(chart, at)
         assert (margin >= found.leaf_margin - 1e-9).all()
         inside = np.abs(at.Q - found.Q) <= found.reach + 1e-12
         assert inside[found.leaf_margin > 0].all()

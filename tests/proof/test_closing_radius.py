@@ -14,8 +14,7 @@ from mimic_arm import arm
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof.leaf_margin_bounds import leaf_margin_of
-from repctl_pin.extensions.proof.lifts import rate_bounds
+from repctl_pin.extensions.proof import leaf_margin_bounds, lifts
 
 
 def rates(design: rp.Design, Q: np.ndarray, ratio: float) -> np.ndarray:
@@ -57,12 +56,14 @@ def test_bounds_of_the_inverse_hold_and_are_close(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for design, ratio in cases(tmp_path):
         n, q = design.task.n, design.region.center
-        problem = leaf_margin_of(design.task, design.inverse.potentials, design.region)
+        problem = leaf_margin_bounds.leaf_margin_of(
+            design.task, design.inverse.potentials, design.region
+        )
         for width in (0.1, 0.03, 0.01):
             Q = q + rng.uniform(-0.1, 0.1, (40, n))
             half = width * rng.uniform(0.2, 1, (40, n))
             most = np.ones((40, n))
-            bound, value, split = rate_bounds(problem, Q, half, most, ratio)
+            bound, value, split = lifts.rate_bounds(problem, Q, half, most, ratio)
             np.testing.assert_allclose(value, rates(design, Q, ratio), rtol=1e-9)
             found = value.copy()
             for s in np.sign(rng.uniform(-1, 1, (60, 1, n))):

@@ -12,11 +12,12 @@ from mutants import INVERSE_C, compiled
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import leaf_margin_bounds as lmb
-from repctl_pin.extensions.proof import lifts, screws
+from repctl_pin.extensions.proof import leaf_margin_bounds, lifts, screws
 
 
-def cases(folder: Path) -> list[tuple[lmb.LeafMarginProblem, rp.Task, rp.Box]]:
+def cases(
+    folder: Path,
+) -> list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Task, rp.Box]]:
     out = []
     for seed, task in enumerate(
         [
@@ -31,7 +32,11 @@ def cases(folder: Path) -> list[tuple[lmb.LeafMarginProblem, rp.Task, rp.Box]]:
         box = rp.Box(q, 0.3)
         design = design_of(task, near_null_space(task, q, 0.3, seed, rough=0.3), box)
         out.append(
-            (lmb.leaf_margin_of(task, design.inverse.potentials, box), task, box)
+            (
+                leaf_margin_bounds.leaf_margin_of(task, design.inverse.potentials, box),
+                task,
+                box,
+            )
         )
     return out
 
@@ -41,11 +46,14 @@ def norm(x: np.ndarray) -> np.ndarray:
 
 
 def in_numpy(
-    problem: lmb.LeafMarginProblem, Q: np.ndarray, h: np.ndarray, ratio: float
+    problem: leaf_margin_bounds.LeafMarginProblem,
+    Q: np.ndarray,
+    h: np.ndarray,
+    ratio: float,
 ) -> np.ndarray:
     """Bounds (K, n); NaN where J_V is not shown to be regular."""
     chain, n, eps = problem.chain, problem.chain.n, problem.eps
-    at, S = lmb._expansion(problem, Q, h), chain.S[:, :n]
+    at, S = leaf_margin_bounds._expansion(problem, Q, h), chain.S[:, :n]
     theta, eta = Q @ S.T + chain.o, h @ np.abs(S).T
     xi, tip = screws.screws(chain, theta)
     dd = np.zeros((len(Q), n, 3))
@@ -68,7 +76,7 @@ def in_numpy(
     pairs = np.einsum("Kjic,Klck->Kjlik", at.B, dZ, optimize=True)
     pairs = np.abs(pairs + np.swapaxes(pairs, 1, 2)) / 2
     F = np.einsum("Kjlik,Kj,Kl->Kik", pairs, h, h) + at.R @ first + at.D @ rough + eps
-    Y, _, held = lmb.enclosed(at.D, F, eps)
+    Y, _, held = leaf_margin_bounds.enclosed(at.D, F, eps)
 
     z = (Y + rough)[:, :n]
     slope = dZ[:, :, :n].copy()
@@ -93,7 +101,7 @@ def in_numpy(
 
 
 def differs(
-    given: list[tuple[lmb.LeafMarginProblem, rp.Task, rp.Box]],
+    given: list[tuple[leaf_margin_bounds.LeafMarginProblem, rp.Task, rp.Box]],
     library: ctypes.CDLL | None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> float:
