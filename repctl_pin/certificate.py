@@ -6,15 +6,12 @@ import hashlib
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .arguments import Array, read_only
+from .arguments import Array, as_matrices, read_only
 from .errors import InputError, printable
-
-if TYPE_CHECKING:
-    import pinocchio as pin
 
 _THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
@@ -53,9 +50,9 @@ class ClosingRadius:
     kind : str
         Kind of task.
     start : (n,) array
-        Configuration on the leaf, at the start.
+        Configuration on the leaf, at the start, rad or m.
     positions, rotations : (K, 3) and (K, 3, 3) arrays
-        The start pose, or poses along the path.
+        The start pose, or poses along the path, m.
     boxes : int
         Number of boxes evaluated.
     complete : bool
@@ -95,24 +92,30 @@ class ClosingRadius:
     def __repr__(self) -> str:
         return f"<ClosingRadius: {self.words}>"
 
-    def contains(self, placement: pin.SE3) -> bool:
+    def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
         Nothing is wrong with a pose beyond the radius: paths through it are not proved to close.
 
         Parameters
         ----------
-        placement
-            Placement of the frame, such as ``task.placement(q)``; anything with ``translation``
-            (3,) and ``rotation`` (3, 3).
+        placement : pinocchio.SE3 or (4, 4) array
+            Placement of the frame, such as ``task.placement(q)``.
+
+        Raises
+        ------
+        InputError
+            If it is no placement.
         """
-        away = np.asarray(placement.translation) - self.positions
+        given = getattr(placement, "homogeneous", placement)
+        (T,) = as_matrices(("the placement", given, "4 4"), exact=True)
+        away = T[:3, 3] - self.positions
         if len(self.kind) == 2:
             away = away[:, ["xyz".index(c) for c in self.kind]]
         near = (away**2).sum(axis=1) <= self.metres**2
         if self.radians is None or not near.any():
             return bool(near.any())
-        turned = np.asarray(placement.rotation) - self.rotations
+        turned = T[:3, :3] - self.rotations
         if self.kind == "axis":
             chord = (turned[:, :, 2] ** 2).sum(axis=1)
         else:
