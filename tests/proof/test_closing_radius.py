@@ -94,8 +94,8 @@ def test_wild_paths_within_the_radius_close(
 ) -> None:
     rng = np.random.default_rng(1)
     designs = [design for design, _ in cases(tmp_path)]
-    for design in [*designs, panda_design]:
-        proof = rp.prove(design, margin=0.01, seconds=0.3, closes=0.02)
+    for design in [*designs[::2], panda_design]:
+        proof = rp.prove(design, margin=0.01, seconds=0.3, closes=0.005)
         if not proof.closes:
             assert proof.closes.reason
             continue

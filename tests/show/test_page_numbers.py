@@ -110,9 +110,16 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             at = [
                 [np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)
             ]
-            value = off(*map(np.array, at))[part_of].max()
+            closed = study.row("repeatable").motion.q.T
+            if (
+                key == "pseudoinverse"
+            ):  # off from the repeatable arm at the same instant
+                ghost = [np.interp(time, grid, q) for q in closed]
+            else:
+                ghost = at[1]
+            value = off(np.array(at[0]), np.array(ghost))[part_of].max()
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
-            said = {f"{name} {words} now" for words in written(value)}
+            said = {f"{name} {words}" for words in written(value)}
             assert part[k] in said, (time, value)
             assert hand[k] == "hand 0 off"
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3
