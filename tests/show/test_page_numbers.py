@@ -111,12 +111,9 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
                 [np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)
             ]
             closed = study.row("repeatable").motion.q.T
-            if (
-                key == "pseudoinverse"
-            ):  # off from the repeatable arm at the same instant
+            ghost = at[1]
+            if k == 0:  # off from the repeatable arm at the same instant
                 ghost = [np.interp(time, grid, q) for q in closed]
-            else:
-                ghost = at[1]
             value = off(np.array(at[0]), np.array(ghost))[part_of].max()
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
             said = {f"{name} {words}" for words in written(value)}
