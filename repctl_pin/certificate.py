@@ -142,7 +142,8 @@ class ClosingRadius:
             if self.radians == 0
             else "closed paths"
         )
-        return f"{paths} within {self.size} of the {self.around} close"
+        where = "path at each moment" if self.around == "path" else self.around
+        return f"{paths} within {self.size} of the {where} close"
 
     @property
     def size(self) -> str:

@@ -39,7 +39,7 @@ def _loaded() -> ctypes.CDLL | None:
         except OSError as error:
             cause = f"it does not load ({error})"
     warnings.warn(
-        f"no native library: {cause}, so proofs take 4 to 20 times as long; {REMEDY}",
+        f"no native library: {cause}, so governors and proofs over cells do not run; {REMEDY}",
         UserWarning,
         stacklevel=4,
     )

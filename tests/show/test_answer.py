@@ -77,9 +77,10 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
     assert answered(answer, "limits") == ["kept"] * 3 and "!" not in answer
     assert "\nnot checked: 5 bodies without a shape\n" in answer  # issue 37, item 16
     closes = study.design.proof.closes
-    assert closes and f"\n{closes.words} too: proved\n" in answer
+    assert closes and f"\n{closes.words}: proved\n" in answer
     assert re.match(
-        r"closed paths within [\d.]+ [cm]m .*of the path close", closes.words
+        r"closed paths within [\d.]+ [cm]m .*of the path at each moment close",
+        closes.words,
     )
 
 

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
-from ...errors import InputError, SingularityError
+from ...errors import SingularityError
 from ...model.task import Task
-from ...native import library
+from ...native import required_library
 from ...potentials.basis import Potentials
 from .leaf_margin_bounds import LeafMarginProblem, arm_angles_for_c, c_problem, inverses
 
@@ -345,12 +345,7 @@ def rate_bounds(
     InputError
         If there is no native library.
     """
-    native = library()
-    if native is None:
-        raise InputError(
-            "the closing radius needs the native library: install a C compiler, then install "
-            "repctl_pin again"
-        )
+    native = required_library("the closing radius")
     struct, held = c_problem(problem)
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)

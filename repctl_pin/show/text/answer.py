@@ -85,7 +85,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
 def _proved(study: Study) -> list[str]:
     """Write what is proved of closed paths near the one that was followed, if it closes itself."""
     closes = study.design.proof and study.design.proof.closes
-    return [f"{closes.words} too: proved"] if closes else []
+    return [f"{closes.words}: proved"] if closes else []
 
 
 def _title(row: Row) -> str:
