@@ -70,8 +70,8 @@ class NativeLaw:
 
     def velocity(self, q: Array, xdot: Array) -> Array:
         """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
-        self._q[:] = q
-        self._xdot[:] = xdot
+        self._q[...] = q
+        self._xdot[...] = xdot
         status = self._run_velocity(self._call)
         if status:
             raise self._refused(status, q)
@@ -79,7 +79,7 @@ class NativeLaw:
 
     def leaf(self, q: Array) -> Array:
         """Evaluate c = h(q) (r,)."""
-        self._q[:] = q
+        self._q[...] = q
         status = self._run_leaf(self._call)
         if status:
             raise self._refused(status, q)
@@ -97,19 +97,19 @@ class NativeLaw:
     ) -> Array:
         """Compute the next q (n,)."""
         given = 0
-        self._q[:] = q
-        self._target[:] = target.homogeneous
+        self._q[...] = q
+        self._target[...] = target.homogeneous
         numbers = self._numbers
         numbers[0] = dt
         numbers[1] = _WHOLE_STEP if gain is None else gain
         if leaf is not None:
-            self._leaf[:] = leaf
+            self._leaf[...] = leaf
             given |= _LEAF
         if twist is not None:
-            self._twist[:] = twist
+            self._twist[...] = twist
             given |= _TWIST
         if bounds is not None:
-            self._limit[:] = bounds.velocity_limit
+            self._limit[...] = bounds.velocity_limit
             numbers[2] = bounds.damping
             given |= _BOUNDED
         status = self._run_step(self._call, given)

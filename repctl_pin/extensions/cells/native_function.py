@@ -61,10 +61,11 @@ class _NativeFunction:
         address = ctypes.c_void_p(ctypes.addressof(call))
         run = self._held.call_configuration  # keeps the interpreter's lock: faster
 
+        # [...] is 0.1 µs faster than [:]
         def one(at: pin.SE3, c: Array | None, _memory: Any = call) -> Array | None:
-            target[:] = at.homogeneous
+            target[...] = at.homogeneous
             if c is not None:
-                leaf[:] = c
+                leaf[...] = c
             return None if run(address, c is not None) else result.copy()
 
         return one

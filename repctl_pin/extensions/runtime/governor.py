@@ -173,7 +173,7 @@ class Governor:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         self._connect()
-        self._q[:] = state["_q"]
+        self._q[...] = state["_q"]
 
     def __repr__(self) -> str:
         state = f"at q = {row(self.q)}" if self._on else "not started"
@@ -222,10 +222,10 @@ class Governor:
             )
         self._inverse(q)
         self._leaf = self._inverse.leaf(q)
-        self._begin[:] = q
+        self._begin[...] = q
         status = Status(self._native.call_governor_start(self._address))
         assert status is Status.OK, status  # all else was refused above
-        self._q[:] = q
+        self._q[...] = q
         self._on = True
 
     def step(
@@ -262,10 +262,10 @@ class Governor:
             )
         given = 0
         if target is not None:
-            self._target[:] = as_placement(target).homogeneous
+            self._target[...] = as_placement(target).homogeneous
             given = _TARGET
         elif twist is not None:
-            self._twist[:] = _as_twist(twist)
+            self._twist[...] = _as_twist(twist)
             given = _TWIST
         status = self._native.call_governor_step(self._address, given)
         return self._q.copy(), _STATUS[status]

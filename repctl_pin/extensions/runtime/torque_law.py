@@ -57,7 +57,7 @@ class Observer(NamedTuple):
 
     def reset(self) -> None:
         """Set the state to 0, after a stop of the robot."""
-        self.state[:] = 0.0
+        self.state[...] = 0.0
 
 
 class NumPyTorques:
@@ -218,14 +218,14 @@ class NativeTorques:
         observer: Observer | None,
     ) -> Array:
         """Compute the torques τ (n,)."""
-        self._q[:] = q
-        self._qdot[:] = qdot
-        self._inertia[:] = M
-        self._bias[:] = b
-        self._target[:] = target.homogeneous
-        self._leaf[:] = leaf
+        self._q[...] = q
+        self._qdot[...] = qdot
+        self._inertia[...] = M
+        self._bias[...] = b
+        self._target[...] = target.homogeneous
+        self._leaf[...] = leaf
         if twist is not None:
-            self._twist[:] = twist
+            self._twist[...] = twist
         dt, state = 0.0, None
         if observer is not None:
             dt, state = observer.dt, observer.state.ctypes.data
