@@ -27,7 +27,7 @@ from ..errors import InputError, SingularityError
 from ..model.length import joint_scale
 from ..model.task import Task, require_task
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
-from ..strategies import FunctionStrategy, RepeatableInverse, Strategy
+from ..strategies import RepeatableInverse, Strategy
 from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock
 from .motion import CLOSED, Motion, motion_along
@@ -153,6 +153,8 @@ def follow(
             raise InputError(
                 "a plain function (q, ẋ) → q̇ requires task=, the task that it controls"
             )
+        from ..strategies.custom import FunctionStrategy
+
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")

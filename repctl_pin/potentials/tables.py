@@ -10,20 +10,19 @@ import numpy as np
 from ..arguments import Array
 from ..errors import InputError
 from ..native import PART, filled_struct
-from .fourier import FourierMap
 from .maps import PartialMap, Potentials, SumMap
 from .polynomial import PolynomialMap
 
 _Powers = tuple[int, ...]
 
-POLYNOMIALS, FOURIER_SERIES, CELL = range(3)
-"""Kinds of a part, as in arm.h."""
+_POLYNOMIALS = 0
+"""Kind of these potentials in arm.h."""
 
 
 def native_parts(potentials: Potentials, n: int) -> list[Any]:
     """Create the structs :data:`PART` of the terms of a sum of potentials of n joints.
 
-    Potentials of an extension have a method ``_native_part`` that creates theirs.
+    Other potentials than polynomials have a method ``_native_part`` that creates theirs.
 
     Raises
     ------
@@ -34,10 +33,8 @@ def native_parts(potentials: Potentials, n: int) -> list[Any]:
     for part, joints in _terms(potentials, list(range(n))):
         if isinstance(part, PolynomialMap):
             parts.append(_polynomial(part, joints))
-        elif isinstance(part, FourierMap):
-            parts.append(_fourier(part, joints))
         elif hasattr(part, "_native_part"):
-            parts.append(part._native_part())
+            parts.append(part._native_part(joints))
         else:
             raise InputError(
                 f"potentials of type {type(part).__name__} cannot be written as C, because they "
@@ -88,7 +85,7 @@ def _polynomial(potentials: PolynomialMap, joints: Sequence[int]) -> Any:
             "scale": 1 / potentials.scale,
             "weight": np.array(weight),
         },
-        {"kind": POLYNOMIALS, "k": k, "count": len(monomials), "degree": d},
+        {"kind": _POLYNOMIALS, "k": k, "count": len(monomials), "degree": d},
     )[0]
 
 
@@ -121,16 +118,3 @@ def _lower(beta: _Powers) -> tuple[_Powers, int]:
     """Divide a monomial by its last variable: the remaining powers, and the variable's index."""
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last
-
-
-def _fourier(potentials: FourierMap, joints: Sequence[int]) -> Any:
-    """Create the tables of a Fourier series; waves whose coefficients are all 0 are left out."""
-    used = ((potentials.sines != 0) | (potentials.cosines != 0)).any(axis=1)
-    used[0] |= not used.any()
-    weight = np.stack([potentials.sines[used], potentials.cosines[used]], axis=-1)
-    return filled_struct(
-        PART,
-        {"joint": joints},
-        {"wave": potentials.waves[used], "weight": weight},
-        {"kind": FOURIER_SERIES, "k": len(joints), "count": len(weight)},
-    )[0]

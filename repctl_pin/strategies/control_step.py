@@ -6,10 +6,6 @@ and for what C cannot hold: user-defined potentials, arms of more than 64 joints
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache, partial
-from typing import Any, Protocol
-
 import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dgetrf, dgetri
@@ -18,61 +14,7 @@ from ..arguments import Array
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import augmented_inverse, is_regular
-from .native_arm import library_arm
-from .native_law import NativeLaw
 from .step_arguments import StepLimits, failure
-
-
-class Law(Protocol):
-    """Control law of a repeatable inverse on checked arguments, for one thread.
-
-    Attributes
-    ----------
-    arm
-        Struct Arm of the law in C; None for the one in NumPy.
-    """
-
-    arm: Any
-
-    def velocity(self, q: Array, xdot: Array) -> Array:
-        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
-
-    def step(
-        self,
-        q: Array,
-        target: pin.SE3,
-        dt: float,
-        twist: Array | None,
-        leaf: Array | None,
-        gain: float | None,
-        limits: StepLimits | None,
-    ) -> Array:
-        """Compute the next q (n,), as :meth:`RepeatableInverse.step` does."""
-
-    def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step with limits, and the factor of the limits."""
-
-    def leaf(self, q: Array) -> Array:
-        """Evaluate c = h(q) (r,)."""
-
-    def inverses(self, Q: Array) -> Array:
-        """Evaluate G_r (K, n, m) at the rows of Q (K, n)."""
-
-    def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
-
-
-def control_laws(task: Task, potentials: Potentials) -> Callable[[], Law]:
-    """Return a function that makes the control law of potentials h for one thread."""
-    shared_arm = cache(partial(library_arm, task, potentials))
-
-    def law() -> Law:
-        arm = shared_arm()
-        if arm is None:
-            return NumPyLaw(task, potentials)
-        return NativeLaw(task, potentials, arm)
-
-    return law
 
 
 class NumPyLaw:
