@@ -63,7 +63,8 @@ def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
         kind = potentials.order, potentials.variables, potentials.cross
         return "fourier", potentials.n, potentials.period, *kind
     if isinstance(potentials, ArmAngle):
-        task, directions = potentials.task, (potentials.reference, potentials.singular)
+        task = potentials.task
+        directions = (potentials.reference, potentials.singular)
         points = points_at(task, potentials.frames, check_configurations(task))
         return "arm angle", rounded(points), *directions
     return None

@@ -111,7 +111,8 @@ class Bodies:
         )
         _, self._drive = task.bodies_model()
         model = self._model = _model_of(task)
-        self.pairs, self.only_contact = model.measured, model.only_contact
+        self.pairs = model.measured
+        self.only_contact = model.only_contact
         self.adjacent = model.adjacent
         self.disabled = model.disabled
         self.touching = model.touching

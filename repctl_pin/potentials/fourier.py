@@ -76,7 +76,8 @@ class Fourier(PotentialBasis):
             period, self.n, "the period of a Fourier basis", finite=True
         )
         self.variables = as_joint_indices(variables, self.n)
-        multiples, joints = range(-self.order, self.order + 1), len(self.variables)
+        multiples = range(-self.order, self.order + 1)
+        joints = len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(
                 f"order {order} in {joints} joints is too much",

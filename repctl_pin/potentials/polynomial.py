@@ -219,7 +219,10 @@ class PolynomialMap:
     ) -> None:
         n = len(center)
         r = len(next(iter(terms.values())))
-        self.center, self.scale, self.degree, self.terms = center, scale, degree, terms
+        self.center = center
+        self.scale = scale
+        self.degree = degree
+        self.terms = terms
         self._inverse_scale = 1.0 / scale
         # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
         tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]

@@ -21,7 +21,9 @@ class NumPyLaw:
     """The control law as its formulas stand: ``J_V = [J; Vᵀ]`` (37), and its inverse (31)."""
 
     def __init__(self, task: Task, potentials: Potentials) -> None:
-        self.task, self.potentials, self.arm = task, potentials, None
+        self.task = task
+        self.potentials = potentials
+        self.arm = None
         self._report = 0.0, 1.0
 
     def leaf(self, q: Array) -> Array:
@@ -30,7 +32,8 @@ class NumPyLaw:
 
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m) at the rows of Q (K, n): the first m columns of J_V⁻¹ (31)."""
-        J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
+        J = self.task.jacobians(Q)
+        V = self.potentials.gradients(Q)
         return augmented_inverse(J, V)[:, :, : self.task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
@@ -53,9 +56,11 @@ class NumPyLaw:
         limits: StepLimits | None,
     ) -> Array:
         """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,)."""
-        task, share = self.task, 1.0 if gain is None else gain * dt
+        task = self.task
+        share = 1.0 if gain is None else gain * dt
         J_V = self._augmented(q)
-        x_error, still = task.error(q, target), np.zeros(task.r)
+        x_error = task.error(q, target)
+        still = np.zeros(task.r)
         c_error = still if leaf is None else leaf - self.potentials.value(q)
         rhs = share * np.concatenate([x_error, c_error])
         if twist is not None:

@@ -79,9 +79,11 @@ def _native_region(region: Any, task: Task) -> Any:
     if isinstance(region, Tube):
         samples, half = region.samples, region.radius
     elif isinstance(region, Box):
-        samples, half = region.center[None], region.half_width
+        samples = region.center[None]
+        half = region.half_width
     elif isinstance(region, WorkspaceBox):
-        samples, half = region.within.center[None], region.within.half_width
+        samples = region.within.center[None]
+        half = region.within.half_width
     elif hasattr(region, "_native_region"):
         return region._native_region()
     else:

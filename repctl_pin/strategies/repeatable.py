@@ -111,7 +111,9 @@ class RepeatableInverse:
                 "region",
                 "a region of joint space, such as rp.Box(q0, 0.3)",
             )
-        self.task, self.potentials, self.region = redundant(task), potentials, region
+        self.task = redundant(task)
+        self.potentials = potentials
+        self.region = region
         check_joints(potentials, self.task.n)
         self._law = PerThread(_laws(self.task, potentials))
 
