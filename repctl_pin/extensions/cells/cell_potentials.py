@@ -3,6 +3,7 @@ q_ref(u))``, with u the coordinates of the pose f(q) in the cell."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ class CellPotentials:
         D = np.concatenate([D, -np.swapaxes(n_ref, 1, 2) @ cell.along], axis=2)
         return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
 
-    def _native_part(self) -> Any:
+    def _native_part(self, joints: Sequence[int]) -> Any:
         """Create the struct :data:`PART` of the potentials, for the native library."""
         chart = native_chart(self.chart)
         part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})
