@@ -21,7 +21,7 @@ from .._version import __version__
 from ..errors import RepctlError
 from ..plugins import all_extensions
 from ..show.text.lines import capital, with_options
-from . import animate, check, completion, design, follow, inspect, robots, study
+from . import animate, check, design, follow, inspect, robots, study
 from .endings import exit_code
 from .executors import BLAS_THREADS
 from .given import is_saved
@@ -33,7 +33,7 @@ _AS_WRITTEN: dict[str, Any] = {
     "allow_abbrev": False,
 }
 _FIRST = (study, design, follow, check, animate)
-_LAST = (robots, inspect, completion)
+_LAST = (robots, inspect)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation
@@ -127,7 +127,7 @@ def parser() -> Parser:
         )
         command.add_options(part)
         part.shorten_usage()
-        part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
+        part.set_defaults(run=command.run, parser=part, quiet=False)
     return whole
 
 
