@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import progress as reporting
 from ..arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
-from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
@@ -18,6 +17,7 @@ from ..potentials.polynomial import Polynomial
 from ..regions import Region
 from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Inverse
+from ..threads import one_blas_thread
 from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
