@@ -12,7 +12,6 @@ import pinocchio as pin
 
 from ...arguments import as_int
 from ...errors import InputError
-from ...model.body_parts import bodies_at, shapes_fingerprint
 from ...model.task import Task
 from ...model.task_parts import check_configurations
 from ...saving.changes import configurations, require_masses, require_ranges
@@ -32,6 +31,7 @@ from ...saving.schema import (
     proof_file,
     proof_of,
 )
+from .body_parts import bodies_at, shapes_fingerprint
 from .cell import Cell
 from .cell_design import CellDesign, function_of
 from .cell_evaluation import Evaluation
