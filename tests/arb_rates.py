@@ -12,8 +12,8 @@ import repctl_pin as rp
 
 
 def rates_in_balls(design: rp.Design, q: np.ndarray, ratio: float) -> Vector:
-    """Evaluate ``‖g_v‖ + ratio ‖g_ω‖`` of the rows g of G_r at q (n,), of polynomials: from the base
-    outward."""
+    """Evaluate ``‖g_v‖ + ratio ‖g_ω‖`` of the rows g of G_r at q (n,), of polynomials: from the
+    base outward."""
     task = design.task
     J, m = _jacobian(task, q), task.m
     inverse = arb_mat([*J, *_gradients(design.inverse.potentials, q)]).inv()

@@ -1,4 +1,4 @@
-"""Closed paths that do not close although J_V is regular around their motions: no closing radius may
+"""Closed paths that do not close although J_V is regular around them: no closing radius may
 hold one of them."""
 
 from __future__ import annotations
