@@ -58,7 +58,10 @@ def ring_gap(
     p, R = around_the_base(design.task, q, turns)
     try:
         end, share = lift(design, q[None], p, R, 4)
-    except np.linalg.LinAlgError:
+    except (
+        np.linalg.LinAlgError,
+        rp.InputError,
+    ):  # it left all poses that can be reached
         return np.nan, np.inf, False
     away = np.abs(end[0] - q)
     closes = rp.prove(design, margin=0.01, seconds=0.3).closes
