@@ -34,7 +34,8 @@ class ClosingRadius:
     Every closed path of the frame whose poses are all within :attr:`metres` **and**
     :attr:`radians` of the start pose closes, however long it is: its motion, begun at the end of
     the straight way from the start, stays in Ω and ends where it began. Around a path that closes
-    itself, every closed path that deviates by less than both, at each moment, closes too.
+    itself, every closed path that deviates by less than both, at each moment, closes too. That the
+    path closes, and how it bends between its samples, is checked by following it, not proved.
     Where the path crosses itself, a path that leaves it for its other branch is none of these.
     ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
 

@@ -68,12 +68,18 @@ def regular_start(task: rp.Task, seed: int = 0) -> np.ndarray:
 
 
 def near_null_space(
-    task: rp.Task, q: np.ndarray, width: float, seed: int, *, rough: float = 1.0
+    task: rp.Task,
+    q: np.ndarray,
+    width: float,
+    seed: int,
+    *,
+    rough: float = 1.0,
+    degree: int = 2,
 ) -> rp.Polynomial:
-    """Random quadratic potentials whose gradients at q span the null space of J, near to regular
-    around it."""
+    """Random potentials, by default quadratic, whose gradients at q span the null space of J,
+    near to regular around it."""
     rng = np.random.default_rng(seed)
-    potentials = rp.Polynomial(q, 2, width)
+    potentials = rp.Polynomial(q, degree, width)
     A = rough * 0.2 * width * rng.standard_normal((potentials.size, task.r))
     D = potentials.gradients(q[None])[0]  # (n, N)
     A += np.linalg.lstsq(D, redundancy.nullspace(task.jacobian(q)) - D @ A, rcond=None)[

@@ -229,6 +229,7 @@ class Study:
                 "leaf_margin_proved": design.proof.leaf_margin
                 if design.proof
                 else None,
+                "closes": _closes(design),
                 "potentials": design.potentials.size,
             },
             "winding": winding(self.task, self.path),
@@ -277,6 +278,12 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
         if violation is None
         else dict(zip(("cycle", "joint"), violation, strict=True)),
     }
+
+
+def _closes(design: Design) -> dict[str, Any] | None:
+    """Collect the closing radius of a certificate in plain Python types; None without one."""
+    closes = design.proof.closes if design.proof else None
+    return picked(closes, "metres", "radians", "around", "reason") if closes else None
 
 
 def _row_dict(row: Row) -> dict[str, Any]:

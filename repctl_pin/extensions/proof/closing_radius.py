@@ -54,7 +54,7 @@ def closing_radius(
     task = design.task
     turns = task.kind in ("pose", "axis")
     ratio = ratio if turns else 0.0
-    start = _start(design, region)
+    start = _start(design, region, path)
     if path is None:
         Q, around, why = start[None], "start", ""
     else:
@@ -105,11 +105,18 @@ def _limit(joint: str, complete: bool, boxes: int) -> str:
     return f"not all of Ω was decided in {boxes} boxes; {joint} may leave it"
 
 
-def _start(design: Design, region: Region) -> Array:
-    """Return the start of the design's own cycle, or of the region, if it is inside Ω."""
+def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
+    """Return the start of the design's own cycle, if it is inside Ω, or a centre of Ω.
+
+    Of a tube, that is the sample whose pose is nearest to the beginning of the path.
+    """
     if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:
         return design.cycle.start
-    return region.center
+    if path is None or not isinstance(region, Tube):
+        return region.center
+    target = path.placement(0.0)
+    away = design.task.errors(region.samples, [target] * len(region.samples))
+    return np.asarray(region.samples[np.linalg.norm(away, axis=1).argmin()], float)
 
 
 def _followed(design: Design, path: ClosedPath, start: Array) -> tuple[Array, str]:
