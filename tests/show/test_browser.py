@@ -641,3 +641,59 @@ def test_everybody_can_read_and_use_it(driver: Any, tmp_path: Path) -> None:
         sheets.add(the_sheet_for_print(driver))
     assert len(sheets) == 1, sheets  # whatever the window
     assert errors(driver) == []
+
+
+_NO_WEBGL = """
+const context = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  return kind.includes("webgl") ? null : context.call(this, kind, ...more);
+};
+"""
+
+
+def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
+    """Each arm at the start and at the end, its number, and the chart; no dead buttons."""
+    page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
+    coloured = (
+        "return [...document.querySelectorAll('.pane canvas, #chart')].map((c) => new Set(new "
+        "Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size)"
+    )
+    for width, height in ((900, 700), (390, 844)):
+        schemes(driver, width=width, height=height)
+        driver.get("about:blank")
+        with asleep(driver, _NO_WEBGL):
+            driver.get(page.as_uri())
+            wait_until_drawn(driver, "the page")
+        shown = "return document.querySelectorAll('.pane canvas').length"
+        deadline = time.monotonic() + 20
+        while driver.execute_script(shown) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        assert min(driver.execute_script(coloured)) > 3
+        names = [e.text for e in driver.find_elements("css selector", ".arm-label")]
+        assert " off" in names[0] and names[1] == "repeatable: 0 off"
+        assert "WebGL is off" in driver.find_element("id", "drift-note").text
+        assert not driver.find_element("id", "notice").is_displayed()
+        assert not driver.find_element("id", "play").is_displayed()
+        assert driver.execute_script(
+            "return document.documentElement.scrollWidth <= window.innerWidth"
+        )
+    assert [e for e in errors(driver) if "WebGL" not in e] == []
+
+
+def test_on_a_phone_the_notes_fold(driver: Any, tmp_path: Path) -> None:
+    """A button shows them; the buttons stand beside play, and each number once."""
+    schemes(driver, width=390, height=844)
+    open_page(driver, write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR)))
+    notes, button = (driver.find_element("id", name) for name in ("notes", "noted"))
+    assert not notes.is_displayed()
+    assert not driver.find_element("id", "readings").is_displayed()
+    rows = [driver.find_element("id", name).rect for name in ("play", "noted", "help")]
+    middles = [row["y"] + row["height"] / 2 for row in rows]
+    assert np.ptp(middles) < 4 and rows[-1]["x"] + rows[-1]["width"] <= 390
+    button.click()
+    assert notes.is_displayed() and button.get_attribute("aria-expanded") == "true"
+    button.click()
+    assert not notes.is_displayed() and errors(driver) == []
+    schemes(driver, width=1000, height=700)
+    assert notes.is_displayed() and not button.is_displayed()

@@ -75,8 +75,8 @@ def test_page_holds_what_went_in(name: str) -> None:
         elbow = fastest_in_the_self_motion(task, motion.q[0])
         origins = [task.joint_origins(q)[elbow] for q in motion.q[rows]]
         np.testing.assert_allclose(arm.elbow[:, 0], origins, atol=1e-6)
-        # how far each body of the part that is named is off its place in cycle 1, by the points that
-        # the page measures with
+        # how far each body of the part that is named is off its place in cycle 1, by the points
+        # that the page measures with
         shapes = zip(told["shapes"], told["part"], strict=True)
         named = {shape["name"] for shape, its in shapes if its}
         ways = expected - drawn.placements(Q[first])

@@ -43,7 +43,7 @@ from ..text.headline import Headline
 _SCRIPTS = (
     *("dom", "numbers", "viewer", "eye", "arm", "panes", "traces", "stage"),
     *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
-    *("law", "run", "sentence", "own", "live", "console", "main"),
+    *("law", "run", "sentence", "own", "live", "console", "plain", "main"),
 )
 """The modules of the page's script, each after the modules that it imports."""
 

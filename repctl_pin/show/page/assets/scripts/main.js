@@ -12,6 +12,7 @@ import { follow } from "./live.js";
 import { inMetres } from "./numbers.js";
 import { Own } from "./own.js";
 import { printable, still } from "./paper.js";
+import { drawPlain } from "./plain.js";
 import { savable } from "./save.js";
 import { setStage } from "./stage.js";
 import { cleared } from "./traces.js";
@@ -58,6 +59,7 @@ async function main() {
     viewer = await openViewer(api.errors, (part) => { byId("loaded").value = part; });
   } catch (error) {
     api.errors.push(String(error));
+    if (!scene.live) { await drawPlain(scene); say(""); return; }
     say("The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?", true);
     return;
   }
