@@ -84,6 +84,7 @@ def parts(place: str) -> list[Any]:
     ----------
     place
         ``study_design``: functions (design, seconds spent, say) → design, for a study's design;
+        ``study_notes``: functions design → notes, for the design of a study;
         ``study_row``: functions row → row, for each strategy of a study;
         ``problem``: a kind of design, and the function (design, start, path, plane) → problem.
     """

@@ -85,11 +85,19 @@ static void add(const Space *g, const Model *x, double b, const Model *y, Model 
 
 static void scale(const Space *g, double a, Model *x) { add_scaled(g, a, x, 0, x, x); }
 
+/* a_0 x + a_1 y + a_2 z */
+static void sum_of(const Space *g, const double *a, const Model *x, const Model *y, const Model *z, Model *out) {
+  double b[3] = {fabs(a[0]), fabs(a[1]), fabs(a[2])};
+  Lanes r = (b[0] * x->r + b[1] * y->r + b[2] * z->r) * (1 + ROUND);
+  r += ROUND * (b[0] * size_of(x) + b[1] * size_of(y) + b[2] * size_of(z));
+  for (int m = 0; m < g->M; m++) out->p[m] = a[0] * x->p[m] + a[1] * y->p[m] + a[2] * z->p[m];
+  out->r = r;
+  finish(g, out);
+}
+
 /* a' x for three models */
 static void combine(const Space *g, const double *a, const Model *x, Model *out) {
-  Model y;
-  add_scaled(g, a[0], x, a[1], x + 1, &y);
-  add_scaled(g, 1, &y, a[2], x + 2, out);
+  sum_of(g, a, x, x + 1, x + 2, out);
 }
 
 static void product(const Space *g, const Model *x, const Model *y, Model *out) {
@@ -147,10 +155,7 @@ static void cross_models(const Space *g, const Model *a, const Model *b, Model *
 
 /* R x for constant x; R by columns. */
 static void combine_columns(const Space *g, Model (*R)[3], const double *x, Model *y) {
-  for (int i = 0; i < 3; i++) {
-    add_scaled(g, x[0], &R[0][i], x[1], &R[1][i], y + i);
-    add(g, y + i, x[2], &R[2][i], y + i);
-  }
+  for (int i = 0; i < 3; i++) sum_of(g, x, &R[0][i], &R[1][i], &R[2][i], y + i);
 }
 
 /* R <- R C, by columns. */

@@ -166,6 +166,7 @@ def study(
     design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
     notes = [
         *problem.warnings,
+        *(note for found in parts("study_notes") for note in found(design)),
         *([] if "kind" in problem.given else kind_note(task)),
         *problem.notes,
         *long,

@@ -270,3 +270,16 @@ def test_the_commands_prove_and_check_what_they_saved(
         capsys, "check", file, "--prove", "--region", "0.1"
     )
     assert "requires a saved design" in refused(capsys, "check", "panda", "--prove")
+
+
+def test_a_study_says_that_its_time_did_not_suffice_for_a_proof(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from repctl_pin.extensions.proof import study
+
+    monkeypatch.setattr(study, "with_certificate", lambda design, spent, say: design)
+    found = rp.study("planar3r", cycles=1)
+    (note,) = [note for note in found.notes if "not proved" in note]
+    assert "--prove" in note and note in study.unproved_note(found.design)
+    proved = replace(found.design, proof=rp.prove(found.design, margin=0.1))
+    assert study.unproved_note(proved) == []

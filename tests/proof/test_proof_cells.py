@@ -283,3 +283,19 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
         assert s[:, -1].min() >= proof.sigma_min
         assert leaf_margins(chart, points).min() >= proof.leaf_margin
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
+
+
+def test_a_certificate_of_an_older_theorem_is_dropped_with_one_line(
+    places: rp.CellDesign, tmp_path: Path
+) -> None:
+    """Up to theorem 4, another quantity was bounded, which is larger than the leaf margin."""
+    proof = rp.prove(places, margin=0.3)
+    assert proof and proof.theorem == 5
+    older = replace(proof, theorem=4, seal="").sealed(proof.subject)
+    with pytest.warns(UserWarning) as told:
+        dropped = replace(places, proof=older)
+    assert dropped.proof is None and len(told) == 1
+    said = str(told[0].message)
+    assert "theorem 4 bounds another quantity" in said and "prove again" in said
+    assert "\n" not in said
+    assert replace(places, proof=proof).proof is not None

@@ -5,5 +5,8 @@ from ...plugins import Extension
 EXTENSION = Extension(
     __name__,
     names={"certify": "prove"},
-    parts={"study_design": "study:with_certificate"},
+    parts={
+        "study_design": "study:with_certificate",
+        "study_notes": "study:unproved_note",
+    },
 )

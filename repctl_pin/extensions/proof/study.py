@@ -7,8 +7,11 @@ from dataclasses import replace
 
 from ...design import Design
 from ...errors import InputError
+from ...native import library
 from ...regions import Tube
 from .certify import prove
+from .potentials import features_of
+from .regions import cover, enclosing
 
 PROVED = 0.9
 """Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
@@ -41,3 +44,19 @@ def with_certificate(
     ):  # bounds of these potentials, or the region's shape, are not known
         return design
     return replace(design, proof=proof) if proof else design
+
+
+def unproved_note(design: Design) -> list[str]:
+    """Write that a study's time did not suffice for a certificate, and how to get one."""
+    if design.proof is not None or library() is None:
+        return []
+    try:
+        low, high = cover(design.region)
+        box = enclosing(low, high)
+        features_of(design.inverse.potentials, design.task.n, box)
+    except InputError:  # such a proof does not exist
+        return []
+    return [
+        "closed paths near this one: not proved within the time of a study; "
+        "for more time, use repctl check control.json --prove"
+    ]
