@@ -24,6 +24,9 @@ from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+VERSION = 2
+"""Version of the schema, which a file gives as ``schema``; files of other versions are refused."""
+
 Row = list[float]
 Rows = list[list[float]]
 
