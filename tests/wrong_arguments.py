@@ -345,7 +345,6 @@ def right_calls(folder: Path) -> list[Call]:
         "save": {"file": folder / "page.html"},
         "shrunk": {"factor": 0.5},
         "solve": {"target": target, "q0": q0, "leaf": inverse.leaf(q0)},
-        "solve_all": {"targets": [target], "q0": q0, "leaf": inverse.leaf(q0)},
         "step": step,
         "damped_step": step,
         "summary": {},

@@ -23,7 +23,7 @@ from ..paths import Cycle, TaskPath
 from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
-from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
+from ..strategies import PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from .around_motion import design_for, own_failure, shrunk_note
 from .desired import choose_desired
@@ -311,6 +311,8 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
             remedy="give your control another name",
         )
     if not isinstance(control, Strategy):
+        from ..strategies.custom import FunctionStrategy
+
         return FunctionStrategy(task, control)
     same = ("frame", "kind", "joint_names")
     if all(getattr(control.task, part) == getattr(task, part) for part in same):
