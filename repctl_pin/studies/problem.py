@@ -288,7 +288,7 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
     if path is None:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
     if isinstance(path, str):
-        from ..motion.spec import parse_path  # with the readers of files
+        from ..motion.parse_path import parse_path  # with the readers of files
 
         return parse_path(path, plane)
     if isinstance(path, ClosedPath):
