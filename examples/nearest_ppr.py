@@ -39,7 +39,6 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 import repctl_pin as rp
-from repctl_pin.design.compare import cost_has_converged
 from repctl_pin.show.text.table import table
 from repctl_pin.strategies import Inverse
 
@@ -173,9 +172,12 @@ class Answer:
     @property
     def converged(self) -> bool:
         """Whether the cost of the solver no longer falls when the degree is raised."""
-        return cost_has_converged(
-            [self.solver[degree] for degree in sorted(self.solver)]
-        )
+        designs = [self.solver[degree] for degree in sorted(self.solver)]
+        costs = [
+            found.cost if isinstance(found, rp.Design) and found.converged else np.inf
+            for found in designs
+        ]
+        return max(costs) < np.inf and abs(costs[-1] - costs[-2]) < 1e-4 * costs[-1]
 
 
 def solver(task: rp.Task, a: float, b: float, degree: int, samples: int) -> rp.Design:

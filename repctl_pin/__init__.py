@@ -21,11 +21,14 @@ _DOOR = {
     "model.robot": "Robot",
     "model.task": "Task",
     "regions": "Box Tube WorkspaceBox",
-    "potentials": "CustomPotentials Fourier Joined Polynomial",
-    "strategies": (
-        "ArmAngle CustomInverse ExtendedJacobian LimitWeight PostureControl "
-        "Pseudoinverse RepeatableInverse WeightedInverse"
-    ),
+    "potentials": "Joined Polynomial",
+    "potentials.arm_angle": "ArmAngle",
+    "potentials.custom": "CustomPotentials",
+    "potentials.fourier": "Fourier",
+    "strategies": "PostureControl Pseudoinverse RepeatableInverse WeightedInverse",
+    "strategies.custom": "CustomInverse",
+    "strategies.extended": "ExtendedJacobian",
+    "strategies.limit_weight": "LimitWeight",
     "fit_options": "FitOptions",
     "design": "Design SingularRegionError nearest_repeatable",
     "design.compare": "compare",

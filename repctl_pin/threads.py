@@ -1,12 +1,43 @@
-"""Objects per thread, such as memory, so that any number of threads can call one function."""
+"""Objects per thread, such as memory, and the limit of BLAS to one thread."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from typing import Generic, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
+
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that limit the threads of BLAS libraries, which read them when loaded."""
+
+_lock = threading.Lock()
+_working = 0
+_limits: Any = None
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread, also usable as a decorator.
+
+    One is faster than two for the matrices of this package. The last thread to exit restores the
+    previous limit.
+    """
+    global _working, _limits
+    from threadpoolctl import threadpool_limits
+
+    with _lock:
+        if _working == 0:
+            _limits = threadpool_limits(1, user_api="blas")
+        _working += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _working -= 1
+            if _working == 0:
+                _limits.restore_original_limits()
 
 
 class PerThread(threading.local, Generic[T]):

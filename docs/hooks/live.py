@@ -1,5 +1,6 @@
 """Add live pages to the site: animations that play where a page has a mark ``<!-- live: NAME -->``.
 
+The mark ``<!-- robots -->`` becomes a frame and a list of robots, whose pages the frame shows.
 They are made when the site is built. With ``REPCTL_LIVE=no`` in the environment they are left out,
 and a mark becomes nothing. ``python docs/hooks/live.py FOLDER`` writes them into a folder."""
 
@@ -23,7 +24,40 @@ from repctl_pin.show.study_files import study_page
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ARM, LOOP = str(EXAMPLES / "my_arm.urdf"), str(EXAMPLES / "loop.csv")
-_MARK = re.compile(r"<!-- live: (\w+) -->")
+_MARK = re.compile(r"<!-- (?:live: (\w+)|(robots)) -->")
+ROBOTS = {
+    "panda": "Franka Panda",
+    "xarm7": "UFACTORY xArm7",
+    "ur10": "UR10, position of the tool",
+    "baxter": "Baxter",
+    "tiago_dual": "TIAGo, two arms",
+    "talos": "TALOS, torso and arm",
+    "g1": "Unitree G1, waist and arm",
+    "icub": "iCub, torso and arm",
+    "centauro": "CENTAURO",
+    "kinova": "Kinova Jaco, position of the hand",
+    "planar7r": "planar arm with seven joints",
+    "ppr": "two slides and a link",
+}
+"""The robots that a visitor can choose, with their labels; the first is shown at the beginning."""
+
+_CHOOSE = """<p class="robots"><label>Choose a robot
+<select data-frame="{frame}">
+{options}
+</select></label></p>
+<script>
+for (const list of document.querySelectorAll(".robots select")) {{
+  const show = () => {{
+    const page = new URL(list.value, document.baseURI);
+    document.getElementById(list.dataset.frame).contentWindow.location.replace(page);
+    document.querySelector(".open a").href = page;
+  }};
+  list.addEventListener("change", show);
+  // a browser keeps a choice when it goes back
+  addEventListener("pageshow", () => {{ if (list.selectedIndex) show(); }});
+}}
+</script>
+"""
 
 
 def studied(problem: str | rp.Problem, **options: Any) -> str:
@@ -108,7 +142,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "pushed": pushed,
     "cell": cell,
     "planar3r": partial(studied, "planar3r"),
-}
+} | {name: partial(studied, name) for name in ROBOTS}
 """The pages, by name."""
 
 
@@ -130,20 +164,29 @@ def on_files(files: Any, *, config: Any) -> Any:
 def on_page_markdown(text: str, /, *, page: Any, **_: object) -> str:
     """Replace the marks of a page by frames."""
 
+    folder = posixpath.dirname(page.file.dest_uri) or "."
+
+    def address(name: str) -> str:
+        return posixpath.relpath(f"live/{name}.html", folder)
+
     def frame(mark: re.Match[str]) -> str:
-        if mark[1] not in PAGES:
-            raise KeyError(f"{page.file.src_uri}: no live page {mark[1]!r}")
+        name = mark[1] or next(iter(ROBOTS))
+        if name not in PAGES:
+            raise KeyError(f"{page.file.src_uri}: no live page {name!r}")
         if not included():
             return ""
-        url = posixpath.relpath(
-            f"live/{mark[1]}.html", posixpath.dirname(page.file.dest_uri) or "."
-        )
+        url = address(name)
         begin = (
             "" if page.is_homepage else "#t=3"
         )  # only that of the home page plays by itself
-        title = f"Animation: {mark[1].replace('_', ' ')}"
+        title = "Animation" if mark[2] else f"Animation: {name.replace('_', ' ')}"
+        options = "\n".join(
+            f'<option value="{address(robot)}">{label}</option>'
+            for robot, label in ROBOTS.items()
+        )
+        choose = _CHOOSE.format(frame=f"live-{name}", options=options)
         return (
-            f'<iframe id="live-{mark[1]}" class="live" src="{url}{begin}" '
+            f'{choose if mark[2] else ""}<iframe id="live-{name}" class="live" src="{url}{begin}" '
             f'title="{title}" loading="lazy"></iframe>\n'
             f'<p class="open"><a href="{url}">Open this animation alone</a></p>'
         )

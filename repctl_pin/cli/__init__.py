@@ -21,9 +21,9 @@ from .._version import __version__
 from ..errors import RepctlError
 from ..plugins import all_extensions
 from ..show.text.lines import capital, with_options
-from . import animate, check, completion, design, follow, inspect, robots, study
+from ..threads import BLAS_THREADS
+from . import animate, check, design, follow, inspect, robots, study
 from .endings import exit_code
-from .executors import BLAS_THREADS
 from .given import is_saved
 from .options import Parser
 from .terminal import say_line
@@ -33,7 +33,7 @@ _AS_WRITTEN: dict[str, Any] = {
     "allow_abbrev": False,
 }
 _FIRST = (study, design, follow, check, animate)
-_LAST = (robots, inspect, completion)
+_LAST = (robots, inspect)
 
 _EXAMPLES = """examples:
   repctl study panda                            table, figures and animation
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 stream.reconfigure(
                     errors="replace"
                 )  # a terminal that cannot show ⁺ gets a ?
-    arguments = join_values(list(sys.argv[1:] if argv is None else argv))
+    arguments = _join_values(list(sys.argv[1:] if argv is None else argv))
     if not arguments:
         parser().print_help(sys.stderr)
         return 2
@@ -127,7 +127,7 @@ def parser() -> Parser:
         )
         command.add_options(part)
         part.shorten_usage()
-        part.set_defaults(run=command.run, parser=part, whole=whole, quiet=False)
+        part.set_defaults(run=command.run, parser=part, quiet=False)
     return whole
 
 
@@ -140,7 +140,7 @@ def commands() -> Iterator[tuple[str, Any]]:
     yield from ((command.__name__.rpartition(".")[2], command) for command in _LAST)
 
 
-def join_values(arguments: list[str]) -> list[str]:
+def _join_values(arguments: list[str]) -> list[str]:
     """Rewrite two forms of arguments that argparse would misread.
 
     ``--start -0.1,0.2`` becomes one word with ``=``, because the value looks like an option;

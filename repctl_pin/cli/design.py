@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -14,7 +16,7 @@ from ..errors import InputError
 from ..files import write_whole, written_together
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
-from .executors import executor_of
+from ..threads import BLAS_THREADS
 from .given import (
     Options,
     box_within_limits,
@@ -30,7 +32,8 @@ from .options import Parser
 from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from concurrent.futures import Executor
 
     from ..design.evaluation import Baseline
     from ..regions import Region
@@ -144,7 +147,7 @@ def run(options: Options) -> int:
     desired, name = choose_desired(task, options.asked_weight())
 
     share_done = in_percent(say)
-    with executor_of(options) as executor:
+    with _executor_of(options) as executor:
 
         def make(region: Region) -> rp.Design:
             potentials = _potentials(task, region, degree, options.fourier)
@@ -358,3 +361,52 @@ def _as_dict(
         **({} if design.proof is None else {"proof": asdict(design.proof)}),
         "notes": notes,
     }
+
+
+@contextmanager
+def _executor_of(options: Options) -> Iterator[Any]:
+    """Open the executor of ``--processes`` or ``--dask``, and close it later; None without them."""
+    if options.dask is not None:
+        try:
+            from distributed import Client
+        except ImportError:
+            remedy = "run `pip install 'dask[distributed]'`"
+            raise InputError(
+                "--dask requires Dask, which is not installed", remedy=remedy
+            ) from None
+        try:
+            client = Client(options.dask, timeout=10)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError(
+                f"{options.dask}: no scheduler answers there ({error})",
+                argument="--dask",
+            ) from None
+        with client:
+            yield client
+    elif options.processes > 1:
+        import multiprocessing
+        import os
+        from concurrent.futures import ProcessPoolExecutor
+
+        # one BLAS thread per worker: more would slow it down
+        os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
+        pool = ProcessPoolExecutor(
+            options.processes, mp_context=multiprocessing.get_context("spawn")
+        )
+        try:
+            _start(pool, options.processes)
+            yield pool
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+    else:
+        yield None
+
+
+def _start(pool: Executor, processes: int) -> None:
+    """Start the workers with SIGINT blocked, so that only the parent process handles Ctrl-C."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        for _ in range(processes):
+            pool.submit(int)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -13,6 +13,7 @@ KINDS = "pose, axis, position, xy, xz or yz"
 """Kinds of task, for the help of ``--task``; ``model/kind.py`` takes too long to import."""
 
 _GROUPS = {
+    "cell": "half-width half-angle at sector radius height angle spin axis",
     "robot": "robot package-dir lock base surroundings frame task start",
     "path": "path plane cycles steps period acceleration jerk tool-speed keep-times rate",
     "design": "strategy potentials region shrink keep degree fourier basis weight best-leaf "

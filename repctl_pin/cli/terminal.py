@@ -84,7 +84,7 @@ def report(
             if files is None
             else result() | {"files": [str(file) for file in files]}
         )
-        print(as_json(found, indent=2))
+        print(_as_json(found, indent=2))
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
         said = text()
@@ -105,7 +105,7 @@ def page_lines(files: Sequence[Path]) -> list[str]:
     return [f"open   {page}", f"wrote  {names} beside it"]
 
 
-def as_json(value: Any, indent: int | None = None) -> str:
+def _as_json(value: Any, indent: int | None = None) -> str:
     """Write JSON with unprintable characters escaped, for any terminal."""
     text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
     return "".join(

@@ -1,13 +1,12 @@
-"""Comparison of several designs on held-out nodes, and a test whether the cost still falls."""
+"""Comparison of several designs on held-out nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..arguments import percentage, positive, require_type
+from ..arguments import percentage, require_type
 from ..errors import InputError, SingularityError
 from .design_result import Design
 from .evaluation import REPLICATES, Evaluation, evaluate_design
@@ -122,62 +121,3 @@ def compare(first: Design, *others: Design) -> _Comparison:
             (float(gap.mean()), float(gap.std(ddof=1) / np.sqrt(REPLICATES)))
         )
     return _Comparison(designs, tuple(evaluations), tuple(differences))
-
-
-def cost_has_converged(
-    designs: Sequence[Design | SingularityError], *, tolerance: float = 1e-4
-) -> bool:
-    """Test whether the cost has stopped falling in a sequence of designs of rising degree.
-
-    :attr:`Design.converged` is about the optimiser at one degree. Even if every design converged,
-    a higher degree may come much closer to the best repeatable inverse. If potentials of the chosen
-    form cannot represent the best foliation, the cost keeps falling from degree to degree, or a
-    design fails because of a singularity.
-
-    Parameters
-    ----------
-    designs
-        Designs with the same G_d and Ω, in order of rising degree or growing basis; in place of a
-        design that failed, the SingularityError that was raised.
-    tolerance
-        Relative difference between the last two costs below which they count as equal.
-
-    Returns
-    -------
-    bool
-        False also if any design failed or its optimiser did not converge.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two designs.
-
-    Examples
-    --------
-    >>> options = rp.FitOptions(samples=512, held_out=512)
-    >>> plain = rp.nearest_repeatable(control, None, rp.Box(q0, 0.4), degree=1, options=options)
-    >>> from repctl_pin.design.compare import cost_has_converged
-    >>> cost_has_converged([plain, design])  # a higher degree still pays
-    False
-    """
-    require_type(designs, Sequence, "designs", "a list of designs")
-    tolerance = positive(tolerance, "the tolerance")
-    for design in designs:
-        if not isinstance(design, SingularityError):
-            require_type(
-                design,
-                Design,
-                "each of the designs",
-                "what rp.nearest_repeatable makes, or its refusal",
-            )
-    if len(designs) < 2:
-        raise InputError(
-            "a test of convergence requires at least two designs, of rising degree",
-            remedy="design with two degrees",
-        )
-    costs = [
-        d.cost for d in designs if not isinstance(d, SingularityError) and d.converged
-    ]
-    if len(costs) < len(designs):
-        return False
-    return abs(costs[-1] - costs[-2]) < tolerance * costs[-1]

@@ -213,7 +213,8 @@ class Continuation:
         This is so if the V of the linear problem is regular, but every descent ends in a V that is
         singular between the nodes.
         """
-        task, kept = self.problem.desired.task, self.chosen.kept
+        task = self.problem.desired.task
+        kept = self.chosen.kept
         at = (
             self.coarse.guards[-1][0]
             if self.coarse.guards

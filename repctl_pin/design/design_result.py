@@ -51,8 +51,7 @@ class Design:
         gradients of the potentials are orthonormal over Ω.
     converged : bool
         True if the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
-        last three steps gave none. Richer potentials may still lower the cost: see
-        :func:`cost_has_converged`.
+        last three steps gave none. Richer potentials may still lower the cost.
     steps : int
         Number of Gauss–Newton steps.
     samples, held_out : int

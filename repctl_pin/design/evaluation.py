@@ -14,7 +14,6 @@ from ..progress import Report
 from ..redundancy.augmented import leaf_margin
 from ..regions import Region
 from ..strategies import Pseudoinverse
-from ..strategies.extended import ExtendedJacobian
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .criterion import named, null_space_and_inverse, oriented_nullspace
@@ -206,6 +205,8 @@ def baselines(
     They are constant rows, and the extended Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the
     centre of Ω. The parameters are those of :func:`evaluate_design`.
     """
+    from ..strategies.extended import ExtendedJacobian
+
     task, center = desired.task, region.center
     inverses: dict[str, RepeatableInverse] = {
         "constant rows": _constant_rows(task, center),

@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import progress as reporting
 from ..arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
-from ..blas import one_blas_thread
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..potentials.basis import A_BASIS, PotentialBasis, check_joints
@@ -18,6 +17,7 @@ from ..potentials.polynomial import Polynomial
 from ..regions import Region
 from ..regions.region import A_REGION
 from ..strategies.strategy import AN_INVERSE, Inverse
+from ..threads import one_blas_thread
 from .continuation import FitProblem
 from .design_result import Design
 from .evaluation import REPLICATES
@@ -128,7 +128,8 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
     """Design with rising degree until the cost on held-out nodes stops falling; return the best."""
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
-    task, samples = problem.desired.task, problem.options.samples
+    task = problem.desired.task
+    samples = problem.options.samples
     for degree in range(1, (_MOST_DEGREE + 2 if task.n <= 3 else _MOST_DEGREE) + 1):
         problem = replace(
             problem,
@@ -167,7 +168,8 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
 
     Without ``shrink``, a singularity in Ω raises an error.
     """
-    asked, attempt = problem.region.bounds.half_width, 0
+    asked = problem.region.bounds.half_width
+    attempt = 0
     while True:
         try:
             design = fit(problem)
@@ -197,7 +199,8 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
 def _check_margin(design: Design) -> None:
     """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking."""
     if design.leaf_margin < SHRUNK_MARGIN:
-        task, at = design.inverse.task, design.leaf_margin_at
+        task = design.inverse.task
+        at = design.leaf_margin_at
         measure = LeafMargin(task, design.inverse.potentials, design.region.center)
         what = f"the leaf margin falls to {design.leaf_margin:.2g} in Ω"
         raise refuse_singular(what, task, measure, design.region, at[None])

@@ -243,7 +243,8 @@ def search(
     there, and random points in many dimensions rarely lie close to a corner."""
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)
-    Q, values = np.concatenate([Q, corners]), np.concatenate([values, measure(corners)])
+    Q = np.concatenate([Q, corners])
+    values = np.concatenate([values, measure(corners)])
     order = np.argsort(values)
     others = order[np.linspace(0, len(order) - 1, _STARTS // 4).astype(int)]
     starts = Q[np.unique(np.concatenate([order[: _STARTS - len(others)], others]))]

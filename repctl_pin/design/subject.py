@@ -11,8 +11,7 @@ from ..certificate import fingerprint
 from ..errors import SingularityError
 from ..model.task import Task
 from ..model.task_parts import check_configurations, points_at, rounded, task_parts
-from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
-from ..potentials.arm_angle import ArmAngle
+from ..potentials import Joined, Polynomial, PotentialBasis
 from ..regions import Box, Region, Tube, WorkspaceBox
 from ..strategies.repeatable import RepeatableInverse
 
@@ -53,16 +52,21 @@ def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
         box = potentials.center, potentials.scale
         kind = potentials.degree, potentials.variables, potentials.cross
         return "polynomial", *box, *kind
+    if isinstance(potentials, Joined):
+        parts = [_basis_parts(part) for part in potentials.parts]
+        return None if None in parts else ("joined", *parts)
+    # a study has no need of these two
+    from ..potentials.arm_angle import ArmAngle
+    from ..potentials.fourier import Fourier
+
     if isinstance(potentials, Fourier):
         kind = potentials.order, potentials.variables, potentials.cross
         return "fourier", potentials.n, potentials.period, *kind
     if isinstance(potentials, ArmAngle):
-        task, directions = potentials.task, (potentials.reference, potentials.singular)
+        task = potentials.task
+        directions = (potentials.reference, potentials.singular)
         points = points_at(task, potentials.frames, check_configurations(task))
         return "arm angle", rounded(points), *directions
-    if isinstance(potentials, Joined):
-        parts = [_basis_parts(part) for part in potentials.parts]
-        return None if None in parts else ("joined", *parts)
     return None
 
 

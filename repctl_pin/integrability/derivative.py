@@ -66,7 +66,8 @@ def derivative(strategy: Inverse, Q: Array) -> _Derivative:
         If a row of Q is singular.
     """
     require_inverse(strategy)
-    J, L = strategy.task.jacobians(Q), joint_scale(strategy.task, Q[0])[:, None]
+    J = strategy.task.jacobians(Q)
+    L = joint_scale(strategy.task, Q[0])[:, None]
     dG, error = differentiate(
         lambda P: strategy.batch(P) / L, Q, inside_limits(strategy.task, Q)
     )
@@ -87,7 +88,8 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 @derivative.register
 def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
     """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, as ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``."""
-    potentials, m = strategy.potentials, strategy.task.m
+    potentials = strategy.potentials
+    m = strategy.task.m
     if not isinstance(potentials, CurvedPotentials):  # no second derivatives
         return derivative.dispatch(object)(strategy, Q)
     J = strategy.task.jacobians(Q)
@@ -232,7 +234,8 @@ def _extrapolate(
             parents = np.array([current[i - 1], previous[i - 1]])
             doubt = np.abs(entry - parents).max(axis=(0, -1), initial=0.0)
             better = doubt < error
-            error, level = np.where(better, doubt, error), np.where(better, j, level)
+            error = np.where(better, doubt, error)
+            level = np.where(better, j, level)
             best = np.where(better[..., None], entry, best)
             current.append(entry)
         table.append(current)

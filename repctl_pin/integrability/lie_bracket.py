@@ -95,7 +95,8 @@ def measure(strategy: Inverse, Q: Array) -> _Defects:
     sign = np.sign(np.diagonal(R, axis1=1, axis2=2))[
         :, None
     ]  # positive diagonal of R: smooth in q
-    basis, R = basis * sign, R * np.swapaxes(sign, 1, 2)
+    basis = basis * sign
+    R = R * np.swapaxes(sign, 1, 2)
     R_inv = np.linalg.inv(R)
     relative = np.einsum("Kac,Kbd,Kabi->Kcdi", R_inv, R_inv, delta, optimize=True) / L
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..blas import one_blas_thread
 from ..model.length import joint_scale
 from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 from ..regions import Region
 from ..strategies.strategy import Inverse
+from ..threads import one_blas_thread
 from .derivative import SHORTEST_STEP, derivative, differentiate
 from .lie_bracket import measure
 from .repeatability import points_of
@@ -108,7 +108,8 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     Newton's method steps across. With the factor, s is as smooth as J. The entries of s are
     dependent, because each defect lies in the null space of J; the search accounts for that.
     """
-    found, task = measure(strategy, Q), strategy.task
+    found = measure(strategy, Q)
+    task = strategy.task
     B = (
         found.G
         @ found.J
@@ -309,7 +310,8 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
     task = strategy.task
     L = joint_scale(task, Q[0])
     found = derivative(strategy, Q)
-    G, dG = found.G / L[:, None], found.dG / L[:, None, None] * L
+    G = found.G / L[:, None]
+    dG = found.dG / L[:, None, None] * L
     turns = np.sqrt(np.sum(dG**2, axis=(1, 2, 3)) / np.sum(G**2, axis=(1, 2)))
     h = (_WALK / _WALK_STEPS / np.maximum(1.0, turns))[:, None]
     largest = np.zeros(len(Q))

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from threading import Lock
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, as_configurations, require_type, vector
-from .collision_model import Pair, collision_model
 from .model import link_frames
 from .task import Task
 from .validate import MAX_SHAPES
+
+if TYPE_CHECKING:
+    from .collision_model import Pair
 
 _NAMED = 3
 """Maximum number of link pairs that a note names."""
@@ -106,8 +110,9 @@ class Bodies:
             task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
         )
         _, self._drive = task.bodies_model()
-        model = self._model = collision_model(task)
-        self.pairs, self.only_contact = model.measured, model.only_contact
+        model = self._model = _model_of(task)
+        self.pairs = model.measured
+        self.only_contact = model.only_contact
         self.adjacent = model.adjacent
         self.disabled = model.disabled
         self.touching = model.touching
@@ -203,6 +208,34 @@ class Bodies:
         return self._model.least(
             Q if self._drive is None else self._drive.joints(Q), hulls=hulls
         )
+
+
+@dataclass(frozen=True)
+class _NoBodies:
+    """Collision model of a robot without collision geometry and surroundings: it has no pairs."""
+
+    links: tuple[str, ...] = ()
+    standing: frozenset[str] = frozenset()
+    unusable: Mapping[str, Pair] = field(default_factory=dict)
+    measured: tuple[Pair, ...] = ()
+    only_contact: tuple[Pair, ...] = ()
+    adjacent: tuple[Pair, ...] = ()
+    disabled: tuple[Pair, ...] = ()
+    touching: tuple[Pair, ...] = ()
+
+    def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
+        """Return inf and −1 for every row of Q (K, N)."""
+        return np.full(len(Q), np.inf), np.full(len(Q), -1)
+
+
+def _model_of(task: Task) -> Any:
+    """Return the collision model of a task; it is imported if the robot has bodies."""
+    robot = task.robot
+    if not robot.description.collisions and robot.surroundings is None:
+        return _NoBodies()
+    from .collision_model import collision_model
+
+    return collision_model(task)
 
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:

@@ -58,7 +58,8 @@ class _JointPlacements:
         R = np.empty((K, N + 1, 3, 3))
         p = np.zeros((K, N + 1, 3))
         R[:, 0] = np.eye(3)
-        sin, versine = np.sin(Q)[:, :, None, None], (1 - np.cos(Q))[:, :, None, None]
+        sin = np.sin(Q)[:, :, None, None]
+        versine = (1 - np.cos(Q))[:, :, None, None]
         for j in range(1, N + 1):
             parent = self._parents[j]
             P = self._fixed[j, :3, :3]

@@ -74,7 +74,8 @@ class CollisionFreePairs:
             for j, r in self._reach(sorted(way), body).items()
         }
         moving = np.array(sorted(reach), np.intp) - 1
-        low, high = self._low[moving], self._high[moving]
+        low = self._low[moving]
+        high = self._high[moving]
         if len(moving) > _JOINTS or not np.isfinite(high - low).all():
             return False
         return self._free(

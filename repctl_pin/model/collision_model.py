@@ -252,7 +252,8 @@ class _CollisionModel:
         if distance > 0 or self._collide(k):
             return max(distance, 0.0)
         (a, b), result = self._both[k], coal.DistanceResult()
-        one, other = self._bodies[a].exact, self._bodies[b].exact
+        one = self._bodies[a].exact
+        other = self._bodies[b].exact
         return float(
             coal.distance(
                 one,
@@ -343,7 +344,8 @@ class _CollisionModel:
         self.adjacent += self.named(near & ~ruled_out & fused)
         self.touching = self.named(always & ~near)
         own = self.pairs[:, 1] < self._own
-        only_contact, left_out = near | (hulls_always & own), fused | always
+        only_contact = near | (hulls_always & own)
+        left_out = fused | always
         self.measured = self.named(~only_contact & ~left_out)
         self.only_contact = self.named(only_contact & ~left_out)
         kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
@@ -364,7 +366,8 @@ class _CollisionModel:
 
         Pairs of the robot's own bodies come first.
         """
-        joint, own = np.array(self._joint, np.intp), self._own
+        joint = np.array(self._joint, np.intp)
+        own = self._own
         moving = np.flatnonzero(joint[:own])
         counts = np.bincount(joint[:own]) if own else np.zeros(1, int)
         count = (own**2 - (counts**2).sum()) // 2 + len(moving) * (len(joint) - own)
@@ -436,7 +439,8 @@ class _CollisionModel:
         Collisions at the reference pose, share of configurations with a collision, and whether the
         hulls overlap at all configurations: (P,) each."""
         Q = _sample_configurations(task)
-        count, at_reference = np.zeros(len(self.pairs)), np.zeros(len(self.pairs), bool)
+        count = np.zeros(len(self.pairs))
+        at_reference = np.zeros(len(self.pairs), bool)
         overlaps = ~at_reference
         for i, (q, bounds) in enumerate(
             self._with_bounds(Q) if len(self.pairs) else ()

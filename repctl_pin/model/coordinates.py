@@ -77,7 +77,9 @@ def linear_coordinates(
             "T of q = T ψ must be invertible, but its rows are linearly dependent"
         )
 
-    low, high, fastest = np.full(n, -np.inf), np.full(n, np.inf), np.full(n, np.inf)
+    low = np.full(n, -np.inf)
+    high = np.full(n, np.inf)
+    fastest = np.full(n, np.inf)
     psi = [f"ψ{i + 1}" for i in range(n)]
     for i, row in enumerate(matrix):
         (used,) = np.nonzero(row)

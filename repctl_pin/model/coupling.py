@@ -41,7 +41,8 @@ def couple(
     names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]
 ) -> Coupling:
     """Create the coupling of a model's joints (N names) to its free joints (n names)."""
-    S, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
+    S = np.zeros((len(names), len(free)))
+    offset = np.zeros(len(names))
     for row, name in enumerate(names):
         joint = joints[name]
         if name in free:

@@ -97,7 +97,8 @@ def arm_ends(description: Description) -> list[_Body]:
     for joint in description.joints:
         below.setdefault(joint.parent, []).append(joint)
     root = _Body({description.root: 0}, 0, [])
-    bodies, links = [root], [(description.root, root)]
+    bodies = [root]
+    links = [(description.root, root)]
     for link, body in links:  # extended in the loop; parents come before children
         for joint in below.get(link, ()):
             if joint.kind == "fixed" and joint.mimic is None:

@@ -36,6 +36,12 @@ def arm_length(task: Task, q: Array) -> float:
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
 
 
+def arm_reach(task: Task, q: Array) -> float:
+    """Compute the arm length plus the strokes of the prismatic joints that have limits, m."""
+    strokes = (task.upper - task.lower)[~task.revolute]
+    return arm_length(task, q) + float(strokes[np.isfinite(strokes)].sum())
+
+
 def longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
     """Bound how far the frame can get from the origin of the chain's first joint.
 

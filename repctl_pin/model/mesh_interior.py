@@ -55,7 +55,8 @@ def mesh_parts(points: Array, faces: _Index) -> MeshParts:
     _, first, merged = np.unique(
         np.round(points / grid), axis=0, return_index=True, return_inverse=True
     )
-    points, faces = points[first], merged.reshape(-1)[faces]
+    points = points[first]
+    faces = merged.reshape(-1)[faces]
     thin = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     if not thin.all():
         faces = faces[~thin]

@@ -79,7 +79,8 @@ def check(robot: etree._Element) -> str:
     UrdfError
         If the URDF is not valid; the message names the first error.
     """
-    links, joints = robot.findall("link"), robot.findall("joint")
+    links = robot.findall("link")
+    joints = robot.findall("joint")
     if not links:
         raise bad(
             robot,
@@ -255,7 +256,8 @@ def _check_joint(joint: etree._Element, links: set[str]) -> None:
             )
     for element in joint.iterdescendants():
         _check_numbers(element)
-    axis, limit = joint.find("axis"), joint.find("limit")
+    axis = joint.find("axis")
+    limit = joint.find("limit")
     if axis is None and kind == "planar":
         raise bad(
             joint, "a planar joint requires an <axis>, the normal of its plane; add one"
@@ -335,7 +337,8 @@ def leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
 
 def _check_range(limit: etree._Element) -> None:
-    lower, upper = number(limit, "lower"), number(limit, "upper")
+    lower = number(limit, "lower")
+    upper = number(limit, "upper")
     if lower >= NO_LIMIT or upper <= -NO_LIMIT:
         raise bad(
             limit,

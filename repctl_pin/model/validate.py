@@ -204,7 +204,8 @@ def _joint(
     upper = math.inf
     velocity = math.inf
     if kind in ("revolute", "prismatic"):
-        lower, upper = number(limit, "lower"), number(limit, "upper")
+        lower = number(limit, "lower")
+        upper = number(limit, "upper")
         if lower == upper == 0.0:  # exporters write this if no range was given
             notes.append(
                 f"joint {name!r} has no range (lower = upper = 0): read as unlimited"

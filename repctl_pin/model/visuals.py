@@ -248,7 +248,8 @@ def _joint_bones(
 
     ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True.
     """
-    name, along = joint.name, pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
+    name = joint.name
+    along = pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
     if joint.kind != "prismatic":
         yield (
             Shape(
@@ -286,7 +287,8 @@ def _joint_origin(
     model: pin.Model, links: dict[str, pin.Frame], joint: Joint
 ) -> pin.SE3:
     """Compute a joint's origin in its parent link's frame."""
-    parent, child = links[joint.parent], links[joint.child]
+    parent = links[joint.parent]
+    child = links[joint.child]
     if (
         child.parentJoint == parent.parentJoint
     ):  # fixed joint, or locked at the reference pose

@@ -233,7 +233,8 @@ def best_leaf(
     )
     path = closed_path(path)
     require_choice(by, ("limits", "speed"), "criterion")
-    steps, seed = as_int(steps, "steps", 1, MOST_STEPS), as_int(seed, "seed")
+    steps = as_int(steps, "steps", 1, MOST_STEPS)
+    seed = as_int(seed, "seed")
     task, target = inverse.task, path.placement(0.0)
     if region is not None:
         require_type(region, Bounded, "region", "a region, such as design.region")
@@ -243,7 +244,8 @@ def best_leaf(
     start = solve_ik(task, task.check(q0, "the start"), target)
 
     given = best = _evaluated(inverse, G_d, path, start, region, steps)
-    tried, seen = 1, [] if given is None or given.motion.outside else [given]
+    tried = 1
+    seen = [] if given is None or given.motion.outside else [given]
 
     def allowed(starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Yield the starts with a full cycle inside the region and a sufficient leaf margin."""

@@ -115,7 +115,8 @@ def csv_text(
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     """Format the rows of a motion as text: cycle, time, positions, velocities."""
     rows = rows_of(motion, most or motion.steps)
-    q, qdot = motion.joints(motion.q[rows]), motion.joints(motion.qdot[rows])
+    q = motion.joints(motion.q[rows])
+    qdot = motion.joints(motion.qdot[rows])
     table = np.hstack(
         [np.stack([rows / motion.steps, motion.t[rows]], axis=1), q, qdot]
     )

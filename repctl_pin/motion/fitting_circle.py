@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import InputError, SingularityError
-from ..model.length import arm_length
+from ..model.length import arm_length, arm_reach
 from ..model.task import Task
 from ..paths.several_paths import several_paths
 from ..paths.shapes import Normal, circle
@@ -44,8 +44,9 @@ def fitting_circle(
 
     The circle is well away from singularities, and a circle without collisions is preferred. By
     default the controller is J⁺. The default radius is the largest possible from a list of round
-    numbers up to a seventh of the reach. The default plane is horizontal if possible, else
-    vertical. Four positions of the start on the circle are tried.
+    numbers up to a seventh of the reach, which includes the strokes of prismatic joints. The
+    default plane is horizontal if possible, else vertical. Four positions of the start on the
+    circle are tried.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def fitting_circle(
         mm inside a region and for very short arms.
     """
     planes = (plane,) if plane is not None else task.kind.planes
-    limit = 0.14 * arm_length(task, q0)
+    limit = 0.14 * arm_reach(task, q0)
     sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
     radii = (
         (radius,)

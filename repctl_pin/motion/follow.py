@@ -27,7 +27,7 @@ from ..errors import InputError, SingularityError
 from ..model.length import joint_scale
 from ..model.task import Task, require_task
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
-from ..strategies import FunctionStrategy, RepeatableInverse, Strategy
+from ..strategies import RepeatableInverse, Strategy
 from .compiled_steps import Steps, compiled_steps
 from .leaf_lock import LeafLock
 from .motion import CLOSED, Motion, motion_along
@@ -153,12 +153,15 @@ def follow(
             raise InputError(
                 "a plain function (q, ẋ) → q̇ requires task=, the task that it controls"
             )
+        from ..strategies.custom import FunctionStrategy
+
         strategy = FunctionStrategy(task, strategy)
     task = strategy.task
     q = task.check(q0, "the start")
     if not isinstance(integrator, LeafLock):
         require_choice(integrator, _INTEGRATORS, "integrator")
-    cycles, steps = as_int(cycles, "cycles", 1), as_int(steps, "steps", 1)
+    cycles = as_int(cycles, "cycles", 1)
+    steps = as_int(steps, "steps", 1)
     check_length(task, cycles, steps)
     period = positive(
         (path.period or PERIOD) if period is None else period, "the period", "s"
@@ -211,7 +214,9 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
     str
         Empty if the drift is resolved.
     """
-    path, task, steps = motion.path, strategy.task, motion.steps
+    path = motion.path
+    task = strategy.task
+    steps = motion.steps
     period = float(motion.t[-1] - motion.t[0]) / motion.cycles
     q = motion.q[0]
     method = _integrated(strategy, path, 2 * steps, q, period, "rk4", 0.0)
@@ -262,7 +267,8 @@ def _run(
         task.revolute, 1.0, np.maximum(joint_scale(task, q), size)
     )  # (n,)
     surely = float(most_step.min()) ** 2
-    advance, in_c = method.advance, method.compiled(most_step)
+    advance = method.advance
+    in_c = method.compiled(most_step)
     Q = np.empty((cycles * n_steps + 1, task.n))
     Qdot = np.empty_like(Q)
     Q[0] = q
@@ -318,7 +324,8 @@ def _integrated(
         sampled = sampled[..., task.rows]
     twists = [list(row) for row in sampled]
     stages = [(i, places.index(c), c) for i, c in enumerate(nodes)]
-    b_T, slopes = np.array(weights), np.empty((len(nodes), task.n))
+    b_T = np.array(weights)
+    slopes = np.empty((len(nodes), task.n))
 
     follow_twist = strategy.velocity
 
@@ -397,7 +404,9 @@ def _locked(
     lock: LeafLock,
 ) -> _Method:
     """Create the integration method from point to point on a leaf; q̇ is the mean of a step."""
-    corrections, damping, r = lock.corrections, lock.damping, strategy.task.r
+    corrections = lock.corrections
+    damping = lock.damping
+    r = strategy.task.r
     if lock.leaf is None:
         c = strategy.leaf(q)
     else:

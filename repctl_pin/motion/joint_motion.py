@@ -273,7 +273,8 @@ def violations_of(
     bodies
         The same motion at fewer points, for fewer collision checks.
     """
-    beyond, touch = motion.first_violation, (bodies or motion).first_touch
+    beyond = motion.first_violation
+    touch = (bodies or motion).first_touch
     found: list[tuple[float, tuple[str, ...]]] = (
         [(beyond[0], beyond[1:])] if beyond else []
     )

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import MOST_STEPS, Array, as_int, flag, positive, require_type
-from ..blas import one_blas_thread
 from ..errors import InputError
 from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath, closed_path
+from ..threads import one_blas_thread
 from .closed_motion_cost import LONGEST, ClosedMotionCost, on_path, within_limits
 from .follow import path_grid
 from .motion import Motion, motion_along

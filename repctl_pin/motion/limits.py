@@ -66,7 +66,8 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 
     They are published ones if the arm has any, else each joint's speed limit divided by 0.2 s.
     """
-    entry, names = task.robot.entry, task.robot_joints
+    entry = task.robot.entry
+    names = task.robot_joints
     if entry is not None and entry.acceleration is not None:
         published = _PRESETS[entry.acceleration][0]
         if len(published) == len(names):
@@ -282,7 +283,8 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
             size = float(np.linalg.norm(qdot))
             if size > 0:
                 step = _DIFFERENCE / size
-                ahead, behind = placed(q + step * qdot), placed(q - step * qdot)
+                ahead = placed(q + step * qdot)
+                behind = placed(q - step * qdot)
                 v = np.linalg.norm(ahead.translation - behind.translation) / (2 * step)
                 omega = np.linalg.norm(pin.log3(ahead.rotation @ behind.rotation.T)) / (
                     2 * step

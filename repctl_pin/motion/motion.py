@@ -154,7 +154,8 @@ class Motion(JointMotion):
         task = self.task
         own = task.joint_limits[2]
         most = per_joint(own if limit is None else limit, task.n, "a speed limit")
-        q, qdot = self.joints(self.q), self.joints(self.qdot)
+        q = self.joints(self.q)
+        qdot = self.joints(self.qdot)
         at_ends = np.maximum((np.abs(qdot) / most).max(axis=1), 1.0)  # (T + 1,)
         times = np.diff(self.t)
         between = (np.abs(np.diff(q, axis=0)) / times[:, None] / most).max(

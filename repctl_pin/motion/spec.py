@@ -85,7 +85,8 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
     """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters."""
     if kind == "circle" and len(parts) == 2:
-        radius, degrees = _length(parts[0], text), number(parts[1])
+        radius = _length(parts[0], text)
+        degrees = number(parts[1])
         if not np.isfinite(degrees):
             raise InputError(
                 f"path {text!r}: {parts[1]!r} is no angle in degrees; give {_FORMS}"
@@ -106,7 +107,8 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
         and numbers[0] >= 3
         and numbers[0] == int(numbers[0])
     ):
-        count, radius = int(min(numbers[0], MOST_POINTS + 1)), numbers[1]
+        count = int(min(numbers[0], MOST_POINTS + 1))
+        radius = numbers[1]
         if count > MOST_POINTS:
             raise InputError(
                 f"path {text!r} has more than {MOST_POINTS} corners; draw a circle"

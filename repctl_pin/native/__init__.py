@@ -21,7 +21,7 @@ from ..errors import InputError
 
 _LIBRARY = Path(__file__).with_name("librepctl.so.1")
 
-REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
+_REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
 """How to get the native library."""
 
 
@@ -39,7 +39,7 @@ def _loaded() -> ctypes.CDLL | None:
         except OSError as error:
             cause = f"it does not load ({error})"
     warnings.warn(
-        f"no native library: {cause}, so governors and proofs over cells do not run; {REMEDY}",
+        f"no native library: {cause}, so governors and proofs over cells do not run; {_REMEDY}",
         UserWarning,
         stacklevel=4,
     )
@@ -62,7 +62,7 @@ def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
         cause = "is switched off" if off else "is missing"
         raise InputError(
             f"{by} requires the native library, which {cause}",
-            remedy="unset REPCTL_NATIVE" if off else REMEDY,
+            remedy="unset REPCTL_NATIVE" if off else _REMEDY,
         )
     return ctypes.PyDLL(native._name) if holds else native
 

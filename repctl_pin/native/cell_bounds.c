@@ -826,15 +826,6 @@ static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, 
   }
 }
 
-/* x + b y, b one number on each lane */
-static void add_lanes(const Space *g, const Model *x, Lanes b, const Model *y, Model *out) {
-  Lanes size = absolute(b), r = x->r + size * y->r;
-  r = r * (1 + ROUND) + ROUND * (size_of(x) + size * size_of(y));
-  for (int m = 0; m < g->M; m++) out->p[m] = x->p[m] + b * y->p[m];
-  out->r = r;
-  finish(g, out);
-}
-
 /* The derivative of a polynomial of the chart (column c of w) by coordinate a, per metre or radian. */
 static void derivative(const Cell *s, const Model *x, int c, int a, const Lanes *h, Model *out) {
   const Space *g = &s->space;
@@ -918,7 +909,7 @@ static Lanes size_after(const Cell *s, const Lanes *row, const Model **x, double
   return e;
 }
 
-/* A polynomial W' with W' E about w, by Newton's steps W' <- W' + (w - W' E) C from W_c, each right to one more order;
+/* A polynomial W' with W' E about w, by W' <- W' + (w - W' E) C from W_c, one degree after the other;
    what is left of it, |w - W' E| and |W' - W_c|, (r, 6) each; |C E - 1|, (6, 6), |C J|, (6, N); and V' = n_ref' - W' J. */
 static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, Lanes (*C)[6], Lanes *away, Lanes *left,
                              Lanes *off, Lanes *K_most) {
@@ -933,14 +924,21 @@ static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, 
       constant(g, 0, W + i);
       W[i].p[0] = W_c[f * 6 + i], finish(g, W + i);
     }
-    for (int step = 0;; step++) {
-      residual(s, work, w, W, rho);
-      if (step == 3) break;
-      for (int i = 0; i < 6; i++) {
-        for (int c = 0; c < 6; c++) add_lanes(g, W + i, C[c][i], rho + c, W + i);
-        W[i].r = all(0); /* any polynomial will do */
-      }
+    for (int degree = 1; degree < 4; degree++) { /* any polynomial will do: without bounds */
+      for (int c = 0; c < 6; c++)
+        for (int m = g->starts[degree]; m < g->starts[degree + 1]; m++) {
+          Lanes v = c < s->m ? w[c].p[m] : all(0);
+          for (int i = 0; i < (turns_with(s, c) ? 6 : 3); i++)
+            for (int l = g->first[m]; l < g->first[m + 1]; l++)
+              v -= W[i].p[g->left[l]] * twist_at(s, work, i, c)->p[g->right[l]];
+          rho[c].p[m] = v;
+        }
+      for (int i = 0; i < 6; i++)
+        for (int c = 0; c < 6; c++)
+          for (int m = g->starts[degree]; m < g->starts[degree + 1]; m++) W[i].p[m] += C[c][i] * rho[c].p[m];
     }
+    for (int i = 0; i < 6; i++) finish(g, W + i);
+    residual(s, work, w, W, rho);
     for (int i = 0; i < 6; i++) {
       left[f * 6 + i] = most_of(rho + i);
       away[f * 6 + i] = (size_of(W + i) - W[i].n[0] + absolute(W[i].p[0] - W_c[f * 6 + i])) * (1 + eps);

@@ -246,19 +246,7 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
 
 /* ---- the chart ---- */
 
-#define Number double
-#define Weight Pair
-#define Sum Pair
-#define PER PAIR
-#define UNFOLDED UNROLLED
-#define LANED(name) name##_of_one
-#include "chart_polynomials.h"
-#undef Number
-#undef Weight
-#undef Sum
-#undef PER
-#undef UNFOLDED
-#undef LANED
+#include "chart_polynomials.h" /* of one pose */
 
 /* u (k) of y, and what the symmetries add to q_ref. */
 SHARED void scaled_coordinates(const Arm *arm, const Chart *chart, const double y[], double u[], double shift[]) {

@@ -176,7 +176,9 @@ static void LANED(settle)(const Arm *arm, const Chart *chart, const Number goal[
     before[l] = 1.0;
     state[l] = 0.0;
   }
-  UNFOLDED for (int j = 0; j < JOINTS; j++) angle[j] = q[0] * 0.0;
+  UNFOLDED for (int j = 0; j < JOINTS; j++) angle[j] = sine[j] = cosine[j] = q[0] * 0.0;
+  for (int i = 0; i < N; i++) /* the first turn fills it, which no compiler sees */
+    UNFOLDED for (int j = 0; j < N; j++) A[i][j] = q[0] * 0.0;
   for (int turn = 0; turn < 8 && left; turn++) {
     const int fresh = longest > 2e-5;
     UNFOLDED for (int j = 0; j < JOINTS; j++) {

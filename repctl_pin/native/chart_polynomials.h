@@ -1,5 +1,15 @@
 /* The polynomials of a chart. A Number is a double, or a vector of doubles, one for each pose. Included once for each;
-   LANED(name) tells their functions apart. */
+   LANED(name) tells their functions apart. Without a Number, it is a double. */
+
+#ifndef Number
+#define OF_ONE
+#define Number double
+#define Weight Pair
+#define Sum Pair
+#define PER PAIR
+#define UNFOLDED UNROLLED
+#define LANED(name) name##_of_one
+#endif
 
 /* The monomials of u, ordered by degree, then by their factors: those of a degree that begin with u_v are u_v times
    the last ones of the degree before, from its first one that begins with u_v. */
@@ -39,3 +49,13 @@ static void LANED(references)(const Arm *arm, const Chart *chart, const Number T
   }
   UNFOLDED for (int i = 0; i < ALL; i++) found[i] = sum[i];
 }
+
+#ifdef OF_ONE
+#undef OF_ONE
+#undef Number
+#undef Weight
+#undef Sum
+#undef PER
+#undef UNFOLDED
+#undef LANED
+#endif

@@ -8,19 +8,7 @@
 #include "levels.h"
 #define find_configuration LEVELLED(find_configuration)
 #define find_configurations LEVELLED(find_configurations)
-#define Number double
-#define Weight Pair
-#define Sum Pair
-#define PER PAIR
-#define UNFOLDED UNROLLED
-#define LANED(name) name##_of_one
-#include "chart_polynomials.h"
-#undef Number
-#undef Weight
-#undef Sum
-#undef PER
-#undef UNFOLDED
-#undef LANED
+#include "chart_polynomials.h" /* of one pose */
 #endif
 
 #define LANE(x, l) (((double *)&(x))[l])

@@ -1,6 +1,5 @@
 """Closed paths of a frame; waypoints are in ``polyline`` and ``waypoint_file``."""
 
-from .pieces import pieces_of as pieces_of
 from .several_paths import several_paths as several_paths
 from .shapes import circle as circle
 from .shapes import figure_eight as figure_eight

@@ -110,7 +110,8 @@ def smooth_turning(
     InputError
         If two consecutive orientations differ by half a turn, whose direction is ambiguous.
     """
-    s, R = np.asarray(knots, float), np.array(rotations)
+    s = np.asarray(knots, float)
+    R = np.array(rotations)
     R[-1] = R[0]
     theta = np.array([pin.log3(a.T @ b) for a, b in pairwise(R)])  # (P − 1, 3)
     angles = np.linalg.norm(theta, axis=1)

@@ -277,7 +277,8 @@ def _polyline(
         pieces, knots, at_corners = _rounded(
             corners, np.where(stays, sizes[~stays].mean(), sizes), blend, name
         )
-    s, widths = knots / knots[-1], np.diff(knots) / knots[-1]
+    s = knots / knots[-1]
+    widths = np.diff(knots) / knots[-1]
 
     piece = piece_finder(s, widths)
 

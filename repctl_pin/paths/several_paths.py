@@ -52,9 +52,7 @@ class SeveralPaths(TaskPath):
         return f"<SeveralPaths {self.name}>"
 
 
-def several_paths(
-    task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]
-) -> SeveralPaths:
+def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> TaskPath:
     """Create the closed path of a task of several frames from one path per frame.
 
     Parameters
@@ -93,6 +91,8 @@ def several_paths(
         _path_of(single, q, path)
         for (single, q), path in zip(of_singles(task, q0), listed, strict=True)
     ]
+    if len(made) == 1:
+        return made[0]
     periods = {path.period for path in made if path.period is not None}
     if len(periods) > 1:
         times = " and ".join(f"{period:g} s" for period in sorted(periods))

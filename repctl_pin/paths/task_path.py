@@ -231,7 +231,8 @@ def _check(path: TaskPath) -> None:
             for s, e in samples
         ]
     )
-    first, last = path.placement(0.0), path.placement(1.0)
+    first = path.placement(0.0)
+    last = path.placement(1.0)
     size = max(
         float(np.abs([path.point(s) - first.translation for s, _ in samples]).max()),
         1e-3,

@@ -27,11 +27,13 @@ def winding(task: Task, path: TaskPath) -> int:
     """
     if not task.revolute[0]:
         return 0
-    axis, origin = task.axes(task.reference)[0], task.joint_origins(task.reference)[0]
+    axis = task.axes(task.reference)[0]
+    origin = task.joint_origins(task.reference)[0]
     s = np.union1d(np.linspace(0, 1, _POINTS), path.breaks)
     around = np.cross(axis, np.array([path.point(float(k)) for k in s]) - origin)
     one = around[np.argmax(np.linalg.norm(around, axis=1))]
-    x, y = around @ one, around @ np.cross(axis, one)
+    x = around @ one
+    y = around @ np.cross(axis, one)
     return int(
         np.rint(
             (np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)

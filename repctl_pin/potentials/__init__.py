@@ -1,15 +1,14 @@
-"""Potentials h(q), which a repeatable controller keeps constant, and their gradients."""
+"""Potentials h(q), which a repeatable controller keeps constant, and their gradients.
+
+A study uses polynomials only, so the other bases are not imported here.
+"""
 
 from .basis import Joined, PotentialBasis
-from .custom import CustomPotentials
-from .fourier import Fourier
 from .maps import CurvedPotentials, Potentials
 from .polynomial import Polynomial
 
 __all__ = [
     "CurvedPotentials",
-    "CustomPotentials",
-    "Fourier",
     "Joined",
     "Polynomial",
     "PotentialBasis",

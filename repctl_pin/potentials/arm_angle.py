@@ -160,7 +160,8 @@ class ArmAngle(PotentialBasis):
         dw_hat = (J_w - np.outer(w_hat, w_hat @ J_w)) / length
         y, dy = self._zero(w_hat)
         dy_q = dy @ dw_hat  # (3, n)
-        s, c = float(w_hat @ np.cross(y, e)), float(y @ e)
+        s = float(w_hat @ np.cross(y, e))
+        c = float(y @ e)
         if s**2 + c**2 < _SINGULAR**2:
             raise SingularityError(
                 "the arm angle is singular: the arm is straight, or the wrist points "

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, as_configurations, as_int, flag, per_joint
 from ..errors import InputError
+from ..native import PART, filled_struct
 from .basis import PotentialBasis, as_joint_indices
 from .maps import coefficients
 
 _MAX_SIZE = 20_000
+
+_FOURIER_SERIES = 1
+"""Kind of these potentials in arm.h."""
 
 
 class Fourier(PotentialBasis):
@@ -71,7 +76,8 @@ class Fourier(PotentialBasis):
             period, self.n, "the period of a Fourier basis", finite=True
         )
         self.variables = as_joint_indices(variables, self.n)
-        multiples, joints = range(-self.order, self.order + 1), len(self.variables)
+        multiples = range(-self.order, self.order + 1)
+        joints = len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(
                 f"order {order} in {joints} joints is too much",
@@ -160,6 +166,15 @@ class FourierMap:
             np.sin(phase)[:, None] * self.sines + np.cos(phase)[:, None] * self.cosines
         )  # (N / 2, r)
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
+
+    def _native_part(self, joints: Sequence[int]) -> Any:
+        """Create the struct :data:`PART` of the series; waves without coefficients are left out."""
+        used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
+        used[0] |= not used.any()
+        weight = np.stack([self.sines[used], self.cosines[used]], axis=-1)
+        sizes = {"kind": _FOURIER_SERIES, "k": len(joints), "count": len(weight)}
+        reals = {"wave": self.waves[used], "weight": weight}
+        return filled_struct(PART, {"joint": joints}, reals, sizes)[0]
 
 
 def _sum(k: NDArray[np.int_]) -> str:

@@ -131,7 +131,9 @@ class PartialMap:
     def __init__(
         self, part: CurvedPotentials, variables: Sequence[int], n: int
     ) -> None:
-        self.part, self.variables, self.n = part, np.array(variables, int), int(n)
+        self.part = part
+        self.variables = np.array(variables, int)
+        self.n = int(n)
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""

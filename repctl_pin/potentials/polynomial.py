@@ -13,10 +13,16 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
 from ..errors import InputError
+from ..native import PART, filled_struct
 from .basis import PotentialBasis, as_joint_indices
 from .maps import PartialMap, coefficients
 
 _MAX_SIZE = 5_000
+
+_POLYNOMIALS = 0
+"""Kind of these potentials in arm.h."""
+
+_Powers = tuple[int, ...]
 
 
 class Polynomial(PotentialBasis):
@@ -213,7 +219,10 @@ class PolynomialMap:
     ) -> None:
         n = len(center)
         r = len(next(iter(terms.values())))
-        self.center, self.scale, self.degree, self.terms = center, scale, degree, terms
+        self.center = center
+        self.scale = scale
+        self.degree = degree
+        self.terms = terms
         self._inverse_scale = 1.0 / scale
         # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
         tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]
@@ -274,6 +283,38 @@ class PolynomialMap:
             V = lower + np.einsum("kpi,ki->kp", V.reshape(len(U), -1, n), U)
         return V.reshape(len(U), n, r)
 
+    def _native_part(self, joints: Sequence[int]) -> Any:
+        """Create the struct :data:`PART` of r polynomials of degree d.
+
+        With a factor z_0 = 1, h is homogeneous in ``z = (1, q − center)``. Its derivatives ``w_i =
+        ∂h/∂z_i`` are sums over monomials u^β of degree at most d − 1, with ``u = (q − center) /
+        scale``. By Euler's theorem ``h = Σ_i w_i z_i / d``, so one table serves values and
+        gradient.
+        """
+        d, k = self.degree, len(self.center)
+        r = len(next(iter(self.terms.values())))
+        shares: dict[_Powers, Array] = {}  # weights of u^β in w (r, k + 1)
+
+        def add(beta: _Powers, i: int, share: Array) -> None:
+            if share.any():
+                shares.setdefault(beta, np.zeros((r, k + 1)))[:, i] += share
+
+        for beta, coefficient in self.terms.items():
+            add(beta, 0, coefficient * (d - sum(beta)))
+            for i in map(int, np.flatnonzero(beta)):
+                lower = (*beta[:i], beta[i] - 1, *beta[i + 1 :])
+                add(lower, i + 1, coefficient * beta[i] / self.scale[i])
+        monomials, parents, factors = _monomials(shares, k)
+        weight = [shares.get(beta, np.zeros((r, k + 1))) for beta in monomials]
+        indices = {"joint": joints, "parent": parents, "factor": factors}
+        reals = {
+            "center": self.center,
+            "scale": 1 / self.scale,
+            "weight": np.array(weight),
+        }
+        sizes = {"kind": _POLYNOMIALS, "k": k, "count": len(monomials), "degree": d}
+        return filled_struct(PART, indices, reals, sizes)[0]
+
 
 def _spread_evenly(S: Array, places: Sequence[int], coefficient: Array) -> None:
     """Add a monomial's coefficients (r,) to r symmetric tensors S (r, …).
@@ -296,3 +337,34 @@ def _orders(places: tuple[int, ...]) -> list[tuple[int, ...]]:
         if first not in places[:i]
         for rest in _orders(places[:i] + places[i + 1 :])
     ]
+
+
+def _monomials(
+    expected: dict[_Powers, Array], k: int
+) -> tuple[list[_Powers], list[int], list[int]]:
+    """Order monomials so that each is an earlier one (its parent) times a variable.
+
+    Monomials of k variables that are needed as parents are added to the ``expected`` ones. Returns
+    for each monomial its powers, the index of its parent, and the index of the variable.
+    """
+    needed = {(0,) * k}
+    for beta in expected:
+        while any(beta):
+            needed.add(beta)
+            beta, _ = _lower(beta)
+    order = sorted(
+        needed, key=lambda beta: (sum(beta), tuple(-power for power in beta))
+    )
+    place = {beta: a for a, beta in enumerate(order)}
+    made_of = [_lower(beta) for beta in order[1:]]
+    return (
+        order,
+        [0, *(place[beta] for beta, _ in made_of)],
+        [0, *(i for _, i in made_of)],
+    )
+
+
+def _lower(beta: _Powers) -> tuple[_Powers, int]:
+    """Divide a monomial by its last variable: the remaining powers, and the variable's index."""
+    last = max(i for i, power in enumerate(beta) if power)
+    return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last

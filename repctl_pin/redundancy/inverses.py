@@ -90,7 +90,8 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
     G = pseudoinverse(J)
     onto_null = np.eye(J.shape[-1]) - G @ J
     Hk = np.moveaxis(H, -1, -3)  # (..., k, m, n)
-    G1, P1 = G[..., None, :, :], onto_null[..., None, :, :]
+    G1 = G[..., None, :, :]
+    P1 = onto_null[..., None, :, :]
     inverse_gram = np.swapaxes(G1, -1, -2) @ G1  # (J Jᵀ)⁻¹
     dG = -G1 @ Hk @ G1 + P1 @ np.swapaxes(Hk, -1, -2) @ inverse_gram
     return np.moveaxis(dG, -3, -1)

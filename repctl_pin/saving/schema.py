@@ -16,10 +16,12 @@ from ..model.task import Task
 from ..model.task_parts import check_configurations, points_at
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.task_path import Cycle
-from ..potentials import Fourier, Joined, Polynomial, PotentialBasis
+from ..potentials import Joined, Polynomial, PotentialBasis
 from ..potentials.arm_angle import ArmAngle
+from ..potentials.fourier import Fourier
 from ..regions import Box, Region, Tube, WorkspaceBox
-from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
+from ..strategies import Inverse, Pseudoinverse, WeightedInverse
+from ..strategies.limit_weight import LimitWeight
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

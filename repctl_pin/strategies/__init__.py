@@ -1,10 +1,8 @@
-"""Control strategies on a task: joint velocities q̇ for a task velocity ẋ."""
+"""Control strategies on a task: joint velocities q̇ for a task velocity ẋ.
 
-from ..potentials.arm_angle import ArmAngle as ArmAngle
-from .custom import CustomInverse as CustomInverse
-from .custom import FunctionStrategy as FunctionStrategy
-from .extended import ExtendedJacobian as ExtendedJacobian
-from .limit_weight import LimitWeight as LimitWeight
+A study does not use ``custom``, ``extended`` and ``limit_weight``, so they are not imported here.
+"""
+
 from .pseudoinverse import PostureControl as PostureControl
 from .pseudoinverse import Pseudoinverse as Pseudoinverse
 from .pseudoinverse import WeightedInverse as WeightedInverse

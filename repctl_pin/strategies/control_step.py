@@ -6,10 +6,6 @@ and for what C cannot hold: user-defined potentials, arms of more than 64 joints
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache, partial
-from typing import Any, Protocol
-
 import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dgetrf, dgetri
@@ -18,68 +14,16 @@ from ..arguments import Array
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import augmented_inverse, is_regular
-from .native_arm import library_arm
-from .native_law import NativeLaw
 from .step_arguments import StepLimits, failure
-
-
-class Law(Protocol):
-    """Control law of a repeatable inverse on checked arguments, for one thread.
-
-    Attributes
-    ----------
-    arm
-        Struct Arm of the law in C; None for the one in NumPy.
-    """
-
-    arm: Any
-
-    def velocity(self, q: Array, xdot: Array) -> Array:
-        """Compute q̇ (n,) with ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0``."""
-
-    def step(
-        self,
-        q: Array,
-        target: pin.SE3,
-        dt: float,
-        twist: Array | None,
-        leaf: Array | None,
-        gain: float | None,
-        limits: StepLimits | None,
-    ) -> Array:
-        """Compute the next q (n,), as :meth:`RepeatableInverse.step` does."""
-
-    def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step with limits, and the factor of the limits."""
-
-    def leaf(self, q: Array) -> Array:
-        """Evaluate c = h(q) (r,)."""
-
-    def inverses(self, Q: Array) -> Array:
-        """Evaluate G_r (K, n, m) at the rows of Q (K, n)."""
-
-    def velocities(self, Q: Array, Xdot: Array) -> Array:
-        """Compute q̇ (K, n) at the rows of Q (K, n) and Ẋ (K, m)."""
-
-
-def control_laws(task: Task, potentials: Potentials) -> Callable[[], Law]:
-    """Return a function that makes the control law of potentials h for one thread."""
-    shared_arm = cache(partial(library_arm, task, potentials))
-
-    def law() -> Law:
-        arm = shared_arm()
-        if arm is None:
-            return NumPyLaw(task, potentials)
-        return NativeLaw(task, potentials, arm)
-
-    return law
 
 
 class NumPyLaw:
     """The control law as its formulas stand: ``J_V = [J; Vᵀ]`` (37), and its inverse (31)."""
 
     def __init__(self, task: Task, potentials: Potentials) -> None:
-        self.task, self.potentials, self.arm = task, potentials, None
+        self.task = task
+        self.potentials = potentials
+        self.arm = None
         self._report = 0.0, 1.0
 
     def leaf(self, q: Array) -> Array:
@@ -88,7 +32,8 @@ class NumPyLaw:
 
     def inverses(self, Q: Array) -> Array:
         """Evaluate G_r (K, n, m) at the rows of Q (K, n): the first m columns of J_V⁻¹ (31)."""
-        J, V = self.task.jacobians(Q), self.potentials.gradients(Q)
+        J = self.task.jacobians(Q)
+        V = self.potentials.gradients(Q)
         return augmented_inverse(J, V)[:, :, : self.task.m]
 
     def velocities(self, Q: Array, Xdot: Array) -> Array:
@@ -111,9 +56,11 @@ class NumPyLaw:
         limits: StepLimits | None,
     ) -> Array:
         """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,)."""
-        task, share = self.task, 1.0 if gain is None else gain * dt
+        task = self.task
+        share = 1.0 if gain is None else gain * dt
         J_V = self._augmented(q)
-        x_error, still = task.error(q, target), np.zeros(task.r)
+        x_error = task.error(q, target)
+        still = np.zeros(task.r)
         c_error = still if leaf is None else leaf - self.potentials.value(q)
         rhs = share * np.concatenate([x_error, c_error])
         if twist is not None:

@@ -114,7 +114,8 @@ class _ExtendedMap(Potentials):
         Q = np.asarray(Q, float)
         J, H = self.task.jacobians(Q), self.task.hessians(Q)  # (K, m, n), (K, m, n, n)
         N, S = self._aligned(J, Q)
-        g, U2 = self.potential.gradients(Q), self.potential.hessians(Q)
+        g = self.potential.gradients(Q)
+        U2 = self.potential.hessians(Q)
         J_plus = pseudoinverse(J)
         HN = np.einsum("Kaik,Kir->Kark", H, N)  # H_k N
         pulled = np.einsum("Kia,Ki->Ka", J_plus, g)  # J⁺ᵀ ∇U
@@ -179,7 +180,9 @@ class _Given:
         gradient: Callable[[Array], ArrayLike] | None,
         hessian: Callable[[Array], ArrayLike] | None,
     ) -> None:
-        self.function, self.gradient, self.hessian = function, gradient, hessian
+        self.function = function
+        self.gradient = gradient
+        self.hessian = hessian
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate ∇U, or central differences of U, at every row of Q: (K, n)."""
@@ -222,7 +225,8 @@ def _checked(
     try:
         array, why = np.asarray(function(q), float), ""
     except (TypeError, ValueError, IndexError) as error:
-        array, why = np.full(shape, np.nan), f": {error}"
+        array = np.full(shape, np.nan)
+        why = f": {error}"
     if array.shape != shape or not np.isfinite(array).all():
         raise InputError(
             f"the {what} of the potential U must be {shape or 'one'} finite numbers; "

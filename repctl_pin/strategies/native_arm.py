@@ -9,7 +9,7 @@ from ..model.joint_chain import native_chain
 from ..model.task import Task
 from ..native import REGION, filled_struct, library, point
 from ..potentials.basis import Potentials
-from ..potentials.tables import native_parts
+from ..potentials.maps import PartialMap, SumMap
 from ..regions import Box, Tube, WorkspaceBox
 
 
@@ -31,11 +31,11 @@ def native_arm(
         )
     arm, _ = made
     if potentials is not None:
-        parts = native_parts(potentials, task.n)
+        parts = _native_parts(potentials, list(range(task.n)))
         arm.parts = len(parts)
         point(arm, "part", parts)
     if region is not None:
-        point(arm, "region", [native_region(region, task)])
+        point(arm, "region", [_native_region(region, task)])
     return arm
 
 
@@ -49,14 +49,41 @@ def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
         return None
 
 
-def native_region(region: Any, task: Task) -> Any:
+def _native_parts(potentials: Any, joints: list[int]) -> list[Any]:
+    """Create the structs :data:`PART` of the terms of a sum of potentials of the given joints.
+
+    A term has a method ``_native_part`` that creates its own.
+
+    Raises
+    ------
+    InputError
+        If a term is a function in Python.
+    """
+    if isinstance(potentials, SumMap):
+        return [
+            made for part in potentials.maps for made in _native_parts(part, joints)
+        ]
+    if isinstance(potentials, PartialMap):
+        own = [joints[int(v)] for v in potentials.variables]
+        return _native_parts(potentials.part, own)
+    if not hasattr(potentials, "_native_part"):
+        raise InputError(
+            f"potentials of type {type(potentials).__name__} cannot be written as C, because they "
+            "contain Python functions; use polynomials, Fourier series or their sums"
+        )
+    return [potentials._native_part(joints)]
+
+
+def _native_region(region: Any, task: Task) -> Any:
     """Create the struct :data:`REGION` of a region, which may have its own ``_native_region``."""
     if isinstance(region, Tube):
         samples, half = region.samples, region.radius
     elif isinstance(region, Box):
-        samples, half = region.center[None], region.half_width
+        samples = region.center[None]
+        half = region.half_width
     elif isinstance(region, WorkspaceBox):
-        samples, half = region.within.center[None], region.within.half_width
+        samples = region.within.center[None]
+        half = region.within.half_width
     elif hasattr(region, "_native_region"):
         return region._native_region()
     else:

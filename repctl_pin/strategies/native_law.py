@@ -58,14 +58,21 @@ class NativeLaw:
     """
 
     def __init__(self, task: Task, potentials: Potentials, arm: Any) -> None:
-        self._task, self._potentials, self.arm = task, potentials, arm
+        self._task = task
+        self._potentials = potentials
+        self.arm = arm
         parts, self._call = call_memory(task, arm)
-        self._q, self._xdot, self._twist = parts["q"], parts["xdot"], parts["twist"]
-        self._leaf, self._limit = parts["leaf"], parts["limit"]
+        self._q = parts["q"]
+        self._xdot = parts["xdot"]
+        self._twist = parts["twist"]
+        self._leaf = parts["leaf"]
+        self._limit = parts["limit"]
         self._target = parts["target"].reshape(-1, 4)
-        self._numbers, self._result = parts["numbers"], parts["result"]
+        self._numbers = parts["numbers"]
+        self._result = parts["result"]
         held = holding_library()
-        self._run_velocity, self._run_step = held.call_velocity, held.call_step
+        self._run_velocity = held.call_velocity
+        self._run_step = held.call_step
         self._run_leaf = held.call_leaf
 
     def velocity(self, q: Array, xdot: Array) -> Array:

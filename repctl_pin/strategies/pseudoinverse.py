@@ -180,7 +180,9 @@ def _least_speed(
     if arm is None:
         return plain
     parts, call = call_memory(task, arm, **given)
-    q_in, xdot_in, result = parts["q"], parts["xdot"], parts["result"]
+    q_in = parts["q"]
+    xdot_in = parts["xdot"]
+    result = parts["result"]
     parts["numbers"][1] = gain
     run = holding_library().call_least_speed
 

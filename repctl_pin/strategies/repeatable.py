@@ -7,17 +7,16 @@ closed paths whose motions all stay in Ω.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from typing import Any, Literal, Protocol, get_args, runtime_checkable
+from collections.abc import Callable
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import (
     Array,
     as_configurations,
     as_matrices,
-    list_of,
     require_choice,
     require_type,
     row,
@@ -29,11 +28,14 @@ from ..model.task import Task
 from ..potentials.basis import Potentials, check_joints
 from ..redundancy.augmented import augmented_inverse
 from ..threads import PerThread
-from .control_step import control_laws
-from .on_leaf import solve
+from .native_arm import library_arm
+from .native_law import NativeLaw
 from .pseudoinverse import at_rows, redundant
 from .step_arguments import as_step_arguments, as_velocity_arguments, step_limits
 from .strategy import Step, described
+
+if TYPE_CHECKING:
+    from .control_step import NumPyLaw
 
 _Outside = Literal["ignore", "warn", "raise"]
 """Action outside the design region Ω, or beyond joint limits."""
@@ -109,9 +111,11 @@ class RepeatableInverse:
                 "region",
                 "a region of joint space, such as rp.Box(q0, 0.3)",
             )
-        self.task, self.potentials, self.region = redundant(task), potentials, region
+        self.task = redundant(task)
+        self.potentials = potentials
+        self.region = region
         check_joints(potentials, self.task.n)
-        self._law = PerThread(control_laws(self.task, potentials))
+        self._law = PerThread(_laws(self.task, potentials))
 
     def __repr__(self) -> str:
         r = self.task.r
@@ -318,30 +322,9 @@ class RepeatableInverse:
         InputError
             If no configuration of the leaf reaches the target, or an argument cannot be used.
         """
+        from .on_leaf import solve
+
         return solve(self.task, self.potentials, self.step, target, q0, leaf)
-
-    def solve_all(
-        self,
-        targets: Sequence[Placement],
-        q0: ArrayLike,
-        *,
-        leaf: ArrayLike | None = None,
-    ) -> Array:
-        """Solve f(q) = x on a leaf for many targets, each from q0: (K, n).
-
-        Raises
-        ------
-        InputError
-            If a target cannot be reached; it is named by its number, from 0.
-        """
-        targets = list_of(targets, "targets", "a list of placements")
-        Q = np.empty((len(targets), self.task.n))
-        for k, target in enumerate(targets):
-            try:
-                Q[k] = self.solve(target, q0, leaf=leaf)
-            except InputError as error:
-                raise InputError(f"target {k}: {error}") from None
-        return Q
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -352,6 +335,21 @@ class RepeatableInverse:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         RepeatableInverse.__init__(self, **state)
+
+
+def _laws(task: Task, potentials: Potentials) -> Callable[[], NativeLaw | NumPyLaw]:
+    """Return a function that makes the control law for one thread, in C or else in NumPy."""
+    shared_arm = cache(partial(library_arm, task, potentials))
+
+    def law() -> NativeLaw | NumPyLaw:
+        arm = shared_arm()
+        if arm is not None:
+            return NativeLaw(task, potentials, arm)
+        from .control_step import NumPyLaw
+
+        return NumPyLaw(task, potentials)
+
+    return law
 
 
 def _report(what: str, outside: str) -> None:

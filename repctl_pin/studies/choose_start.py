@@ -13,6 +13,7 @@ from ..errors import InputError, RepctlError, SingularityError, unknown
 from ..model.bodies import bodies_of
 from ..model.task import Task
 from ..motion import Motion, check_reach, follow, reach_start
+from ..motion.displacement import farthest_link
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
 from ..paths import ClosedPath, TaskPath, closed_path
@@ -29,6 +30,8 @@ SAME = 1e-6
 
 _SINGULAR = 1e-3
 _FAR = 1.0  # rad
+_FAINT = 1e-3
+"""Displacement of every part in one cycle of J⁺, m, below which ten cycles show no drift."""
 _LOOKS = 12
 """Number of points per cycle at which collisions are checked when a start is chosen."""
 
@@ -73,7 +76,11 @@ class PathStart(NamedTuple):
 
 
 def starts(
-    task: Task, start: ArrayLike | str | None, draw: PathOf | None
+    task: Task,
+    start: ArrayLike | str | None,
+    draw: PathOf | None,
+    *,
+    any_path: bool = False,
 ) -> Iterator[PathStart]:
     """Generate the usable starts, the best first.
 
@@ -85,6 +92,8 @@ def starts(
         The only start to try, or a named pose of the robot; by default the default starts.
     draw
         Function (task, q0) → path; None for no path.
+    any_path
+        True if nobody asked for this path: then starts from which J⁺ drifts visibly come first.
 
     Raises
     ------
@@ -103,7 +112,8 @@ def starts(
         yield from _with_a_circle(task, offers)
     else:
         remedy = "no default start is regular; give one"
-        yield from _best_first(task, _reachable(task, offers, draw, remedy))
+        found = _reachable(task, offers, draw, remedy)
+        yield from _best_first(task, found, _FAINT if any_path else 0.0)
 
 
 def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
@@ -233,12 +243,16 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
         )
 
 
-def _best_first(task: Task, found: Iterable[PathStart]) -> Iterator[PathStart]:
+def _best_first(
+    task: Task, found: Iterable[PathStart], least: float
+) -> Iterator[PathStart]:
     """Sort starts by the first cycle of J⁺ from there.
 
-    First come those without violations, then those with violations, then those from which J⁺ drifts
-    far or fails.
+    First come those without violations that displace a part of the robot by ``least`` (m), then
+    those that displace every part by less, then those with violations, then those from which J⁺
+    drifts far or fails.
     """
+    faint: list[PathStart] = []
     violating: list[PathStart] = []
     wild: list[PathStart] = []
     for start in found:
@@ -248,7 +262,10 @@ def _best_first(task: Task, found: Iterable[PathStart]) -> Iterator[PathStart]:
             wild.append(start)
         elif violations(motion):
             violating.append(start._replace(violates=True))
+        elif farthest_link(task, motion.q[[0, -1]])[1] < least:
+            faint.append(start)
         else:
             yield start
+    yield from faint
     yield from violating
     yield from wild

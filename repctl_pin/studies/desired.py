@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..model.task import Task
-from ..strategies import Inverse, LimitWeight, Pseudoinverse, WeightedInverse
+from ..strategies import Inverse, Pseudoinverse, WeightedInverse
 
 
 def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
@@ -17,6 +17,8 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
     if weight is None:
         return Pseudoinverse(task), "J⁺"
     if isinstance(weight, str) and weight == "limits":
+        from ..strategies.limit_weight import LimitWeight
+
         limits = WeightedInverse(task, LimitWeight(task))
         return limits, "J⁺ weighted by the nearness of joint limits"
     desired = WeightedInverse(task, weight)

@@ -152,7 +152,7 @@ class Problem:
         warnings: tuple[str, ...] = () if isinstance(loaded, Task) else loaded.warnings
         freeze(self, task=task, given=given, period=None, warnings=warnings)
         freeze(self, _draw=draw, _asked=asked)
-        self._begin(next(starts(task, start, draw)))
+        self._begin(next(starts(task, start, draw, any_path=path is None)))
         if asked is not None:
             _check_size(self.region, task)
 
@@ -205,7 +205,9 @@ class Problem:
         yield self
         if "start" in self.given:
             return
-        for start in islice(starts(self.task, None, self._draw), 1, None):
+        any_path = "path" not in self.given
+        others = starts(self.task, None, self._draw, any_path=any_path)
+        for start in islice(others, 1, None):
             other = self._with(start=start.q0)
             other._begin(start)
             yield other

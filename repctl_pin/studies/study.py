@@ -17,13 +17,14 @@ from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
+from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..motion import Motion, check_length, follow, unresolved
 from ..paths import Cycle, TaskPath
 from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
-from ..strategies import FunctionStrategy, PostureControl, Pseudoinverse, Strategy
+from ..strategies import PostureControl, Pseudoinverse, Strategy
 from ..strategies.names import LABELS
 from .around_motion import design_for, own_failure, shrunk_note
 from .desired import choose_desired
@@ -122,7 +123,7 @@ def study(
     say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
     problem = robot if isinstance(robot, Problem) else Problem(robot)
-    task = problem.task
+    task = one_frame(problem.task, "a study")
     _ = problem.cycle  # refuses a problem without a path
     degree, long = choose_degree(task, degree)
     for note in long:
@@ -311,6 +312,8 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
             remedy="give your control another name",
         )
     if not isinstance(control, Strategy):
+        from ..strategies.custom import FunctionStrategy
+
         return FunctionStrategy(task, control)
     same = ("frame", "kind", "joint_names")
     if all(getattr(control.task, part) == getattr(task, part) for part in same):

@@ -10,10 +10,8 @@ import numpy as np
 from ..arguments import Array, ratio_in_percent
 from ..design import Design
 from ..errors import InputError, SingularityError
-from ..integrability import drift_per_area
 from ..model.task import Task
 from ..motion import LeafLock, Motion, follow, least_closed_motion
-from ..motion.displacement import farthest_link
 from ..motion.fitting_circle import fitting_circle
 from ..motion.joint_motion import TOO_FAST, cycle_of
 from ..motion.motion import ON_PATH
@@ -100,6 +98,8 @@ def _drift_elsewhere(
     task = plain.task
     if motion is None or task.m < 3:
         return []
+    from ..motion.displacement import farthest_link
+
     _, off = farthest_link(task, motion.q[[0, -1]])
     found = _other_circle(plain, q0, motion) if off < _HARDLY else None
     if found is not None and found[2] >= max(_HARDLY, 2 * off):
@@ -108,6 +108,8 @@ def _drift_elsewhere(
         return [f"on a circle of the same size in {plane} J⁺ drifts more: {more}"]
     if motion.drift[0] > _LITTLE:
         return []
+    from ..integrability import drift_per_area
+
     per_area = drift_per_area(plain, q0)
     a, b = np.unravel_index(int(per_area.argmax()), per_area.shape)
     most = float(per_area[a, b])
@@ -126,6 +128,8 @@ def _other_circle(
     Returns the plane, the link that is off most and how far, m; None for a path that is not a
     circle, or without such a circle that the arm can follow.
     """
+    from ..motion.displacement import farthest_link
+
     task, path = plain.task, motion.path
     kind, _, size = path.spec.partition(":")
     found: list[tuple[str, str, float]] = []

@@ -15,12 +15,10 @@ from ..model.bodies import bodies_of
 from ..model.mechanism import Mechanism
 from ..model.task import Task
 from ..motion import Motion, elbow
-from ..motion.displacement import end_displacements, farthest_link
 from ..motion.follow import UNRESOLVED
 from ..motion.joint_motion import Violation, violations_of
 from ..motion.limits import presumed_acceleration
 from ..paths import TaskPath
-from ..paths.winding import winding
 from ..regions import Region
 from .quantities import finite, values_of
 
@@ -210,6 +208,8 @@ class Study:
 
     def as_dict(self) -> dict[str, Any]:
         """Collect the problem, the design and the results in plain Python types, for JSON."""
+        from ..paths.winding import winding
+
         design = self.design
         return {
             **self.task.as_dict(),
@@ -280,6 +280,8 @@ def limits_dict(motion: Motion) -> dict[str, Any]:
 
 
 def _row_dict(row: Row) -> dict[str, Any]:
+    from ..motion.displacement import end_displacements, farthest_link
+
     motion = row.motion
     if motion is None:
         return {"label": row.label, "stopped": row.stopped}

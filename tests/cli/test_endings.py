@@ -391,7 +391,6 @@ def test_names_that_are_too_long(capsys) -> None:
         ),
         (["study", "panda", "--cycles", "9" * 5000], "is not a whole number from 1 up"),
         (["study", "panda", "--cycles", "²"], "is not a whole number from 1 up"),
-        (["completion", "tcsh"], "repctl completion: no shell 'tcsh'; "),
     ],
 )
 def test_arguments_are_refused_in_one_line(

@@ -19,6 +19,15 @@ from test_codegen_builds import BUILDS, STRICT, needed, run
 import repctl_pin as rp
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CELLS)
+def test_an_optimising_compiler_has_no_warning(name: str, tmp_path: Path) -> None:
+    """It follows values further, and saw F read what no turn of Newton's method had written."""
+    needed("gcc")
+    rp.export_c(function_of(name), tmp_path, "arm")
+    run(["gcc", "-std=c99", "-O2", *STRICT, "-c", "arm.c"], tmp_path)
+
+
 @pytest.mark.parametrize("name", some(CELLS, "poses", "positions"))
 def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     """Built strictly, check.c compares F in and beyond the cell, and all that any control has."""

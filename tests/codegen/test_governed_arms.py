@@ -232,23 +232,24 @@ def test_in_a_cell_every_target_is_reached_by_a_straight_line(
     U[::3] = np.sign(U[::3])  # corners
     U[:2] = U[:1] * [[1], [-1]]  # across the whole cell: yaw +2.2 and -2.2
     limits = rp.Limits(acceleration=10.0, jerk=2000.0)
-    governor = Exported(inverse, tmp_path, 0.004, limits, 0.0)
+    governor = Exported(inverse, tmp_path, 0.01, limits, 0.0)
     governor.start(F(cell.at(np.zeros(cell.k))))
     before = np.zeros(cell.k)
     for number, u in enumerate(U):
         at_rest = number % 4 != 3
-        for _ in range(0 if at_rest else 60):
+        for _ in range(0 if at_rest else 24):
             governor.step(cell.at(-u))
         way = u - before
-        for _ in range(2500):
-            q, status = governor.step(cell.at(u))
+        target = cell.at(u)
+        for _ in range(1000):
+            q, status = governor.step(target)
             here = cell.coordinates_of(cell.task.placement(q)) - before
             if at_rest:
                 off_line = here - (here @ way) / (way @ way) * way
                 assert np.abs(off_line).max() < 1e-6
             if status is rp.Status.OK:
                 break
-        assert status is rp.Status.OK and np.abs(q - F(cell.at(u))).max() < 1e-9
+        assert status is rp.Status.OK and np.abs(q - F(target)).max() < 1e-9
         before = u
 
 

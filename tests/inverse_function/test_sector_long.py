@@ -119,7 +119,8 @@ def test_all_the_way_round(name: str, tmp_path: Path, capsys) -> None:
         targets = [pin.SE3(*pair) for pair in zip(R, p, strict=True)]
         worst = max(worst, np.abs(task.errors(Q, targets)).max())
         ahead = U + 1e-4 * rng.uniform(-1, 1, U.shape)
-        step = np.abs(F.batch(np.clip(ahead, -1, 1)) - Q).max()
+        inside = np.clip(ahead, -1 + 1e-9, 1 - 1e-9)  # ±1 may be one pose: half a turn
+        step = np.abs(F.batch(inside) - Q).max()
         assert step < 0.02  # no jump
     assert worst < 1e-10
     for k in rng.permutation(len(U))[:_ONE_BY_ONE]:  # the same, whatever came before

@@ -98,6 +98,9 @@ def test_a_problem_moves_one_frame_and_holds_the_other():
 def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
     task, q0 = hands
     here = task.placements(q0)[0]
+    path = rp.several_paths(task, q0, [circle, None])
+    motion = rp.follow(constant, path, q0, cycles=1, steps=50)
+    problem = rp.Problem(task, start=q0, path=path, region=0.1)
     limits = rp.Limits(acceleration=5.0, jerk=50.0)
     for call in (
         lambda: rp.Cell(task, here, 0.1),
@@ -108,7 +111,9 @@ def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
         lambda: rp.Recording(task, joints=np.tile(q0, (5, 1))),
         lambda: rp.WorkspaceBox(task, q0[:3], 0.1, within=rp.Box(q0, 0.1)),
         lambda: rp.ArmAngle(task, "a", "b", "c"),
-        lambda: rp.Viewer(task),
+        lambda: rp.animation({"mine": motion}),
+        lambda: rp.study(problem),
+        lambda: rp.Viewer(task, ["a"]),
     ):
         with pytest.raises(rp.InputError, match="takes a task of one frame") as refused:
             call()

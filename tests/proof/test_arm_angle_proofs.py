@@ -277,7 +277,7 @@ def test_boxes_against_ball_arithmetic(name: str, tmp_path: Path) -> None:
     chain, rng = arm_angle.ArmAngleChain.of(angle, np.ones(1)), np.random.default_rng(0)
     Q = Q0 + rng.uniform(-0.3, 0.3, (110, 7))
     half = 10 ** rng.uniform(-15, -1.3, (110, 1)) * np.ones((1, 7))
-    found = arm_angle.gradient_bounds(chain, Q, half)
+    found = chain.gradient_bounds(Q, half)
     assert np.isfinite(found.rest).all()
     for i, t in enumerate(rng.uniform(-1, 1, Q.shape)):
         V = gradient_in_balls(angle, at(Q[i], half[i], t))

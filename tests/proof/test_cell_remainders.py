@@ -194,7 +194,7 @@ def test_without_the_native_library_a_proof_over_a_cell_says_so(
 ) -> None:
     monkeypatch.setenv("REPCTL_NATIVE", "no")
     with pytest.raises(
-        rp.InputError, match=r"needs the native library.*; unset REPCTL"
+        rp.InputError, match=r"requires the native library.*; unset REPCTL"
     ):
         cells.CellProof(chart)
 

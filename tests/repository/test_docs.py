@@ -49,14 +49,18 @@ def test_the_site_builds_strictly(
         list((ROOT / "examples" / "pictures").glob("*.png"))
     )
     pages = (file.read_text(encoding="utf-8") for file in tmp_path.rglob("*.html"))
-    assert not any("<!-- live: " in page or "](../" in page for page in pages)
+    assert not any(
+        re.search("<!-- (live: |robots)", page) or "](../" in page for page in pages
+    )
 
 
 def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
     """Each mark has its page; one of them is made here, all by a strict build of the site."""
     live = runpy.run_path(str(ROOT / "docs" / "hooks" / "live.py"))
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
-    assert set(re.findall(r"<!-- live: (\w+) -->", text)) == set(live["PAGES"])
+    marked = set(re.findall(r"<!-- live: (\w+) -->", text))
+    assert marked | set(live["ROBOTS"]) == set(live["PAGES"])
+    assert text.count("<!-- robots -->") == 1 and len(live["ROBOTS"]) == 12
     home = SimpleNamespace(
         is_homepage=True,
         file=SimpleNamespace(dest_uri="index.html", src_uri="index.md"),
@@ -64,6 +68,9 @@ def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
     assert 'src="live/panda.html"' in live["on_page_markdown"](
         "<!-- live: panda -->", page=home
     )
+    choice = live["on_page_markdown"]("<!-- robots -->", page=home)
+    offered = re.findall(r'<option value="live/(\w+)\.html">', choice)
+    assert offered == list(live["ROBOTS"]) and choice.count("<iframe") == 1
     made = live["studied"]("planar3r", cycles=1, steps=40, degree=1)
     assert (
         made.startswith("<!DOCTYPE html>") and "http://" not in made.split("<script")[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,18 +20,24 @@ place inside, as patches do."""
 PLACE = re.compile(r"repctl_pin(\.[a-z_]+){2,}\.?\w*")
 
 
+PUBLIC = {*dir(rp), "integrations"}
+
+
+@cache
+def nodes(source: str) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(source)))
+
+
 def behind_the_door(source: str) -> list[list[str]]:
     """The names that each import takes from below ``repctl_pin``, if they are not public ones."""
     public = ("repctl_pin.extensions.integrations", "repctl_pin.redundancy")
     found = []
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if isinstance(node, ast.Import):
             modules = [alias.name for alias in node.names]
             names = [name for name in modules if name.startswith("repctl_pin.")]
         elif isinstance(node, ast.ImportFrom) and node.module == "repctl_pin":
-            names = [
-                a.name for a in node.names if a.name not in (*dir(rp), "integrations")
-            ]
+            names = [a.name for a in node.names if a.name not in PUBLIC]
         elif isinstance(node, ast.ImportFrom) and node.module:
             inside = node.module.startswith("repctl_pin.")
             names = [alias.name for alias in node.names] if inside else []
@@ -47,7 +54,7 @@ def named_inside(source: str) -> list[str]:
     """The strings that name a module below a room, or something in it."""
     values = [
         node.value
-        for node in ast.walk(ast.parse(source))
+        for node in nodes(source)
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     ]
     public = "repctl_pin.integrations"

@@ -28,7 +28,6 @@ LEFT_OUT += [
     "networkx",
     "rtree",
     "shapely",
-    "shtab",
     "toppra",
     "tornado",
     "tqdm",

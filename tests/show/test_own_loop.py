@@ -215,6 +215,11 @@ def said(driver: Any) -> str:
     )
 
 
+ENDS = """
+const { result: { motions }, chain: { n } } = repctl.own, end = (Q, row) => Array.from(Q.slice(row * n, (row + 1) * n));
+return motions.map(({ Q, perCycle }) => Array.from({ length: 11 }, (_, c) => end(Q, c * perCycle)));
+"""  # noqa: E501
+
 ARC = [(30 * (np.cos(a) - 1), 30 * np.sin(a)) for a in np.linspace(0, 5, 14)[1:]]
 
 
@@ -237,11 +242,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert driver.execute_script(boxes) == before, "nothing moves"
     points = np.array(driver.execute_script("return repctl.own.points"))
     assert len(points) <= 42 and np.array_equal(points[0], points[-1])
-    ends = driver.execute_script(
-        "const { result: { motions }, chain: { n } } = repctl.own; return motions.map(({ Q,"
-        "perCycle }) => Array.from({ length: 11 }, (_, c) => Array.from(Q.slice(c * perCycle * n,"
-        " (c * perCycle + 1) * n))))"
-    )
+    ends = driver.execute_script(ENDS)
     task, q0 = study.task, study.q0
     path = rp.waypoints(points, task.placement(q0).rotation)
     laws = (rp.Pseudoinverse(task), study.design.inverse)
@@ -291,3 +292,67 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     assert "Go another way, or let go." in said(driver)
     ring.send_keys(Keys.ESCAPE)
     assert said(driver) == study and errors(driver) == []
+
+
+def test_the_proved_radius_is_drawn_and_said(
+    driver: Any, page: Path, study: rp.Study
+) -> None:
+    """A loop within it is proved to close; one beyond it is said to be beyond."""
+    closes = study.design.proof.closes
+    assert closes.metres > 0.02 and np.array_equal(closes.start, study.q0)
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    proved = driver.execute_script("return repctl.own.chain.proved")
+    assert 0.9 * closes.metres < proved <= closes.metres
+    notes = "return document.getElementById('notes').textContent"
+    small, large = (
+        [[share * x * proved, share * y * proved] for x, y in ((1, 0), (1, 1), (0, 1))]
+        for share in (0.5, 2)
+    )
+    home = driver.execute_script("return repctl.own.chain.home")
+    for way, words in ((small, "closes every loop within"), (large, "Beyond the")):
+        points = [home, *([home[0] + x, home[1] + y, home[2]] for x, y in way), home]
+        driver.execute_script("repctl.own.open(arguments[0])", points)
+        assert words in driver.execute_script(notes)
+        for q in np.reshape(driver.execute_script(ENDS), (2, 11, -1))[1]:
+            assert np.abs(q - study.q0).max() < 1e-9
+    driver.execute_script("repctl.own.leave(); repctl.own.take(0, null)")
+    assert "Within the pale disc" in driver.execute_script(notes)
+    driver.execute_script("repctl.own.leave()")
+    assert errors(driver) == []
+
+
+def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
+    """Small loops and ways there and back do not count; the smallest drift does."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    size = driver.execute_script("return repctl.own.chain.size")
+    home = driver.execute_script("return repctl.own.chain.home")
+    best = (
+        "const [points] = arguments, { own } = repctl; own.open(points); own.keepBest();"
+        "return own.best ? own.best.off : null"
+    )
+
+    def drawn(*way: tuple[float, float]) -> list[list[float]]:
+        turned = [
+            [home[0] + size * x, home[1] + size * y, home[2]] for x, y in (*way, (0, 0))
+        ]
+        return [list(home), *turned]
+
+    to, fro = (-0.15, 0.0), (0.1, 0.0)
+    for trivial in (
+        drawn(to),
+        drawn(to, (0, 0), fro),
+        drawn((-0.1, 0), (-0.1, 0.1), (-0.1, 0)),
+        drawn((-0.02, 0), (-0.02, 0.02)),
+    ):
+        assert driver.execute_script(best, trivial) is None
+    large = driver.execute_script(best, drawn(to, (-0.15, 0.15), (0, 0.15)))
+    small = driver.execute_script(best, drawn((-0.1, 0), (-0.1, 0.1), (0, 0.1)))
+    assert 1e-3 < small < large
+    assert driver.execute_script(best, drawn(to, (-0.2, 0.2), (0, 0.2))) == small
+    menu = driver.find_element("id", "best").get_attribute("textContent")
+    assert menu.startswith("Your best: ")
+    driver.execute_script("repctl.own.leave(); document.getElementById('best').click()")
+    assert driver.execute_script("return repctl.own.state") == "own"
+    assert errors(driver) == []

@@ -30,8 +30,10 @@ return times.map((t) => { repctl.seek(t);
 
 
 def written(value: float) -> set[str]:
-    """The words for a length; both, where it is as near to one as to the other."""
-    near = (value * (1 - 1e-4), value, value * (1 + 1e-4))
+    """The words for a length; both, where it is as near to one as to the other (2 µm: the page's
+    corners stand for all points)."""
+    rounding = 1e-4 * value + 2e-6
+    near = (value - rounding, value, value + rounding)
     return {"0 off" if v < 1e-4 else f"{rounded(v)} off" for v in near}
 
 

@@ -26,18 +26,18 @@ def followed(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
 
 
 def test_a_drift_that_depends_on_the_steps_is_not_a_number(capsys) -> None:
-    """More steps do not help: with 4 or 16 times as many, J⁺ stops or ends elsewhere."""
+    """More steps do not help: with 4 times as many, J⁺ stops or ends elsewhere."""
     found = followed(capsys, "baxter", *LOOP)
     assert found["drift"] is None and NO_NUMBER in found["notes"][-1]
     problem = rp.Problem("baxter", start=START, path="circle:0.2:0", plane="xy")
     plain, ends = rp.Pseudoinverse(problem.task), []
-    for steps in (500, 2000, 8000):
+    for steps in (500, 2000):
         try:
             motion = rp.follow(plain, problem.cycle, START, steps=steps)
             ends.append(motion.q[-1])
         except rp.SingularityError:
             ends.append(np.full(7, np.inf))
-    assert np.linalg.norm(ends[0] - ends[1]) > 0.1 < np.linalg.norm(ends[0] - ends[2])
+    assert np.linalg.norm(ends[0] - ends[1]) > 0.1
 
 
 @pytest.mark.parametrize("name", ["ppr", "planar3r", "panda", "so100"])

@@ -124,6 +124,26 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
+@pytest.mark.parametrize(
+    "robot", ["ppr", "kinova", pytest.param("tiago", marks=pytest.mark.slow)]
+)
+def test_the_default_start_and_circle_show_the_drift(robot: str) -> None:
+    """From the reference pose J⁺ displaces no part of Tiago or Kinova by 3 mm in ten cycles."""
+    problem = rp.Problem(robot)
+    if robot == "ppr":  # its slides travel 12 m
+        np.testing.assert_allclose(
+            np.ptp(problem.cycle.points(400), axis=0)[:2], 1.0, atol=1e-4
+        )
+        return
+    asked = rp.Problem(robot, path="circle:0.05")
+    assert problem.start_is != asked.start_is == "the reference pose"
+    chosen, given = (
+        rp.follow(rp.Pseudoinverse(it.task), it.cycle, it.start, cycles=1, steps=100)
+        for it in (problem, asked)
+    )
+    assert chosen.drift[0] > 5 * given.drift[0] and chosen.first_violation is None
+
+
 def test_the_default_region_holds_the_motion() -> None:
     """The tube is laid round a linear design's motion, which this square's leaves for a tenth of
     its time."""

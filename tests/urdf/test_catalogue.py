@@ -358,17 +358,3 @@ def test_without_the_data_only_our_own_arms() -> None:
     name, refusal = done.stdout.splitlines()
     assert name == "planar4r"
     assert "run `pip install 'example-robot-data" in refusal
-
-
-def test_the_list_of_robots_is_light() -> None:
-    """The shell's completion names all robots, and imports nothing large for it."""
-    code = """import sys
-from importlib.metadata import entry_points
-(repctl,) = entry_points(group="console_scripts", name="repctl")
-repctl.load()(["completion", "bash"])
-print([m for m in ('numpy', 'scipy', 'pinocchio', 'lxml') if m in sys.modules])"""
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    script, _, modules = result.stdout.strip().rpartition("\n")
-    assert " ".join(NAMES) in script and modules == "[]"

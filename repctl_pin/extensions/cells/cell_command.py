@@ -387,7 +387,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     from ...defaults import PERIOD
     from ...strategies.names import LABELS
     from ...studies.period import choose_period
-    from .sample_path import tour
+    from .problem_of_cell import tour
 
     path, failed = tour(design.cell), {}
 

@@ -12,7 +12,6 @@ import pinocchio as pin
 
 from ...arguments import as_int
 from ...errors import InputError
-from ...model.body_parts import bodies_at, shapes_fingerprint
 from ...model.task import Task
 from ...model.task_parts import check_configurations
 from ...saving.changes import configurations, require_masses, require_ranges
@@ -32,6 +31,7 @@ from ...saving.schema import (
     proof_file,
     proof_of,
 )
+from .body_parts import bodies_at, shapes_fingerprint
 from .cell import Cell
 from .cell_design import CellDesign, function_of
 from .cell_evaluation import Evaluation
@@ -45,7 +45,7 @@ _FORMAT = "repctl cell"
 _MOST_DEGREE = 64
 
 
-class FailureFile(Part):
+class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
     See :class:`repctl_pin.extensions.cells.failures.FailureReason`.
@@ -57,7 +57,7 @@ class FailureFile(Part):
     what: str
 
 
-class TurnFile(Part):
+class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
     See :class:`repctl_pin.extensions.cells.turning.Turn`. ``joint_range`` is null for a joint
@@ -78,7 +78,7 @@ class TurnFile(Part):
     as_covered: float | None = None
 
 
-class SectorFile(Part):
+class _SectorFile(Part):
     """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
 
     ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
@@ -94,7 +94,7 @@ class SectorFile(Part):
     spin_middle: float | msgspec.UnsetType = msgspec.UNSET
 
 
-class BodiesFile(Part):
+class _BodiesFile(Part):
     """Fingerprint of the collision bodies: of their shapes, and of their places.
 
     ``places`` has one number per check configuration of the task, which changes with any placement.
@@ -104,7 +104,7 @@ class BodiesFile(Part):
     places: Row
 
 
-class CellFigures(Part):
+class _CellFigures(Part):
     """Evaluation of a function over a cell.
 
     See :class:`repctl_pin.extensions.cells.cell_evaluation.Evaluation`. A margin is null without
@@ -125,16 +125,16 @@ class CellFigures(Part):
     nearest_bodies: tuple[str, str]
     residual: float
     coverage: float
-    failures: list[FailureFile]
+    failures: list[_FailureFile]
     limit_margin_worst: float | None = None
     attainable_margin_worst: float | None = None
     extra_speed_direction: float | None = None
-    turns: tuple[TurnFile, ...] = ()
+    turns: tuple[_TurnFile, ...] = ()
     leaf_margin: float | msgspec.UnsetType = msgspec.UNSET
     least_leaf_margin: float | None = None
 
 
-class CellFile(Sealed):
+class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
     ``coefficients`` are those of two polynomials of the cell's coordinates: the reference
@@ -148,7 +148,7 @@ class CellFile(Sealed):
     degree: int
     coefficients: list[Rows]
     posture: Row
-    figures: CellFigures
+    figures: _CellFigures
     degrees: tuple[tuple[int, float], ...]
     samples: int
     held_out: int
@@ -158,11 +158,11 @@ class CellFile(Sealed):
     requested_body_distance: float = 0.0
     requested_sigma_min: float = 0.0
     proof: ProofFile | msgspec.UnsetType = msgspec.UNSET
-    sector: SectorFile | msgspec.UnsetType = msgspec.UNSET
-    bodies: BodiesFile | msgspec.UnsetType = msgspec.UNSET
+    sector: _SectorFile | msgspec.UnsetType = msgspec.UNSET
+    bodies: _BodiesFile | msgspec.UnsetType = msgspec.UNSET
 
 
-def cell_file(design: CellDesign) -> CellFile:
+def cell_file(design: CellDesign) -> _CellFile:
     """Convert the design of a cell's function to the content of a file.
 
     Raises
@@ -172,17 +172,17 @@ def cell_file(design: CellDesign) -> CellFile:
     """
     chart, cell, evaluation = design.function.chart, design.cell, design.evaluation
     figures = described(
-        CellFigures,
+        _CellFigures,
         evaluation,
-        failures=[described(FailureFile, reason) for reason in evaluation.failures],
-        turns=tuple(described(TurnFile, turn) for turn in evaluation.turns),
+        failures=[described(_FailureFile, reason) for reason in evaluation.failures],
+        turns=tuple(described(_TurnFile, turn) for turn in evaluation.turns),
         leaf_margin=msgspec.UNSET,
         least_leaf_margin=None
         if np.isnan(evaluation.leaf_margin)
         else evaluation.leaf_margin,
     )
     return described(
-        CellFile,
+        _CellFile,
         design,
         **head(_FORMAT, design.task),
         desired=desired_file(design.desired),
@@ -197,16 +197,16 @@ def cell_file(design: CellDesign) -> CellFile:
     )
 
 
-def _bodies_file(design: CellDesign) -> BodiesFile | msgspec.UnsetType:
+def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
     """Convert the fingerprint of the bodies to plain data; UNSET if no distance is known."""
     if np.isnan(design.body_distance):
         return msgspec.UNSET
     task = design.task
     places = bodies_at(task, check_configurations(task)).tolist()
-    return BodiesFile(shapes_fingerprint(task), places)
+    return _BodiesFile(shapes_fingerprint(task), places)
 
 
-def _known_distance(content: CellFile, task: Task) -> float:
+def _known_distance(content: _CellFile, task: Task) -> float:
     """Return the body distance of a file, m; NaN with a warning if the bodies have changed."""
     distance, bodies = content.figures.body_distance, content.bodies
     if isinstance(bodies, msgspec.UnsetType):
@@ -230,12 +230,12 @@ def _known_distance(content: CellFile, task: Task) -> float:
     return np.nan
 
 
-def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
+def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
     """Convert the coordinates of a sector to plain data; UNSET for a box."""
     if not isinstance(cell, Sector):
         return msgspec.UNSET
     symmetric = [one.coordinate for one in cell.removed]
-    return SectorFile(
+    return _SectorFile(
         cell.axis.tolist(),
         list(cell.free),
         symmetric,
@@ -243,7 +243,7 @@ def _sector_file(cell: Cell) -> SectorFile | msgspec.UnsetType:
     )
 
 
-def _cell(content: CellFile, task: Task) -> Cell:
+def _cell(content: _CellFile, task: Task) -> Cell:
     """Create the cell of a chart: a box, or a sector without its symmetric coordinates."""
     widths, at, positions = (
         np.array(content.widths),
@@ -291,7 +291,7 @@ def _cell(content: CellFile, task: Task) -> Cell:
     return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
 
 
-def cell_of(content: CellFile, task: Task) -> CellDesign:
+def cell_of(content: _CellFile, task: Task) -> CellDesign:
     """Create the design of a cell's function from the content of a file.
 
     Raises
@@ -350,7 +350,7 @@ def cell_of(content: CellFile, task: Task) -> CellDesign:
     )
 
 
-def _unchecked(content: CellFile, task: Task) -> list[str]:
+def _unchecked(content: _CellFile, task: Task) -> list[str]:
     """Refuse a changed robot; see :class:`repctl_pin.saving.design_file.FileKind`."""
     known = content.bodies is not msgspec.UNSET
     return [
@@ -360,7 +360,7 @@ def _unchecked(content: CellFile, task: Task) -> list[str]:
     ]
 
 
-KIND = FileKind(CellFile, CellDesign, cell_file, cell_of, _unchecked)
+KIND = FileKind(_CellFile, CellDesign, cell_file, cell_of, _unchecked)
 
 
 def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:

@@ -3,6 +3,7 @@ q_ref(u))``, with u the coordinates of the pose f(q) in the cell."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,9 @@ _CELL = 2
 class CellPotentials:
     r"""The r potentials of a chart, whose leaf {h(q) = c} is the function with s = c.
 
-    .. math:: V^T = n_{ref}^T + \left[ (\partial n_{ref}^T)(q - q_{ref})
-              - n_{ref}^T \partial q_{ref} \right] \frac{\partial u}{\partial x} J
-
-    ∂ is the derivative with respect to u. :class:`RepeatableInverse` accepts these potentials like
-    polynomials of q. Outside the cell, the polynomials in u extrapolate and are not meaningful.
+    Their gradients are those of :meth:`Chart.gradients`. :class:`RepeatableInverse` accepts these
+    potentials like polynomials of q. Outside the cell, the polynomials in u extrapolate and are not
+    meaningful.
 
     Parameters
     ----------
@@ -64,13 +63,10 @@ class CellPotentials:
         cell = self.chart.cell
         U, dU = cell.slopes(p, R)
         q_ref, n_ref = self.chart.reference(U)
-        dq, dn = self.chart.slopes(U)
         away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
-        D = np.einsum("Knrk,Kn->Krk", dn, away) - np.einsum("Knr,Knk->Krk", n_ref, dq)
-        D = np.concatenate([D, -np.swapaxes(n_ref, 1, 2) @ cell.along], axis=2)
-        return n_ref + np.swapaxes(D @ dU @ J, 1, 2)
+        return self.chart.gradients(U, dU, J, n_ref, away)
 
-    def _native_part(self) -> Any:
+    def _native_part(self, joints: Sequence[int]) -> Any:
         """Create the struct :data:`PART` of the potentials, for the native library."""
         chart = native_chart(self.chart)
         part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})

@@ -82,6 +82,30 @@ class Chart:
         )
         return both[:, :, 0], both[:, :, 1:]
 
+    def gradients(
+        self, U: Array, dU: Array, J: Array, n_ref: Array, away: Array
+    ) -> Array:
+        r"""Evaluate the gradients V (K, n, r) of the potentials ``h = n_refᵀ (q − q_ref)``.
+
+        .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
+                  - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
+
+        ∂ is the derivative with respect to u. With coordinates that symmetries remove from u,
+        :attr:`Cell.along` is added to ∂q_ref.
+
+        Parameters
+        ----------
+        U, dU : (K, k) and (K, k, m) arrays
+            Coordinates u of the poses, and ∂u/∂x.
+        J, n_ref, away : (K, m, n), (K, n, r) and (K, n) arrays
+            Jacobian, null-space basis of the chart, and q − q_ref.
+        """
+        dq, dn = self.slopes(U)
+        n_T = np.swapaxes(n_ref, 1, 2)
+        w = n_T @ dq - np.einsum("Knrk,Kn->Krk", dn, away)
+        w = np.concatenate([w, n_T @ self.cell.along], axis=2)
+        return n_ref - np.swapaxes(w @ dU @ J, 1, 2)
+
     @cached_property
     def _differentiated(self) -> tuple[Monomials, Array]:
         """Monomials of one degree less, and coefficients (N', n, 1 + r, k) of the derivatives of

@@ -32,7 +32,7 @@ from .kinematics import null_bases, placed
 from .native_function import native_function
 from .targets import FORMS, as_poses, homogeneous
 
-MOST_THREADS = 256
+_MOST_THREADS = 256
 _MARCH = 0.05
 _LEAST = 0.1
 """Leaf margin at which the intervals of :meth:`InverseFunction.leaves` end."""
@@ -147,7 +147,7 @@ class InverseFunction:
             If a target is outside the cell, has no configuration, or its rotation matrix is not a
             rotation. The message names the target by its number, counted from 0.
         """
-        threads = as_int(threads, "threads", 1, MOST_THREADS)
+        threads = as_int(threads, "threads", 1, _MOST_THREADS)
         require_choice(missing, ("raise", "nan"), "missing")
         if self._native is None:
             return self._law_at(targets, leaf, missing)

@@ -198,20 +198,9 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def potential_gradients(chart: Chart, at: Points) -> Array:
-    r"""Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf.
-
-    .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
-              - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
-
-    With coordinates that symmetries remove from u, :attr:`Cell.along` is added to ∂q_ref.
-    """
-    cell = chart.cell
-    _, dU = cell.slopes(cell.placements(at.U)[0], at.R)
-    dq, dn = chart.slopes(at.U)
-    n_T = np.swapaxes(at.n_ref, 1, 2)
-    w = n_T @ dq - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
-    w = np.concatenate([w, n_T @ cell.along], axis=2)
-    return at.n_ref - np.swapaxes(w @ dU @ at.J, 1, 2)
+    """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf."""
+    _, dU = chart.cell.slopes(chart.cell.placements(at.U)[0], at.R)
+    return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
 
 
 def leaf_margins(chart: Chart, at: Points) -> Array:

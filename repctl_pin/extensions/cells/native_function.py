@@ -22,7 +22,7 @@ _FOURS = 4
 """Number of monomials that chart.c adds at a time."""
 
 
-class NativeFunction:
+class _NativeFunction:
     """Cell function in C, from the tables of its chart.
 
     Parameters
@@ -97,21 +97,21 @@ class NativeFunction:
         return Q
 
 
-def native_function(chart: Chart, keep_limits: bool) -> NativeFunction | None:
+def native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
     """Create the C version of a cell function; None without the native library, or if it cannot
     hold the task (more than 64 joints)."""
     native = library()
     arm = None if native is None else native_arm(chart.cell.task)
     if native is None or arm is None:
         return None
-    return NativeFunction(native, arm, chart, keep_limits)
+    return _NativeFunction(native, arm, chart, keep_limits)
 
 
 def native_chart(chart: Chart) -> Any:
     """Create the struct :data:`CHART` of a chart."""
     ints, reals, scalars = chart.cell._tables()
     terms, both, weights = _weights(chart)
-    row, column = elimination_order(chart)
+    row, column = _elimination_order(chart)
     more = (0, terms - chart.monomials.size)
     ints |= {
         "parent": np.pad(chart.monomials.parent, more),
@@ -141,7 +141,7 @@ def _weights(chart: Chart) -> tuple[int, int, Array]:
     return len(C), int(both), np.concatenate([first.ravel(), q_ref[both:].ravel()])
 
 
-def elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
+def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
     """Order rows and columns of J_V by complete pivoting in the middle of the cell.
 
     Returns the indices of the rows, and of the columns, in their new order, in which the C code

@@ -19,10 +19,10 @@ from ...arguments import (
     require_choice,
     require_type,
 )
-from ...blas import one_blas_thread
 from ...errors import InputError
 from ...fit_options import FitOptions, fit_options
 from ...strategies.strategy import AN_INVERSE, Inverse
+from ...threads import one_blas_thread
 from .cell import Cell
 from .cell_arguments import LEAST_WIDTH
 from .cell_design import CellDesign

@@ -60,7 +60,7 @@ _NO_DIGITS = str.maketrans("", "", "0123456789.")
 """Translation of a message to the text that is compared for a change: ages change all the time."""
 
 
-class ArmNode(Node):
+class _ArmNode(Node):
     """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
 
     Subscribes to ``target_pose``, ``target_twist`` and ``joint_states``; publishes
@@ -325,7 +325,7 @@ def spin(
         what = " ".join(str(error).split())
         raise InputError(f"ROS 2 did not start: {what}") from None
     try:
-        node = ArmNode(design)
+        node = _ArmNode(design)
         try:
             executor = SingleThreadedExecutor()
             executor.add_node(node)
@@ -338,4 +338,4 @@ def spin(
         rclpy.try_shutdown()
 
 
-__all__ = ["ArmNode", "spin"]
+__all__ = ["_ArmNode", "spin"]

@@ -34,7 +34,7 @@ _AHEAD = {
 """Description of what stops the arm, by the governor's status."""
 
 
-BEYOND = "beyond the proved radius"
+_BEYOND = "beyond the proved radius"
 """Words of the status while the command is beyond the closing radius; it is no error."""
 
 
@@ -240,7 +240,7 @@ class Servo:
             does = "stopped" if self.at_rest else "slowing down"
             reason = f"{does} before the target: {self._ahead()}"
         said = f"{self.state.value}: {reason}" if reason else self.state.value
-        return f"{said}, {BEYOND}" if self.beyond_closing_radius else said
+        return f"{said}, {_BEYOND}" if self.beyond_closing_radius else said
 
     @property
     def beyond_closing_radius(self) -> bool:

@@ -120,6 +120,20 @@ class ArmAngleChain:
                 joint = self.before[joint]
         return found
 
+    def gradient_bounds(self, Q: Array, half: Array) -> GradientBounds:
+        """Expand the gradient of the arm angle on boxes Q ± half, (K, n) each.
+
+        Boxes that differ only in joints that do not move the three points are evaluated once.
+        """
+        on = self.moving
+        both = np.concatenate([Q[:, on], half[:, on]], axis=1)
+        _, first, which = np.unique(
+            both, axis=0, return_index=True, return_inverse=True
+        )
+        Q, half, which = Q[first], half[first], which.reshape(-1)
+        P, r = gradients_in_c(self, Q[:, on], half[:, on]) or in_numpy(self, Q, half)
+        return _bounds(self, P[which], r[which], half[which])
+
 
 def _carried(
     model: pin.Model, frame: pin.Frame, screw: Callable[[int], Array]
@@ -160,19 +174,6 @@ class GradientBounds:
     dV: Array
     rest: Array
     size: Array
-
-
-def gradient_bounds(chain: ArmAngleChain, Q: Array, half: Array) -> GradientBounds:
-    """Expand the gradient of an arm angle on boxes Q ± half, (K, n) each.
-
-    Boxes that differ only in joints that do not move the three points are evaluated once.
-    """
-    on = chain.moving
-    both = np.concatenate([Q[:, on], half[:, on]], axis=1)
-    _, first, which = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    Q, half, which = Q[first], half[first], which.reshape(-1)
-    P, r = gradients_in_c(chain, Q[:, on], half[:, on]) or in_numpy(chain, Q, half)
-    return _bounds(chain, P[which], r[which], half[which])
 
 
 def in_numpy(chain: ArmAngleChain, Q: Array, half: Array) -> tuple[Array, Array]:

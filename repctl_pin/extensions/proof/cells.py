@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Array, read_only
-from ...errors import InputError
-from ...native import CELL, MARGINS, PROBLEM, REMEDY, filled_struct, library
+from ...native import CELL, MARGINS, PROBLEM, filled_struct, required_library
 from ..cells.cell import Cell
 from ..cells.chart import Chart
 from ..cells.monomials import Monomials
@@ -95,13 +94,7 @@ class CellProof:
     """
 
     def __init__(self, chart: Chart) -> None:
-        native = library()
-        if native is None:
-            raise InputError(
-                "a proof over a cell needs the native library, which is missing or switched off",
-                remedy=f"unset REPCTL_NATIVE, or {REMEDY}",
-            )
-        self.use(native)
+        self.use(required_library("a proof over a cell"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials, self.poses = Polynomials.of(chart), Poses.of(cell)

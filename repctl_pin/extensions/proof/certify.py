@@ -23,7 +23,6 @@ from .branch_and_bound import bound_leaf_margin
 from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
 from .regions import cover, enclosing, limit_margin
-from .signs import opposite_signs
 
 if TYPE_CHECKING:
     from ..cells.cell_design import CellDesign
@@ -226,6 +225,8 @@ def _named(
     if isinstance(region, WorkspaceBox):
         region = region.within
     try:
+        from .signs import opposite_signs
+
         pair = opposite_signs(task, field, region, found.worst)
     except SingularityError:  # an arm angle that is not defined somewhere
         return found

@@ -33,7 +33,6 @@ from ...model.task import Task
 from ...native import PROBLEM, filled_struct, library
 from ...potentials.basis import Potentials
 from ...regions.box import Box
-from .arm_angle import gradient_bounds
 from .chain import Chain, chain_of, frame_change, tool_reach
 from .potentials import PRODUCT, SINE, Features, features_of
 from .remainder import relative_rounding, remainders, screw_sizes
@@ -103,7 +102,7 @@ class LeafMarginProblem:
 
     def undefined(self, Q: Array, half: Array) -> NDArray[np.bool_]:
         """Test for arm angles that are not shown to be defined in boxes Q ± half, (K, n) each."""
-        rests = [gradient_bounds(arm, Q, half).rest for arm in self.features.arms]
+        rests = [arm.gradient_bounds(Q, half).rest for arm in self.features.arms]
         found = [~np.isfinite(rest).all(axis=1) for rest in rests]
         return np.any([np.zeros(len(Q), bool), *found], axis=0)
 
@@ -512,7 +511,7 @@ def _potentials(
         )
     round_ = np.tile(problem.round[6:], (len(Q), 1))
     for arm in parts.arms:
-        found = gradient_bounds(arm, Q, half)
+        found = arm.gradient_bounds(Q, half)
         c, size = arm.weights, np.abs(arm.weights)
         V = V + c[:, None] * found.V[:, None]
         dV = dV + c[:, None, None] * found.dV[:, None]
@@ -671,7 +670,7 @@ def arm_angles_for_c(problem: LeafMarginProblem, Q: Array, half: Array) -> Array
     r, n, K = len(problem.features.G), Q.shape[1], len(Q)
     out = np.zeros((K, r, n * n + 2 * n + 1))
     for arm in problem.features.arms:
-        found = gradient_bounds(arm, Q, half)
+        found = arm.gradient_bounds(Q, half)
         sizes = problem.eps * found.size[:, None]
         both = np.concatenate([found.V, found.dV.reshape(K, -1)], axis=1)
         out[..., : n + n * n] += arm.weights[:, None] * both[:, None]

@@ -13,19 +13,21 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
 from ...errors import InputError
-from ...potentials.arm_angle import ArmAngle
 from ...potentials.basis import CustomMap, Potentials
-from ...potentials.fourier import FourierMap
 from ...potentials.maps import PartialMap, SumMap
 from ...potentials.polynomial import PolynomialMap
 from ...regions.box import Box
-from .arm_angle import ArmAngleChain
+
+if TYPE_CHECKING:
+    from ...potentials.fourier import FourierMap
+    from .arm_angle import ArmAngleChain
 
 CONSTANT, PRODUCT, SINE, COSINE = range(4)
 U = 2.0**-53
@@ -126,7 +128,16 @@ class _Builder:
             self.add(field.part, joints[field.variables])
         elif isinstance(field, PolynomialMap):
             self._polynomial(field, joints)
-        elif isinstance(field, FourierMap):
+        else:
+            self._add_other(field, joints)
+
+    def _add_other(self, field: Potentials, joints: NDArray[np.intp]) -> None:
+        """Add potentials that few designs have, and that a study need not import."""
+        from ...potentials.arm_angle import ArmAngle
+        from ...potentials.fourier import FourierMap
+        from .arm_angle import ArmAngleChain
+
+        if isinstance(field, FourierMap):
             self._fourier(field, joints)
         elif isinstance(field, CustomMap) and isinstance(field.basis, ArmAngle):
             self._room(field.A.shape[1])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arguments import Array, percentage, row
 from ...errors import InputError
-from ...model.length import arm_length
+from ...model.length import arm_reach
 from ...model.task import Task
 from ..cells.kinematics import placed
 from ..cells.rotations import log3
@@ -38,8 +38,7 @@ _BEYOND = 0.1
 def require_metres(task: Task, p: Array) -> None:
     """Raise an error for positions (K, 3) far beyond the arm's reach, probably in millimetres."""
     q = np.array(task.reference)
-    slides = (task.upper - task.lower)[~task.revolute]
-    reach = arm_length(task, q) + float(slides[np.isfinite(slides)].sum())
+    reach = arm_reach(task, q)
     away = float(np.median(np.linalg.norm(p - task.joint_origins(q)[0], axis=1)))
     if reach <= 0 or away < 20 * reach:
         return

@@ -59,7 +59,7 @@ class Status(IntEnum):
     LIMIT = 5
 
 
-BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
+_BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
 """Outcomes of a tick in which something ahead stops the arm."""
 
 

@@ -5,5 +5,5 @@ from ...plugins import Extension
 EXTENSION = Extension(
     __name__,
     names={"run": "Run", "timing": "approach timed"},
-    parts={"study_row": "study_row:with_cycle_time"},
+    parts={"study_row": "timing:with_cycle_time"},
 )

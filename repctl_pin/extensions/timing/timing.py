@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from ...arguments import MOST_STEPS, Array, flag, positive, require_choice, require_type
 from ...errors import InputError
 from ...model.bodies import bodies_of
-from ...motion.limits import JointLimits, Limits, joint_limits
+from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
+from ...studies.study_result import Row
 from .profile import SHARP, STAGES, Profile, Segment, Trajectory, corners_of, fastest
 
 _MOMENT = 1e-3
@@ -392,3 +393,23 @@ def approach(
     ends_of_line = [0, len(line) - 1]
     profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
     return _sampled(profile, task.robot_joints, 0, rate, kept, 0)
+
+
+def with_cycle_time(row: Row) -> Row:
+    """Add the minimum time of the motion's first cycle to a row of a study."""
+    if row.motion is None:
+        return row
+    return replace(row, cycle_time=_fastest_cycle(row.motion))
+
+
+def _fastest_cycle(motion: Motion) -> float | None:
+    """Compute the minimum time of the first cycle from rest to rest, s; None without a solution."""
+    end = motion.steps + 1
+    once = replace(
+        motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end]
+    )
+    acceleration = presumed_acceleration(motion.task)[0]
+    try:
+        return timed(once, Limits(acceleration=acceleration)).duration
+    except InputError:  # it does not move, or no speed is slow enough
+        return None

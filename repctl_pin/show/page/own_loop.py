@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...arguments import Array
+from ...certificate import ClosingRadius
 from ...model.arm_links import arm_links
 from ...model.joint_chain import joint_tree
 from ...model.length import arm_length
@@ -32,7 +33,11 @@ _MOST_TERMS = 2000
 _Numbers = dict[str, Any]
 
 
-def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
+def own_loop(
+    motion: Motion,
+    strategies: Sequence[Strategy],
+    closes: ClosingRadius | None = None,
+) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop, in plain Python types.
 
     Parameters
@@ -41,6 +46,8 @@ def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
         A motion of the study; its start, period, speed and steps are those of the loop.
     strategies
         Controllers of the panes, in order.
+    closes
+        Proved closing radius of the repeatable one, if there is one.
 
     Returns
     -------
@@ -90,6 +97,7 @@ def own_loop(motion: Motion, strategies: Sequence[Strategy]) -> _Numbers | None:
         "fastest": _finite(speed),
         "size": arm_length(task, q0) or 1.0,
         "axis": _first_axis(task),
+        "proved": _proved(closes, q0),
         "links": [
             None if shape.standing else [tree.riding[shape.link], names.get(shape.link)]
             for shape in shapes
@@ -114,7 +122,23 @@ def study_loop(study: Study) -> _Numbers | None:
     }
     if not moved or not moved.keys() <= laws.keys():
         return None
-    return own_loop(next(iter(moved.values())), [laws[key] for key in moved])
+    proof = study.design.proof if "repeatable" in moved else None
+    return own_loop(
+        next(iter(moved.values())),
+        [laws[key] for key in moved],
+        proof.closes if proof else None,
+    )
+
+
+def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
+    """Round the closing radius down to two digits, m; None without one from this start.
+
+    A radius around a path holds around its start, too: where the path stands still.
+    """
+    if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
+        return None
+    digit = 10.0 ** (np.floor(np.log10(closes.metres)) - 1)
+    return float(np.floor(closes.metres / digit) * digit)
 
 
 def _finite(values: Array) -> list[float | None]:

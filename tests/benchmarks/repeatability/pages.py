@@ -239,7 +239,9 @@ def _times(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row], path: Path) -> None:
-    """Draw one row per program: drift, extra joint speed and time, of every arm and path.
+    """Draw drift, extra joint speed and time, one above the other so that a phone shows them.
+
+    There is one row per program, with every arm and path.
 
     A small dot is one arm and path, a large one the median; hollow if started away from the
     posture."""
@@ -250,10 +252,8 @@ def figure(rows: Sequence[Row], path: Path) -> None:
         ("extra joint speed, %", lambda row: max(100 * row.extra_speed, -5), "symlog"),
         ("time per step, of the pinv loop", lambda row: row.of_pinv, "log"),
     )
-    canvas = Figure(figsize=(9.6, 0.36 * len(programs) + 1.5), layout="constrained")
-    for ax, (words, value, scale) in zip(
-        canvas.subplots(1, 3, sharey=True, width_ratios=(5, 3, 3)), panels, strict=True
-    ):
+    canvas = Figure(figsize=(4.8, 0.74 * len(programs) + 2.6), layout="constrained")
+    for ax, (words, value, scale) in zip(canvas.subplots(3, 1), panels, strict=True):
         for k, (name, of) in enumerate(programs.items()):
             for start, offset in (("on", -0.16), ("off", 0.16)):
                 found = [value(row) for row in of if row.start == start]
@@ -261,23 +261,24 @@ def figure(rows: Sequence[Row], path: Path) -> None:
                 if found:
                     _row(ax, k + offset, found, _colour(name), hollow=start == "off")
         ax.set_xscale(scale, **({"linthresh": 10} if scale == "symlog" else {}))
-        ax.set_xlabel(words, fontsize=9)
-        ax.tick_params(labelsize=8, length=0)
+        ax.set_title(words, fontsize=10, weight="bold", x=0, ha="left")
+        ax.tick_params(labelsize=9, length=0)
         ax.grid(axis="x", color="#dddddd", lw=0.6)
         ax.spines[["top", "right", "left"]].set_visible(False)
-    names = canvas.axes[0]
-    names.set_yticks(range(len(programs)), programs, fontsize=9)
-    names.invert_yaxis()
-    for label, name in zip(names.get_yticklabels(), programs, strict=True):
-        label.set_color(DARKER.get(_colour(name), _colour(name)))
-        label.set_weight("bold" if name.startswith("repctl_pin") else "normal")
-    canvas.axes[1].set_xticks([0, 10, 100], ["0", "10", "100"])
-    canvas.axes[2].set_xticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
+        ax.set_yticks(range(len(programs)), programs, fontsize=9)
+        ax.invert_yaxis()
+        for label, name in zip(ax.get_yticklabels(), programs, strict=True):
+            label.set_color(DARKER.get(_colour(name), _colour(name)))
+            label.set_weight("bold" if name.startswith("repctl_pin") else "normal")
+    drift, speed, time = canvas.axes
+    drift.set_xticks([1e-15, 1e-10, 1e-5, 1], ["1e−15", "1e−10", "1e−5", "1"])
+    speed.set_xticks([0, 10, 100], ["0", "10", "100"])
+    time.set_xticks([0.01, 0.1, 1, 10], ["0.01", "0.1", "1", "10"])
     canvas.suptitle(
-        "small dot: one arm and path; large dot: median; hollow: started 0.5 rad off the posture",
+        "small dot: one arm and path; large dot: median\nhollow: started 0.5 rad off the posture",
         fontsize=9, x=0.01, ha="left",
     )  # fmt: skip
-    canvas.savefig(path, dpi=110)
+    canvas.savefig(path, dpi=160)
 
 
 def _row(

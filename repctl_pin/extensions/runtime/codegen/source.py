@@ -11,14 +11,14 @@ from ....arguments import require_type
 from ....certificate import ClosingRadius
 from ....errors import InputError
 from ....model.several_frames import one_frame
+from ....model.task import Task
+from ....native import CLOSING, filled_struct
 from ....regions import Region
 from ....strategies.native_arm import native_arm
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
 from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
-from .cell_function import function_code, native_files
-from .closing import closing_source
 from .constants import constants
 from .governor import governor_source, torque_code
 from .text import comment, filled, pasted
@@ -78,7 +78,7 @@ def write_source(
         inverse, declared, defined = (
             control.inverse,
             filled("function.h", name, {}),
-            function_code(control, name),
+            _function_code(control, name),
         )
     inverse = require_type(
         inverse,
@@ -104,7 +104,7 @@ def write_source(
             "use a box, a tube or a workspace box, or an inverse without a region"
         )
     arm = native_arm(task, inverse.potentials, kept)
-    headers, sources = native_files(inverse, kept)
+    headers, sources = _native_files(inverse, kept)
     chart = "#define CHART\n\n" if headers else ""
     parts = {
         "about": about(control, kept),
@@ -120,7 +120,7 @@ def write_source(
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
     governed = governor_source(task, name) if governor else ("", "", "")
-    closing = closing_source(closes, task, name)
+    closing = _closing_source(closes, task, name)
     torque = torque_code(name)
     header = parts | {
         "torque": torque[0],
@@ -140,6 +140,59 @@ def write_source(
         governed[2],
         closing[2],
     )
+
+
+def _function_code(function: InverseFunction, name: str) -> str:
+    """Write the C code of an inverse kinematic function F, after that of its inverse."""
+    parts = {
+        "library": pasted("function.h", "function.c", "function_lanes.c"),
+        "keep": int(function.keep_limits),
+    }
+    return filled("function.c", name, parts)
+
+
+def _native_files(
+    inverse: RepeatableInverse, region: Bounded | None
+) -> tuple[list[str], list[str]]:
+    """Name the headers and sources of the library for an inverse or a region with a cell."""
+    if isinstance(inverse.potentials, CellPotentials) or isinstance(region, Cell):
+        return ["chart.h"], ["chart.c"]
+    return [], []
+
+
+def _closing_source(
+    closes: ClosingRadius | None, task: Task, name: str
+) -> tuple[str, str, str]:
+    """Write the closing radius' parts of the C header, the C source and the C++ header.
+
+    All three are empty without a closing radius.
+    """
+    if closes is None:
+        return "", "", ""
+    if not closes:
+        raise InputError(
+            f"closes: {closes.words}",
+            remedy="omit closes=",
+        )
+    if closes.kind != task.kind:
+        raise InputError(
+            f"closes is of {closes.kind} tasks, but the inverse of {task.kind}",
+            remedy="give the closing radius of the design that the inverse belongs to",
+        )
+    squares = {"square": closes.metres**2, "chord": closes.squared_chord}
+    poses = {"p": closes.positions.ravel(), "R": closes.rotations.ravel()}
+    made = filled_struct(
+        CLOSING, {}, poses, squares | {"count": len(closes.positions)}
+    )[0]
+    parts = {
+        "words": comment(closes.words.replace("°", " deg")),
+        "library": pasted("closing.h", "closing.c"),
+        "tables": constants(made, "Closing", f"{name}_closing"),
+    }
+    header, code, more = (
+        filled(f"closing.{end}", name, parts) for end in ("h", "c", "hpp")
+    )
+    return header, code, more
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:

@@ -11,6 +11,7 @@ export function connect(clock, view) {
   byId("speed").addEventListener("change", (event) => { clock.speed = Number(event.target.value); event.target.blur(); });
   byId("stepping").addEventListener("change", ({ target }) => { clock.step(target.checked); clock.play(true); });
   const keys = () => { byId("keys").showModal(); byId("keys").scrollTop = 0; };
+  byId("noted").addEventListener("click", ({ currentTarget }) => currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")));
   byId("help").addEventListener("click", keys);
   document.addEventListener("pointerdown", (event) => { for (const menu of ["looks", "save", "loops"]) if (!event.target.closest(`#${menu}`)) byId(menu).open = false; });
   byId("view").addEventListener("click", view.reset);

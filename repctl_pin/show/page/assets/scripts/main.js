@@ -61,7 +61,7 @@ async function main() {
     say("The 3D view could not start (" + error.message + "). Is WebGL switched on in this browser?", true);
     return;
   }
-  const { arms, paths, line, leave, extent, eye, points, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
+  const { arms, paths, line, leave, extent, eye, points, near, panes } = await setStage(viewer, scene), study = { ...scene, last: scene.arms[0].drift.length };
 
   const compare = () => { const found = scene.live ? null : referenceOf(arms); for (const arm of arms) arm.reference = arm === found ? null : found; };
   compare();
@@ -96,10 +96,11 @@ async function main() {
     keep(clock, eye, own && own.points);
     viewer.set_dirty();
   }
+  const small = window.matchMedia("(max-width: 640px), (max-height: 480px)"); // there the arm is seen, not all of its robot
   function resize() {
     panes.layout();
     if (own) own.reserve();
-    if (!eye.touched && !(own && own.lead)) eye.fit(points, panes.size);
+    if (!eye.touched && !(own && own.lead)) eye.fit(small.matches ? near : points, panes.size);
     if (chart && !(own && own.lead)) chart.reserve();
     show();
   }

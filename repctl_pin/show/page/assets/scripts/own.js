@@ -1,7 +1,7 @@
 // The visitor's own loop: take the hand at its ring, draw, let go; both arms follow, and the page says what has happened.
 
 import { download } from "./save.js";
-import { byId, element } from "./dom.js";
+import { byId, element, tone } from "./dom.js";
 import { Chain, Law, pieces, stepped } from "./law.js";
 import { inMetres } from "./numbers.js";
 import { computed, drawnAt } from "./run.js";
@@ -13,9 +13,10 @@ const POINTS = 40; // of a loop, as it is kept
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
 const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
-const HOW = [["The dashed line closes the loop."]];
+const HOW = ["The dashed line closes the loop."];
 const RACE = 4; // times the joint speed at the start, or times the limit at the study's speed, at which it stops
 const FLAT = 0.35; // part of the smallest sine between the rows of J at the start, below which it stops
+const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
 
 export class Own {
@@ -34,6 +35,7 @@ export class Own {
     byId("loop-csv").addEventListener("click", () => download(new Blob([this.csv()], { type: "text/csv" }), "loop.csv"));
     for (const button of byId("loops").querySelectorAll("[data-loop]")) button.addEventListener("click", () => { byId("loops").open = false; this.preset(button.dataset.loop); });
     byId("copy").addEventListener("click", ({ currentTarget }) => { navigator.clipboard.writeText(location.href).then(() => { currentTarget.textContent = "Copied"; }, () => {}); });
+    byId("best").addEventListener("click", () => { byId("loops").open = false; this.open(this.best.points); });
     byId("loops").hidden = false;
     clock.ended = () => this.pulse();
   }
@@ -77,13 +79,14 @@ export class Own {
       line.geometry.setAttribute("position", new T.Float32BufferAttribute(6, 3)).setAttribute("lineDistance", new T.Float32BufferAttribute(2, 1));
       line.frustumCulled = false;
       group.add(line);
+      if (chain.proved) group.add(disc(home, normal, chain.proved));
       return { line, tip: new Trail(group, arm.data.color), elbow: new Trail(group, arm.data.color) };
     });
     this.state = "leading";
     document.body.classList.add("leading", "own");
     byId("own").hidden = true;
     this.scene.leading = true;
-    this.write(DRAW, HOW, "your loop");
+    this.write(DRAW, this.how(), "your loop");
     this.draw();
   }
 
@@ -106,7 +109,7 @@ export class Own {
     event.stopPropagation();
     if (event.key === "Escape") { this.leave(); return; }
     if (event.key === "Enter") {
-      if (this.lead) this.letGo(); else { this.take(k, null); this.write([["Draw a loop by the arrow keys; Enter lets go."]], HOW, "your loop"); }
+      if (this.lead) this.letGo(); else { this.take(k, null); this.write([["Draw a loop by the arrow keys; Enter lets go."]], this.how(), "your loop"); }
       return;
     }
     if (!this.lead) this.take(k, null);
@@ -192,9 +195,10 @@ export class Own {
       geometry.attributes.position.copyArray([...from.toArray(), ...to.toArray()]).needsUpdate = true;
       geometry.attributes.lineDistance.copyArray([0, from.distanceTo(to)]).needsUpdate = true;
     });
-    if (lead.why !== lead.said) {
-      lead.said = lead.why;
-      this.write(lead.why ? [[lead.why, "bad"], [" Go another way, or let go."]] : DRAW, HOW, "your loop");
+    const beyond = this.beyond(lead.trail);
+    if (lead.why !== lead.said || beyond !== lead.beyond) {
+      Object.assign(lead, { said: lead.why, beyond });
+      this.write(lead.why ? [[lead.why, "bad"], [" Go another way, or let go."]] : DRAW, this.how(beyond), "your loop");
     }
     this.player.show();
   }
@@ -209,6 +213,7 @@ export class Own {
     if (way < 0.01 * chain.size) { this.leave([["That was no loop yet: drag the ring around, and let go."]]); return; }
     const blocked = this.walk(from(), [chain.home]).why;
     this.follow(kept([...open, ...(blocked ? open.slice(0, -1).reverse() : []), chain.home], chain.home), 1, blocked ? "Straight home was blocked; the loop goes back along the way it came." : "");
+    this.keepBest();
   }
 
   // Put the hand down: nothing of the gesture is left.
@@ -228,7 +233,7 @@ export class Own {
     const { chain, laws, arms } = this, way = pieces(points, chain.speed, chain.steps), result = computed(laws, arms, way, CYCLES);
     const length = way.reduce((sum, { count, h }) => sum + count * h, 0) * chain.speed;
     if (!result.cycles) { this.leave([["Your loop leads through a singularity, where the hand cannot go on.", "bad"]]); return; }
-    Object.assign(this, { points, result, length, also, shape: { encloses: !retraced(points), turns: windings(chain.axis, points) }, state: "own" });
+    Object.assign(this, { points, result, length, also, shape: { encloses: enclosing(points) > 0, turns: windings(chain.axis, points) }, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
     this.player.play({ ...result, seconds: result.slower * (length / chain.speed), path: points });
@@ -243,9 +248,39 @@ export class Own {
     this.scene.part = part;
     for (const arm of arms) arm.pointAt((s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
     if (result.cycles < CYCLES) sentence.push([` In cycle ${result.cycles + 1} an arm comes to a singularity.`, "bad"]);
-    this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1, -1)] : notes, `your loop, ${inMetres(this.length)} long`);
+    notes.push(...this.said());
+    this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1)] : notes, `your loop, ${inMetres(this.length)} long`);
     byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more from the start";
     this.player.show();
+  }
+
+  // Whether points are beyond the proved radius around the start.
+  beyond(points) { const { proved, home } = this.chain; return Boolean(proved) && points.some((p) => Math.hypot(...p.map((v, i) => v - home[i])) >= proved); }
+
+  // What is said under the sentence while the hand is led.
+  how(beyond = false) {
+    const { proved } = this.chain;
+    if (!proved) return [HOW];
+    return [HOW, beyond ? [` You are beyond the proved radius, ${inMetres(proved)}.`, "near"] : [` Within the pale disc, ${inMetres(proved)} around the start, every loop of the repeatable arm closes: proved.`]];
+  }
+
+  // What is said of a loop beside its motion: whether it was proved to close, and the best loop so far.
+  said() {
+    const { chain: { proved, size }, best, points } = this, words = [];
+    if (proved) words.push(this.beyond(points) ? [` Beyond the proved radius, ${inMetres(proved)}.`] : [` The repeatable arm closes every loop within ${inMetres(proved)} of the start: proved.`, "good"]);
+    if (best) words.push([` Can you draw one, ${inMetres(LEAST_LENGTH * size)} or longer, that does not make it drift? Your best: ${inMetres(best.off)}.`]);
+    return words;
+  }
+
+  // Keep the drawn loop under which the usual control drifts least, of those that are long enough where they enclose something.
+  keepBest() {
+    const { result, chain, laws, points, best } = this, k = laws.findIndex(({ r }) => !r);
+    if (this.state !== "own" || k < 0 || result.cycles < CYCLES || enclosing(points) < LEAST_LENGTH * chain.size) return;
+    const off = Math.max(...result.runs[k].ends.at(-1));
+    if (!best || off < best.off) this.best = { off, points };
+    byId("best").hidden = false;
+    byId("best").textContent = `Your best: ${inMetres(this.best.off)}`;
+    this.tell(this.shown);
   }
 
   // From one cycle to all of them, by their ends, when only what drifts is seen to move; and again.
@@ -312,7 +347,7 @@ export class Own {
   // Give the words above the room of their longest, so that nothing moves when they change.
   reserve() {
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
-    const more = "The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked.";
+    const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
       const node = byId(id), sample = element(node.tagName, { id, style: "position: absolute; visibility: hidden; left: 0; top: 0" }, text);
       node.style.minHeight = "";
@@ -378,11 +413,29 @@ function simpler(points, most) {
   return worst > most ? [...simpler(points.slice(0, at + 1), most).slice(0, -1), ...simpler(points.slice(at), most)] : [a, b];
 }
 
-// Whether a loop goes there and back the same way.
-function retraced(points) {
-  const sizes = points.slice(1).map((p, i) => Math.hypot(...p.map((v, k) => v - points[i][k]))), whole = sizes.reduce((sum, v) => sum + v, 0);
-  const at = (s) => { let i = 0; while (i < sizes.length - 1 && s > sizes[i]) s -= sizes[i++]; return points[i].map((v, k) => v + (s / sizes[i]) * (points[i + 1][k] - v)); };
-  return Array.from({ length: 20 }, (_, i) => ((i + 1) / 40) * whole).every((s) => { const back = at(whole - s); return Math.hypot(...at(s).map((v, k) => v - back[k])) < 0.02 * whole; });
+// The length of a loop without the ways that it goes there and back, m: 0 where it encloses nothing.
+function enclosing(points) {
+  const sizes = points.slice(1).map((p, i) => gap(p, points[i])), step = sizes.reduce((sum, v) => sum + v, 0) / 80, way = [points[0]];
+  let left = step;
+  points.slice(1).forEach((p, i) => {
+    for (; left <= sizes[i] + 1e-12; left += step) {
+      const at = points[i].map((v, k) => v + (left / sizes[i]) * (p[k] - v));
+      if (way.length > 1 && gap(at, way.at(-2)) < 1.5 * step) way.pop(); else if (gap(at, way.at(-1)) > 0.5 * step) way.push(at);
+    }
+    left -= sizes[i];
+  });
+  return way.length > 4 ? (way.length - 1) * step : 0;
+}
+
+const gap = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
+
+// A pale disc around the start, within which a proof holds.
+function disc(home, normal, radius) {
+  const T = MeshCat.THREE, pale = new T.Group(), material = (opacity) => new T.MeshBasicMaterial({ color: tone("--good"), transparent: true, opacity, side: T.DoubleSide, depthWrite: false });
+  pale.add(new T.Mesh(new T.RingGeometry(0, radius, 72), material(0.12)), new T.Mesh(new T.RingGeometry(0.97 * radius, radius, 72), material(0.6)));
+  pale.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), normal.clone().normalize());
+  pale.position.copy(home);
+  return pale;
 }
 
 // How often a loop goes round the axis of the first joint.

@@ -19,7 +19,7 @@ export async function setStage(viewer, scene) {
   const tip = new T.Box3().setFromPoints(tips).getCenter(new T.Vector3());
   const whole = new T.Box3().setFromPoints(arms.flatMap((arm) => Object.values(arm.reach()).flat()));
   const eye = new Eye(viewer, scene.planar ? new T.Vector3(0, -1e-4, 1) : scene.live ? towards(tip, whole) : clearest(arms, towards(tip, whole)), scene.planar);
-  const { points, extent, ground } = inSight(arms, paths.flat(), eye);
+  const { points, near, extent, ground } = inSight(arms, paths.flat(), eye);
   const shown = new T.Box3().setFromPoints(points), center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${inMetres(floor(viewer, center, ground, extent))}`;
@@ -27,7 +27,7 @@ export async function setStage(viewer, scene) {
   line(paths);
   const leave = () => drawWays(arms, scene, extent);
   const [left, right] = eye.span(points, "right"), [low, high] = eye.span(points, "up");
-  return { arms, paths, line, leave, extent, eye, points, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
+  return { arms, paths, line, leave, extent, eye, points, near, panes: new Panes(viewer, eye, arms, (right - left) / (high - low)) };
 }
 
 // The points that the camera must see: all of the robot, where that leaves the arm large; else its whole width, if it is
@@ -42,5 +42,5 @@ function inSight(arms, path, eye) {
   const all = across(whole, "up") < Math.max(1.45 * across(near, "up"), wide ? Math.max(1.3 * across(near, "right"), across(whole, "right")) : 0);
   const level = (p) => p.clone().addScaledVector(eye.up, Math.min(Math.max(p.dot(eye.up), low), high) - p.dot(eye.up));
   const kept = (p) => (all ? p : wide ? level(p) : room.clampPoint(p, new T.Vector3()));
-  return { points: [...moving, ...path, ...still.map(kept)], extent, ground: whole.min.z };
+  return { points: [...moving, ...path, ...still.map(kept)], near: [...moving, ...path], extent, ground: whole.min.z };
 }

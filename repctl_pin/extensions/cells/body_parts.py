@@ -10,14 +10,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ..arguments import Array
-from ..certificate import fingerprint
-from .body_shapes import fixed_placements
-from .catalogue import disabled_pairs
-from .model import link_frames
-from .shapes import Solid, find_mesh
-from .task import Task
-from .validate import Description
+from ...arguments import Array
+from ...certificate import fingerprint
+from ...model.body_shapes import fixed_placements
+from ...model.catalogue import disabled_pairs
+from ...model.model import link_frames
+from ...model.shapes import Solid, find_mesh
+from ...model.task import Task
+from ...model.validate import Description
 
 
 def shapes_fingerprint(task: Task) -> str:
