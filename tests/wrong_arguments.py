@@ -204,7 +204,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "Problem": {
-            "robot": "planar3r", "frame": "tool", "frames": None, "kind": "xy", "start": q0,
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0,
             "path": None,
             "plane": "xy", "region": 0.1,
         },

@@ -55,11 +55,8 @@ class Problem:
     robot : str, Robot or Task
         Catalogue name, path to a URDF, or a loaded robot; or a task, which has a frame and a kind.
     frame, kind : str, optional
-        Frame to move and kind of task; by default the end of the arm, and the first of pose,
+        Frame to move, or a list of several, as :meth:`Robot.task` takes it; and kind of task; by default the end of the arm, and the first of pose,
         position, xy, xz, yz that is redundant.
-    frames : list, optional
-        Several frames to move at once, in place of ``frame``: names, or tuples as those of
-        :meth:`Robot.task`.
     start : (n,) array or str, optional
         Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
         default the first of the reference pose, the ready pose, mid-range and dexterous poses
@@ -128,8 +125,7 @@ class Problem:
         self,
         robot: str | Robot | Task,
         *,
-        frame: str | None = None,
-        frames: Sequence[str | tuple[str, ...]] | None = None,
+        frame: str | Sequence[str | tuple[str, ...]] | None = None,
         kind: str | None = None,
         start: ArrayLike | str | None = None,
         path: str
@@ -144,9 +140,7 @@ class Problem:
         draw = _checked_path(path, plane)
         asked = _checked_region(region)
         loaded = robot if isinstance(robot, (Robot, Task)) else Robot.load(robot)
-        if frame is not None and frames is not None:
-            raise InputError("frame= and frames= are mutually exclusive")
-        task = _task_of(loaded, frames if frame is None else frame, kind)
+        task = _task_of(loaded, frame, kind)
         parts = {"kind": kind, "start": start, "path": path, "region": region}
         given = frozenset(name for name, value in parts.items() if value is not None)
         warnings: tuple[str, ...] = () if isinstance(loaded, Task) else loaded.warnings

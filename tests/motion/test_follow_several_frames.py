@@ -88,11 +88,9 @@ def test_paths_of_several_frames_are_checked(hands):
 
 
 def test_a_problem_moves_one_frame_and_holds_the_other():
-    both = rp.Problem("pr2", frames=HANDS, path=["circle:0.05", None])
+    both = rp.Problem("pr2", frame=HANDS, path=["circle:0.05", None])
     left, right = both.path.paths
     assert left.length > 0.3 and right.length == 0
-    with pytest.raises(rp.InputError, match="mutually exclusive"):
-        rp.Problem("pr2", frames=HANDS, frame=HANDS[0])
 
 
 def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
