@@ -55,8 +55,8 @@ class Problem:
     robot : str, Robot or Task
         Catalogue name, path to a URDF, or a loaded robot; or a task, which has a frame and a kind.
     frame, kind : str, optional
-        Frame to move, or a list of several, as :meth:`Robot.task` takes it; and kind of task; by default the end of the arm, and the first of pose,
-        position, xy, xz, yz that is redundant.
+        Frame to move, or a list of several as :meth:`Robot.task` takes it, and kind of task; by
+        default the end of the arm, and the first of pose, position, xy, xz, yz that is redundant.
     start : (n,) array or str, optional
         Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
         default the first of the reference pose, the ready pose, mid-range and dexterous poses
