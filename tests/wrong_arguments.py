@@ -197,13 +197,15 @@ def right_calls(folder: Path) -> list[Call]:
             "options": rp.FitOptions(samples=16, held_out=64), "progress": False,
         },
         "save": {"design": design, "path": folder / "again.json"},
+        "several_paths": {"task": task, "q0": q0, "paths": [path]},
         "solve_ik": {
             "task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20,
             "limits": True,
         },
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "Problem": {
-            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0,
+            "path": None,
             "plane": "xy", "region": 0.1,
         },
         "study": {

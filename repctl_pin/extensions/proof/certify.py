@@ -14,6 +14,7 @@ from ...certificate import CELL_THEOREM, Proof
 from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError, SingularityError
+from ...model.several_frames import one_frame
 from ...native import library
 from ...paths.task_path import ClosedPath
 from ...regions import Region, Tube, WorkspaceBox
@@ -108,6 +109,7 @@ def prove(
                 f"what must be a design, such as the result of rp.nearest_repeatable, "
                 f"not a {type(what).__name__}"
             )
+    one_frame(what.task, "a proof")
     goal = None if margin is None else _share(margin)
     least = (
         None
