@@ -335,6 +335,8 @@ def right_calls(folder: Path) -> list[Call]:
         "nodes": {"count": 8, "seed": 0},
         "from_robot": {"whole": q0},
         "placement": {"q": q0},
+        "placements": {"q": q0},
+        "as_target": {"value": target},
         "points": {"count": 5},
         "positions": {"Q": Q},
         "values": {"Q": Q},
@@ -461,6 +463,7 @@ def right_calls(folder: Path) -> list[Call]:
                 "of",
                 "dynamics",
                 "bodies_model",
+                "target_type",
             ):
                 continue  # the first serves until it is stopped, the others take nothing
             assert good is not None, (

@@ -17,8 +17,8 @@ _MIDDLE = (0.3, 0.7)
 def arm_length(task: Task, q: Array) -> float:
     """Compute the arm length, m: sum of the distances between successive revolute joints.
 
-    The distance from the last one to the frame is added. 0 without revolute joints. Of several
-    frames, the largest counts.
+    The distance from the last one to the frame is added. 0 without revolute joints. If there are
+    several frames, the largest counts.
 
     Parameters
     ----------

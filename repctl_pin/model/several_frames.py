@@ -90,14 +90,14 @@ class SeveralFrames(Task):
         groups: list[tuple[set[str], list[str]]] = []
         for spec in self.specs:
             joints, frames = set(spec.joints), [spec.frame]
-            apart = []
+            others = []
             for group in groups:
                 if group[0] & joints:
                     joints |= group[0]
                     frames = group[1] + frames
                 else:
-                    apart.append(group)
-            groups = [*apart, (joints, frames)]
+                    others.append(group)
+            groups = [*others, (joints, frames)]
         return tuple(tuple(frames) for _, frames in groups)
 
     def as_target(self, value: Placement, name: str = "target") -> Any:
@@ -199,8 +199,8 @@ class SeveralFrames(Task):
         raise NotImplementedError("the parts place the frames")
 
     def __str__(self) -> str:
-        apart = "; the task falls apart: frames share no joint"
-        return f"{super().__str__()}{apart * (len(self.groups) > 1)}"
+        note = "; the task falls apart: frames share no joint"
+        return f"{super().__str__()}{note * (len(self.groups) > 1)}"
 
 
 def based(robot: _Robot, base: str | None) -> _Robot:

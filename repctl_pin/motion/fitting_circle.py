@@ -100,7 +100,7 @@ def circle_at(
 ) -> TaskPath:
     """Create a circle with its spec; the start lies at ``degrees`` from the plane's first axis.
 
-    Of several frames, the first one moves, and the others hold still.
+    If there are several frames, the first one moves, and the others hold still.
     """
     if len(task.frames) > 1:
         first = lambda single, q: circle_at(single, q, radius, plane, degrees)  # noqa: E731

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of
+from ..arguments import Array, list_of, read_only
 from ..errors import InputError
 from ..model.chain_formulas import Placements
 from ..model.several_frames import of_singles
@@ -21,6 +21,7 @@ PathOfFrame: TypeAlias = ClosedPath | Callable[[Task, Array], ClosedPath] | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+@read_only
 class SeveralPaths(TaskPath):
     """Closed paths of several frames, one per frame; a frame that holds still has one, too.
 
@@ -60,10 +61,15 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     task
         Task of several frames.
     q0 : (n,) array
-        Start configuration, where a frame without a path holds still.
+        Start configuration, rad and m, where a frame without a path holds still.
     paths
         One per frame: a closed path, a function (task, q0) → path of the task of this frame alone,
         or None for a frame that holds still.
+
+    Returns
+    -------
+    TaskPath
+        All paths as one, with one period.
 
     Raises
     ------

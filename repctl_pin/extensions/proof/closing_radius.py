@@ -108,7 +108,7 @@ def _limit(joint: str, complete: bool, boxes: int) -> str:
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
     """Return the start of the design's own cycle, if it is inside Ω, or a centre of Ω.
 
-    Of a tube, that is the sample whose pose is nearest to the beginning of the path.
+    In a tube, that is the sample whose pose is nearest to the beginning of the path.
     """
     if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:
         return design.cycle.start
