@@ -169,6 +169,17 @@ def test_what_is_asked_is_proved_or_refused(panda_design: rp.Design) -> None:
         rp.prove(panda_design, ratio=-1)
 
 
+def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
+    design, _ = cases(tmp_path)[3]
+    largest = rp.prove(design, margin=0.01, seconds=5).closes
+    for share in (0.5, 0.1):
+        closes = rp.prove(
+            design, margin=0.01, seconds=5, closes=share * largest.metres
+        ).closes
+        assert closes.metres >= share * largest.metres and closes.complete
+        assert closes.boxes < largest.boxes / 10 and "asked" in closes.reason
+
+
 def test_a_pose_is_inside_or_beyond_the_radius(panda_design: rp.Design) -> None:
     closes = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05)).closes
     at = panda_design.task.placement(closes.start)

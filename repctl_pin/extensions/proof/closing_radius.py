@@ -83,7 +83,10 @@ def closing_radius(
                 why = str(error)
             else:
                 radius, boxes, complete = found.radius, found.boxes, found.complete
-                why = _limit(task.joint_names[found.joint], complete, boxes)
+                if goal is not None and radius >= goal:
+                    why, complete = "no larger one was asked for", True
+                else:
+                    why = _limit(task.joint_names[found.joint], complete, boxes)
     return ClosingRadius(
         radius,
         ratio * radius if turns else None,
