@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from time import thread_time
 
 import numpy as np
 import pinocchio as pin
@@ -97,7 +98,7 @@ def test_wild_paths_within_the_radius_close(
     rng = np.random.default_rng(1)
     designs = [design for design, _ in cases(tmp_path)]
     for design in [designs[0], designs[2], panda_design]:  # the others take seconds
-        proof = rp.prove(design, margin=0.01, seconds=0.1, closes=0.005)
+        proof = rp.prove(design, margin=0.01, seconds=2, closes=0.005)
         if not proof.closes:
             assert proof.closes.reason
             continue
@@ -178,6 +179,16 @@ def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
         ).closes
         assert closes.metres >= share * largest.metres and closes.complete
         assert closes.boxes < largest.boxes / 10 and "asked" in closes.reason
+
+
+def test_a_radius_takes_the_time_that_is_given(panda_design: rp.Design) -> None:
+    taken, metres = [], []
+    for seconds in (0.05, 1.0):
+        begin = thread_time()
+        closes = rp.prove(panda_design, margin=0.3, seconds=seconds).closes
+        taken.append(thread_time() - begin)
+        metres.append(closes.metres)
+    assert metres[0] < metres[1] and taken[0] < taken[1]
 
 
 def test_a_pose_is_inside_or_beyond_the_radius(panda_design: rp.Design) -> None:
