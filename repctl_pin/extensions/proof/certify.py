@@ -205,6 +205,9 @@ def _of_region(
         return proof  # one warning has said so
     report("proving the closing radius", 0.0)
     closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
+    named = proof.reason.startswith("J_V is singular between")
+    if named and closes.boxes and not closes:
+        closes = replace(closes, reason="J_V is singular in Ω")
     if radius is not None and not closes.metres >= radius:
         said = f"closing radius {closes.size}" if closes else "no closing radius"
         why = f"{said}: {closes.reason}"
