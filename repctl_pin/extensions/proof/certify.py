@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 _SHRINKING_SECONDS = 0.2
 """Processor time for each smaller Ω that is tried where there is a singularity, s."""
 
-_CLOSING_SECONDS = 5.0
-"""Minimum processor time, s, that a closing radius may take."""
-
 
 def prove(
     what: Design | CellDesign,
@@ -77,7 +74,8 @@ def prove(
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
-        Processor time, s, after which the bounds found so far are taken.
+        Processor time, s, after which the bounds found so far are taken: of the margins, and of
+        the closing radius.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
@@ -208,8 +206,10 @@ def _of_region(
     if library() is None and radius is None:
         return proof  # one warning has said so
     report("proving the closing radius", 0.0)
-    time = max(seconds, _CLOSING_SECONDS)
-    closes = closing_radius(design, region, problem, path, ratio, radius, time)
+    closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
+    named = proof.reason.startswith("J_V is singular between")
+    if named and closes.boxes and not closes:
+        closes = replace(closes, reason="J_V is singular in Ω")
     if radius is not None and not closes.metres >= radius:
         said = f"closing radius {closes.size}" if closes else "no closing radius"
         why = f"{said}: {closes.reason}"
