@@ -208,9 +208,15 @@ export class ArmView {
 
   // How far body k is off its ghost, m: the way of its farthest point.
   drift(k) {
-    const T = MeshCat.THREE, p = new T.Vector3(), q = new T.Vector3(), here = this.moving[k], there = this.shades[k];
+    const here = this.moving[k], there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();
-    return this.corners[k].reduce((most, c) => Math.max(most, p.copy(c).applyMatrix4(here.matrix).distanceTo(q.copy(c).applyMatrix4(there.matrix))), 0);
+    const D = here.matrix.elements.map((v, i) => v - there.matrix.elements[i]);
+    let most = 0;
+    for (const { x, y, z } of this.corners[k]) {
+      const a = D[0] * x + D[4] * y + D[8] * z + D[12], b = D[1] * x + D[5] * y + D[9] * z + D[13], c = D[2] * x + D[6] * y + D[10] * z + D[14];
+      most = Math.max(most, a * a + b * b + c * c);
+    }
+    return Math.sqrt(most);
   }
 
   // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the robot's own colours.

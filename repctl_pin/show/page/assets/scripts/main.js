@@ -132,6 +132,7 @@ async function main() {
     ways = leave();
     rule(clock);
     offer();
+    panes.inRows();
     chart.reserve();
     show();
   }

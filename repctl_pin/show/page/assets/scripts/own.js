@@ -344,20 +344,24 @@ export class Own {
     if (title) byId("title").textContent = `${this.scene.title.split(":")[0]}: ${title}`;
   }
 
-  // Give the words above the room of their longest, so that nothing moves when they change.
+  // Give the header the room of its longest words, so that nothing moves when they change.
   reserve() {
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
     const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
+    const header = byId("verdict").closest("header");
+    header.style.minHeight = "";
+    if (document.body.classList.contains("inside")) return;
+    let height = header.offsetHeight;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
       const node = byId(id), sample = element(node.tagName, { id, style: "position: absolute; visibility: hidden; left: 0; top: 0" }, text);
-      node.style.minHeight = "";
-      if (!node.clientWidth) continue; // inside another page
+      if (!node.clientWidth) continue; // folded
       sample.style.width = `${node.clientWidth}px`;
       node.after(sample);
       const tall = Math.max(sample.offsetHeight, ...this.texts.filter(([one]) => one === node).map(([, children]) => { const now = [...node.childNodes]; node.replaceChildren(...children); const height = node.offsetHeight; node.replaceChildren(...now); return height; }));
       sample.remove();
-      node.style.minHeight = `${tall}px`;
+      height += tall - node.offsetHeight;
     }
+    header.style.minHeight = `${height}px`;
   }
 
   // Put the rings where the hand is; they are not there while it goes round without them.
@@ -432,7 +436,9 @@ const gap = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
 // A pale disc around the start, within which a proof holds.
 function disc(home, normal, radius) {
   const T = MeshCat.THREE, pale = new T.Group(), material = (opacity) => new T.MeshBasicMaterial({ color: tone("--good"), transparent: true, opacity, side: T.DoubleSide, depthWrite: false });
-  pale.add(new T.Mesh(new T.RingGeometry(0, radius, 72), material(0.12)), new T.Mesh(new T.RingGeometry(0.97 * radius, radius, 72), material(0.6)));
+  const edge = new T.Mesh(new T.RingGeometry(0.94 * radius, radius, 72), Object.assign(material(0.8), { depthTest: false })); // seen through the arm
+  edge.renderOrder = 7;
+  pale.add(new T.Mesh(new T.RingGeometry(0, radius, 72), material(0.12)), edge);
   pale.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), normal.clone().normalize());
   pale.position.copy(home);
   return pale;

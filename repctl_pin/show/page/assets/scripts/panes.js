@@ -28,12 +28,15 @@ export class Panes {
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     this.viewer.renderer.setSize(width, height);
     const { clientWidth, clientHeight } = this.frames[0];
-    this.beside = clientHeight < LOW && this.frames.every((frame, k) => this.inOneRow(frame, this.arms[k]));
+    this.inRows();
     this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), ...this.room() };
     this.eye.aspect(this.size.width / this.size.height);
     if (PIXEL.value) PIXEL.value.set(2 / this.size.width, 2 / this.size.height);
     this.colour();
   }
+
+  // Decide whether all panes have room for what is said of the part beside their labels, in this run.
+  inRows() { this.beside = this.frames[0].clientHeight < LOW && this.frames.every((frame, k) => this.inOneRow(frame, this.arms[k])); }
 
   // Whether a pane's label and what is said of the part fit into one row at all times.
   inOneRow(frame, { data, notice }) {
