@@ -257,8 +257,7 @@ class Robot(Mechanism):
         """
         if isinstance(frame, (list, tuple)):
             return self._task_of_several(frame, kind, joints)
-        name = self.default_frame if frame is None else frame
-        assert isinstance(name, str)
+        name: Any = self.default_frame if frame is None else frame
         return Task(self, name, task_kind(kind), self._moving(name, joints))
 
     def _task_of_several(
