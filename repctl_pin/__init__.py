@@ -36,7 +36,7 @@ _DOOR = {
     "integrability": "bracket_defect drift_per_area",
     "integrability.repeatability": "is_repeatable",
     "integrability.stable_surface": "stable_surface",
-    "paths": "TaskPath circle figure_eight",
+    "paths": "TaskPath circle several_paths figure_eight",
     "paths.polyline": "Waypoints polygon waypoints",
     "paths.waypoint_file": "read_waypoints",
     "motion": "LeafLock Limits Motion follow least_closed_motion solve_ik",

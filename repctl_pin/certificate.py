@@ -57,7 +57,8 @@ class ClosingRadius:
     boxes : int
         Number of boxes evaluated.
     complete : bool
-        False if the processor time was over before every box was decided; more gives more.
+        False if the processor time was over before every box was decided or the radius asked for
+        was proved; more gives more.
     reason : str
         Why the radius is not larger.
 

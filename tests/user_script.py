@@ -164,6 +164,7 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     corners = [[0.1, 0, 0], [0.1, 0.1, 0]]
     paths = [
         rp.figure_eight(task, q0),
+        rp.several_paths(task, q0, [None]),
         rp.polygon(task, q0, corners),
         rp.waypoints(given),
     ]

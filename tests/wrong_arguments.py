@@ -197,13 +197,15 @@ def right_calls(folder: Path) -> list[Call]:
             "options": rp.FitOptions(samples=16, held_out=64), "progress": False,
         },
         "save": {"design": design, "path": folder / "again.json"},
+        "several_paths": {"task": task, "q0": q0, "paths": [path]},
         "solve_ik": {
             "task": task, "q0": q0, "target": target, "tolerance": 1e-9, "iterations": 20,
             "limits": True,
         },
         "stable_surface": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "Problem": {
-            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0, "path": None,
+            "robot": "planar3r", "frame": "tool", "kind": "xy", "start": q0,
+            "path": None,
             "plane": "xy", "region": 0.1,
         },
         "study": {
@@ -333,6 +335,8 @@ def right_calls(folder: Path) -> list[Call]:
         "nodes": {"count": 8, "seed": 0},
         "from_robot": {"whole": q0},
         "placement": {"q": q0},
+        "placements": {"q": q0},
+        "as_target": {"value": target},
         "points": {"count": 5},
         "positions": {"Q": Q},
         "values": {"Q": Q},
@@ -459,6 +463,7 @@ def right_calls(folder: Path) -> list[Call]:
                 "of",
                 "dynamics",
                 "bodies_model",
+                "target_type",
             ):
                 continue  # the first serves until it is stopped, the others take nothing
             assert good is not None, (

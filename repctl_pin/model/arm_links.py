@@ -19,6 +19,8 @@ def arm_links(task: Task) -> frozenset[str]:
     The links of other branches, such as those of a second arm on the same waist, are not among
     them.
     """
+    if len(task.frames) > 1:
+        return frozenset().union(*map(arm_links, task.single_tasks))
     robot = task.robot
     model = task.robot.model
     frame = _joint(task, task.frame)

@@ -125,7 +125,8 @@ def is_rotation(R: Sequence[float]) -> bool:
 _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 
 Placement: TypeAlias = pin.SE3 | ArrayLike
-"""A rigid transform: pinocchio.SE3, or a homogeneous 4 × 4 array, m."""
+"""A rigid transform: pinocchio.SE3, or a homogeneous 4 × 4 array, m. For a task of several frames,
+a sequence of one per frame."""
 
 
 def as_placement(value: Placement, name: str = "target") -> pin.SE3:
@@ -149,6 +150,20 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
             f"not {row(array[3])}"
         )
     return pin.SE3(array)
+
+
+class Placements(tuple[pin.SE3, ...]):
+    """Placements of several frames, as one target of all of them."""
+
+    @property
+    def translation(self) -> Array:
+        """Origins of all frames: (3 F,), m."""
+        return np.concatenate([each.translation for each in self])
+
+    @property
+    def homogeneous(self) -> Array:
+        """Homogeneous matrices of all frames, one below the other: (4 F, 4)."""
+        return np.concatenate([each.homogeneous for each in self])
 
 
 def as_placements(values: Any, name: str, what: str) -> list[pin.SE3]:

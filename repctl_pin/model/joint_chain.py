@@ -11,8 +11,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..native import ARM, filled_struct
+from ..native import ARM, filled_struct, point
 from .model import frame_id, link_frames
+from .several_frames import SeveralFrames, one_frame
 from .task import Task
 
 _MOST = 64
@@ -47,7 +48,7 @@ class _JointChain:
 
 def joint_chain(task: Task) -> _JointChain:
     """Extract the serial chain of a task from its Pinocchio model."""
-    model = task.model
+    model = one_frame(task, "a joint chain").model
     frame = model.frames[task._frame_id]
     joints = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
     places = [*(model.jointPlacements[j] for j in joints), frame.placement]
@@ -96,7 +97,7 @@ class _JointTree:
 
 def joint_tree(task: Task) -> _JointTree:
     """Extract the tree of the joints that a task moves; the robot's base is its root."""
-    model, drive = task.bodies_model()
+    model, drive = one_frame(task, "this figure").bodies_model()
     frame = model.frames[frame_id(model, task.frame)]
     joints = list(range(1, model.njoints))
     places = [model.jointPlacements[j] for j in joints]
@@ -122,13 +123,15 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     Its frames are turned so that each joint moves about or along its own z axis. None if the chain
     has more than 64 joints, the most that arm.c has room for.
     """
+    if isinstance(task, SeveralFrames):
+        return _native_frames(task)
     chain = joint_chain(task)
     joints = len(chain.axes)
     if max(joints, task.n) > _MOST:
         return None
     R, p = _along_z(chain)
     lower, upper, _ = task.joint_limits
-    sizes = {"n": task.n, "m": task.m, "joints": joints}
+    sizes = {"n": task.n, "m": task.m, "joints": joints, "frames": 1}
     coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
         ARM,
@@ -145,6 +148,25 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
         sizes
         | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
+
+
+def _native_frames(
+    task: SeveralFrames,
+) -> tuple[Any, list[NDArray[np.generic]]] | None:
+    """Create the struct :data:`ARM` of several frames: each has the struct of its own chain."""
+    made = [native_chain(part) for part in task.parts]
+    frames = [each[0] for each in made if each is not None]
+    if len(frames) < len(made):
+        return None
+    lower, upper, _ = task.joint_limits
+    arm, held = filled_struct(
+        ARM,
+        {},
+        {"T": task.coordinate_matrix, "lower": lower, "upper": upper},
+        {"n": task.n, "m": task.m, "frames": len(frames)},
+    )
+    point(arm, "frame", frames)
+    return arm, held
 
 
 def _along_z(chain: _JointChain) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ an axis task the direction of the tool's z axis alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from ..arguments import Array, shown
 from ..errors import InputError
 from .chain_formulas import axis_turn, require_rotation, rotation_vectors
+
+_AND = " + "
+"""Text between the names of the kinds of several frames."""
 
 KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
 """Names of the kinds."""
@@ -37,23 +40,37 @@ class Kind(str):
         True if rows of ω are commanded.
     tool_axes : bool
         True if these rows are along the frame's own x and y, which tilt the tool's z axis.
+    linear : (m,) array of bool
+        True for rows of v.
     """
 
     rows: NDArray[np.intp]
+    linear: NDArray[np.bool_]
     m: int
     words: str
     turns: bool
     tool_axes: bool
 
-    def __new__(cls, name: KindName, *rows: int, words: str) -> Kind:
+    def __new__(cls, name: str, *rows: int, words: str) -> Kind:
         """Make a kind from its name, its rows and its words."""
         kind = super().__new__(cls, name)
         kind.rows = np.array(rows)
-        kind.rows.setflags(write=False)
+        kind.linear = kind.rows % 6 < 3
+        for array in (kind.rows, kind.linear):
+            array.setflags(write=False)
         kind.m = len(rows)
         kind.words = words
-        kind.turns = max(rows) > 2
+        kind.turns = not kind.linear.all()
         kind.tool_axes = kind.turns and kind.m < 6
+        return kind
+
+    @classmethod
+    def stacked(cls, kinds: Sequence[Kind]) -> Kind:
+        """Make the kind of a task of several frames: rows of their twists, one below the other."""
+        rows = (6 * k + int(row) for k, one in enumerate(kinds) for row in one.rows)
+        words = "; ".join(one.words for one in kinds)
+        kind = cls(_AND.join(kinds), *rows, words=words)
+        kind.tool_axes = any(one.tool_axes for one in kinds)
         return kind
 
     @property
@@ -100,7 +117,7 @@ class Kind(str):
         return np.concatenate([twist[:3], R.T[:2] @ twist[3:]])
 
     def __reduce__(self) -> tuple[Callable[[str], Kind], tuple[str]]:
-        return task_kind, (str(self),)
+        return _kind_again, (str(self),)
 
 
 KINDS: Mapping[str, Kind] = {
@@ -115,6 +132,12 @@ KINDS: Mapping[str, Kind] = {
     )
 }
 """The kinds, by name."""
+
+
+def _kind_again(name: str) -> Kind:
+    """Make the kind of one frame or of several from its name."""
+    kinds = [KINDS[each] for each in name.split(_AND)]
+    return kinds[0] if len(kinds) == 1 else Kind.stacked(kinds)
 
 
 def task_kind(name: str) -> Kind:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..redundancy import nullspace
+from .several_frames import of_singles
 from .task import Task
 
 _MIDDLE = (0.3, 0.7)
@@ -16,7 +17,8 @@ _MIDDLE = (0.3, 0.7)
 def arm_length(task: Task, q: Array) -> float:
     """Compute the arm length, m: sum of the distances between successive revolute joints.
 
-    The distance from the last one to the frame is added. 0 without revolute joints.
+    The distance from the last one to the frame is added. 0 without revolute joints. If there are
+    several frames, the largest counts.
 
     Parameters
     ----------
@@ -25,6 +27,8 @@ def arm_length(task: Task, q: Array) -> float:
     q : (n,) array
         Configuration.
     """
+    if len(task.frames) > 1:
+        return max(arm_length(*single) for single in of_singles(task, q))
     turning = np.append(np.linalg.norm(task.axes(q), axis=1) > 0.5, True)
     stations = np.vstack([task.joint_origins(q), task.placement(q).translation])[
         turning
@@ -117,6 +121,12 @@ def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
 
 def _along_arm(task: Task, q: Array) -> Array:
     """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame."""
+    if len(task.frames) > 1:
+        shares = np.zeros(task.n)
+        for single, own in of_singles(task, q):
+            columns = [task.robot_joints.index(joint) for joint in single.joint_names]
+            shares[columns] = _along_arm(single, own)
+        return shares
     stations = np.vstack([task.joint_origins(q), task.placement(q).translation])
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(stations, axis=0), axis=1)))
     return along[:-1] / (along[-1] or 1.0)

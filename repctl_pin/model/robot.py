@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..arguments import Array, file_name, list_of, list_of_names, require_type
+from ..arguments import Array, file_name, list_of, list_of_names, require_type, shown
 from ..errors import InputError, UrdfError, unknown
 from .catalogue import (
     READY,
@@ -230,17 +230,19 @@ class Robot(Mechanism):
 
     def task(
         self,
-        frame: str | None = None,
+        frame: str | Sequence[str | tuple[str, ...]] | None = None,
         kind: KindName | Kind = "pose",
         *,
         joints: Sequence[str] | None = None,
     ) -> Task:
-        """Create the task of controlling a frame, with the joints that move it.
+        """Create the task of controlling a frame, or several, with the joints that move them.
 
         Parameters
         ----------
         frame
-            Name of a link; by default :attr:`default_frame`, the end of the arm.
+            Name of a link; by default :attr:`default_frame`, the end of the arm. A list for several
+            frames at once: names, or tuples (name, kind), or (name, kind, base) for a frame that is
+            placed relative to another link, as when two hands carry a tray.
         kind
             ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5),
             ``position`` (3), ``xy``, ``xz``, ``yz`` (2).
@@ -250,26 +252,96 @@ class Robot(Mechanism):
         Raises
         ------
         InputError
-            If there is no such frame, kind or joint, or no joint moves the frame.
+            If there is no such frame, kind or joint, or no joint moves the frame; or if several
+            frames are not redundant.
         """
-        frame = self.default_frame if frame is None else frame
-        known = task_kind(kind)
+        if isinstance(frame, (list, tuple)):
+            return self._task_of_several(frame, kind, joints)
+        name = self.default_frame if frame is None else frame
+        assert isinstance(name, str)
+        return Task(self, name, task_kind(kind), self._moving(name, joints))
+
+    def _task_of_several(
+        self,
+        frames: Sequence[str | tuple[str, ...]],
+        kind: KindName | Kind,
+        joints: Sequence[str] | None,
+    ) -> Task:
+        """Create the task of frames; each is a name, (name, kind), or (name, kind, base)."""
+        from .several_frames import (
+            FrameSpec,
+            SeveralFrames,
+            based,
+        )  # few robots have two hands
+
+        specs: list[FrameSpec] = []
+        for given in frames:
+            parts = (given,) if isinstance(given, str) else given
+            if not (isinstance(parts, tuple) and 1 <= len(parts) <= 3):
+                raise InputError(
+                    f": {shown(given)} is not a frame; give a name, (name, kind) or "
+                    "(name, kind, base)",
+                    argument="frame",
+                )
+            name, own = parts[0], (*parts, kind)[1]
+            base = parts[2] if len(parts) == 3 else None
+            if base is not None:
+                self._frame_id(base)
+            moving = based(self, base)._moving(name, None)
+            specs.append(FrameSpec(name, task_kind(own), base, moving))
+        if joints is not None:
+            union = tuple(dict.fromkeys(j for spec in specs for j in spec.joints))
+            kept = self._subset(joints, union, "the frames")
+            specs = [
+                spec._replace(joints=tuple(j for j in spec.joints if j in kept))
+                for spec in specs
+            ]
+        names = [spec.frame for spec in specs]
+        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        if twice:
+            raise InputError(
+                f": {twice[0]!r} is given twice",
+                argument="frame",
+                remedy="give each frame once",
+            )
+        if not specs:
+            raise InputError(": the list of frames is empty", argument="frame")
+        if len(specs) == 1 and specs[0].base is None:
+            return Task(self, specs[0].frame, specs[0].kind, specs[0].joints)
+        task = SeveralFrames(self, specs)
+        if task.r < 1:
+            raise InputError(
+                f"{task.n} joints move {', '.join(names)}, and their task has {task.m} "
+                "coordinates: it is not redundant",
+                remedy="give a frame another kind, such as 'position', or leave one out",
+            )
+        return task
+
+    def _moving(self, frame: str, joints: Sequence[str] | None) -> tuple[str, ...]:
+        """List the joints that move a frame; only those among ``joints``, if they are given."""
         chain = self.chain(frame)
         if joints is not None:
-            joints = list_of_names(joints, "joints", "a list of joint names")
-            for joint in joints:
-                if joint not in self.joint_names:
-                    raise unknown("joint", joint, self.joint_names)
-                if joint not in chain:
-                    raise InputError(
-                        f"joint {joint!r} does not move {frame!r}; these do: {', '.join(chain)}"
-                    )
-            chain = tuple(j for j in chain if j in set(joints))
+            kept = self._subset(joints, chain, repr(frame))
+            chain = tuple(j for j in chain if j in kept)
         if not chain:
             raise InputError(
                 f"no movable joint moves {frame!r}; choose a frame further along an arm"
             )
-        return Task(self, frame, known, chain)
+        return chain
+
+    def _subset(
+        self, joints: Sequence[str], chain: tuple[str, ...], moved: str
+    ) -> frozenset[str]:
+        """Check a subset of the joints of a chain, which move what ``moved`` names."""
+        joints = list_of_names(joints, "joints", "a list of joint names")
+        for joint in joints:
+            if joint not in self.joint_names:
+                raise unknown("joint", joint, self.joint_names)
+            if joint not in chain:
+                raise InputError(
+                    f"joint {joint!r} does not move {moved}; these do: {', '.join(chain)}"
+                )
+        return frozenset(joints)
 
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.

@@ -53,6 +53,10 @@ class Task:
 
     Attributes
     ----------
+    target_type : type
+        Class of a target: a placement, or placements of several frames.
+    twist_size : int
+        Numbers of the twists (v, ω) of all frames: 6 per frame.
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
@@ -82,9 +86,37 @@ class Task:
     array([1.086, 2.133, 0.   ])
     """
 
+    target_type: type = pin.SE3
+    twist_size = 6
+
     def __init__(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
     ) -> None:
+        self._take_joints(robot, frame, kind, joint_names)
+        driven = self._driven()
+        up, down = path_between(
+            robot.model, robot.base_id, frame_id(robot.model, frame)
+        )
+        self._bodies = _held(robot, driven)
+        self.model = (
+            self._bodies
+            if driven <= {*up, *down}
+            else _held(robot, driven & {*up, *down})
+        )
+        self._frame_id = frame_id(self.model, frame)
+        if robot.base is not None:
+            base = frame_id(self.model, robot.base)
+            self.model, self._frame_id = chain_between(
+                self.model, base, self._frame_id, robot.joints
+            )
+        self._first = self._first_driven()
+        self._couple()
+        self._allocate()
+
+    def _take_joints(
+        self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
+    ) -> None:
+        """Set the attributes that depend on the joints and the kind alone."""
         self.robot = robot
         self.frame = frame
         self.kind = kind
@@ -108,30 +140,10 @@ class Task:
         self.rows = kind.rows
         self.r = self.n - self.m
 
-        driven = set(
-            (
-                np.flatnonzero((robot.coupling.S[:, self._columns] != 0).any(axis=1))
-                + 1
-            ).tolist()
-        )
-        up, down = path_between(
-            robot.model, robot.base_id, frame_id(robot.model, frame)
-        )
-        self._bodies = _held(robot, driven)
-        self.model = (
-            self._bodies
-            if driven <= {*up, *down}
-            else _held(robot, driven & {*up, *down})
-        )
-        self._frame_id = frame_id(self.model, frame)
-        if robot.base is not None:
-            base = frame_id(self.model, robot.base)
-            self.model, self._frame_id = chain_between(
-                self.model, base, self._frame_id, robot.joints
-            )
-        self._first = self._first_driven()
-        self._couple()
-        self._allocate()
+    def _driven(self) -> set[int]:
+        """Collect the ids of the joints of the robot's model that q moves."""
+        moved = (self.robot.coupling.S[:, self._columns] != 0).any(axis=1)
+        return set((np.flatnonzero(moved) + 1).tolist())
 
     def _allocate(self) -> None:
         self._scratch = PerThread(
@@ -202,6 +214,28 @@ class Task:
         """Unit of a norm over the joints: rad, m, or both."""
         return unit_of(self.revolute)
 
+    # ---- frames ----
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that are controlled; one, or several as :meth:`Robot.task` says."""
+        return (self.frame,)
+
+    @property
+    def single_tasks(self) -> tuple[Task, ...]:
+        """Tasks of one frame each, with the joints that move it; for one frame, the task itself."""
+        return (self,)
+
+    def as_target(self, value: Placement, name: str = "target") -> pin.SE3:
+        """Convert a target of the user: one placement, or one per frame if there are several.
+
+        Raises
+        ------
+        InputError
+            If it is neither; ``name`` names it.
+        """
+        return as_placement(value, name)
+
     # ---- kinematics at one q -------------------------------------------------------------------
 
     def placement(self, q: ArrayLike) -> pin.SE3:
@@ -209,6 +243,10 @@ class Task:
         data = self._data
         pin.framesForwardKinematics(self.model, data, self._vector(q))
         return pin.SE3(data.oMf[self._frame_id])
+
+    def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
+        """Evaluate the placements of all frames at q; a target of the same task, if several."""
+        return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω."""
@@ -226,7 +264,7 @@ class Task:
         the rows of this kind; for ``axis``, the shortest rotation from the tool axis to the
         target's.
         """
-        target = as_placement(target)
+        target = self.as_target(target)
         return self.kind.error(self.placement(q), target)
 
     def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:

@@ -11,6 +11,7 @@ from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..model.length import arm_length, arm_reach
 from ..model.task import Task
+from ..paths.several_paths import several_paths
 from ..paths.shapes import Normal, circle
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import inverse_condition_number
@@ -97,7 +98,13 @@ def fitting_circle(
 def circle_at(
     task: Task, q0: Array, radius: float, plane: str, degrees: float
 ) -> TaskPath:
-    """Create a circle with its spec; the start lies at ``degrees`` from the plane's first axis."""
+    """Create a circle with its spec; the start lies at ``degrees`` from the plane's first axis.
+
+    If there are several frames, the first one moves, and the others hold still.
+    """
+    if len(task.frames) > 1:
+        first = lambda single, q: circle_at(single, q, radius, plane, degrees)  # noqa: E731
+        return several_paths(task, q0, [first, *[None] * (len(task.frames) - 1)])
     path = circle(
         task,
         q0,
@@ -113,5 +120,5 @@ def circle_at(
 def dexterity_at(task: Task, q: Array) -> float:
     """Evaluate ``σ_min / σ_max`` of J at q, lengths in units of the reach; 0 at a singularity."""
     J = task.jacobian(q).copy()
-    J[: min(3, task.m)] /= max(arm_length(task, q), 1e-9)
+    J[task.kind.linear] /= max(arm_length(task, q), 1e-9)
     return float(inverse_condition_number(J))

@@ -372,7 +372,7 @@ def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
 
 @lru_cache(maxsize=4)
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
-    """Evaluate a path's twists per cycle at several places of each step: (steps, places, 6).
+    """Evaluate a path's twists per cycle at several places of each step: (steps, places, 6 F).
 
     A place is a fraction of a step. At a corner, the twist is the one on the step's side. Several
     strategies follow the same path, so the last results are kept.
@@ -385,7 +385,7 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
         for a, b in pairwise(path_grid(path, steps).tolist())
     ]
     for twist in (twist for row in found if not path.spec for twist in row):
-        vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+        vector(twist, None, "the twist (v, ω)", "m/s and rad/s")
     return np.array(found)
 
 

@@ -183,7 +183,7 @@ def motion_along(
     steps = len(targets) - 1
     cycles = (len(q) - 1) // steps
     errors = task.errors(q, [*targets[:-1]] * cycles + [targets[-1]])
-    linear = min(3, task.m)
+    linear = task.kind.linear
     return Motion(
         task=task,
         path=path,
@@ -193,7 +193,7 @@ def motion_along(
         cycles=cycles,
         steps=steps,
         drift=np.linalg.norm(q[steps::steps] - q[0], axis=1),
-        tracking_error=np.linalg.norm(errors[:, :linear], axis=1),
-        turning_error=np.linalg.norm(errors[:, linear:], axis=1),
+        tracking_error=np.linalg.norm(errors[:, linear], axis=1),
+        turning_error=np.linalg.norm(errors[:, ~linear], axis=1),
         damping=damping,
     )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
-from ..model.chain_formulas import Placement, as_placement
+from ..model.chain_formulas import Placement, Placements
 from ..model.length import arm_length, longest_reach
 from ..model.random_configurations import random_configurations
 from ..model.task import Task, require_task
@@ -95,10 +95,10 @@ def solve_ik(
     >>> bool(np.abs(task.error(q, target)).max() < 1e-9)  # m
     True
     """
-    target = as_placement(target)
+    target = require_task(task).as_target(target)
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
-    q0 = vector(q0, require_task(task).n, "q0")
+    q0 = vector(q0, task.n, "q0")
     tolerance = positive(tolerance, "the tolerance")
     iterations = as_int(iterations, "iterations", 1, MOST_STEPS)
     limits = flag(limits, "limits")
@@ -123,7 +123,7 @@ def solve_ik(
     assert nearest is not None
     raise InputError(
         f"{task.frame!r} at {_where(target)} m: no solution found from {_STARTS} starts, "
-        f"the nearest ends {_amount(nearest.error)} away; "
+        f"the nearest ends {_amount(task, nearest.error)} away; "
         "move the path nearer or choose another start"
     )
 
@@ -143,13 +143,14 @@ def solve_near(
     InputError
         If q0 does not lead there, or only outside the joint limits.
     """
-    target = as_placement(target)
+    target = task.as_target(target)
     attempt = _newton(task, q0, target, tolerance, _ITERATIONS)
     if not attempt.size < max(tolerance, _THERE):
         _require_reach(task, target, limits=limits)
         raise InputError(
             f"{task.frame!r} does not get to {_where(target)} m from the configuration before it: "
-            f"it stays {_amount(attempt.error)} away; move the path nearer or choose another start"
+            f"it stays {_amount(task, attempt.error)} away; "
+            "move the path nearer or choose another start"
         )
     return task.check(attempt.q, "a solution") if limits else attempt.q
 
@@ -204,6 +205,10 @@ def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
     limits
         True if prismatic joints stay within their limits.
     """
+    if isinstance(target, Placements):
+        for single, own in zip(task.single_tasks, target, strict=True):
+            _require_reach(single, own, limits=limits)
+        return
     center, length = longest_reach(task, limits=limits)
     rows = [row for row in task.rows if row < 3]
     away = float(np.linalg.norm((target.translation - center)[rows]))
@@ -219,10 +224,10 @@ def _where(target: pin.SE3) -> str:
     return np.array2string(np.asarray(target.translation), precision=3, separator=", ")
 
 
-def _amount(error: Array) -> str:
+def _amount(task: Task, error: Array) -> str:
     """Format a task error (m,): the distance and, if it is the larger part, the angle."""
-    way = float(np.linalg.norm(error[: min(3, len(error))]))
-    angle = float(np.linalg.norm(error[3:]))
+    way = float(np.linalg.norm(error[task.kind.linear]))
+    angle = float(np.linalg.norm(error[~task.kind.linear]))
     return f"{way:.3g} m" if way >= angle else f"{way:.3g} m and {angle:.3g} rad"
 
 
@@ -285,6 +290,8 @@ def _with_corner(
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
     """Suggest a different unit or origin, if the whole path can be reached with it; else empty."""
+    if len(task.frames) > 1:
+        return ""
     points = np.array([path.point(s) for s in knots])
     if np.abs(points).max() > _FAR * arm_length(task, start) and _all_reached(
         task, start, path, points / 1000

@@ -87,8 +87,8 @@ REGION = _struct(ints="count axes", pointers="center half axis position width ch
 """The struct Region of arm.h."""
 
 ARM = _struct(
-    ints="n m joints kind coupled parts",
-    pointers="revolute bent rows R p S offset T lower upper part region",
+    ints="n m joints kind coupled parts frames",
+    pointers="revolute bent rows R p S offset T lower upper part region frame",
 )
 """The struct Arm of arm.h: the chain of a task; potentials, limits and a region."""
 

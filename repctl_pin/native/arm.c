@@ -24,8 +24,8 @@ static void put_column(const Arm *arm, const double R[9], const double v[3], con
   }
 }
 
-/* Position, rotation, and J (M, N) unless it is NULL, at q. */
-SHARED void place(const Arm *arm, const double q[], double p_out[3], double R_out[9], double J[][N]) {
+/* Position, rotation, and J (M, N) unless it is NULL, at q; of one frame. */
+static void place_frame(const Arm *arm, const double q[], double p_out[3], double R_out[9], double J[][N]) {
   static const double none[3] = {0.0, 0.0, 0.0};
   double p[3], R[9], z[JOINTS][3], o[JOINTS][3];
   for (int i = 0; i < 9; i++) R[i] = arm->R[i];
@@ -65,6 +65,16 @@ SHARED void place(const Arm *arm, const double q[], double p_out[3], double R_ou
     else
       put_column(arm, R, a, none, j, J);
   }
+}
+
+/* The same of all frames. */
+SHARED void place(const Arm *arm, const double q[], double p[], double R[], double J[][N]) {
+  if (FRAMES == 1) {
+    place_frame(arm, q, p, R, J);
+    return;
+  }
+  for (int f = 0, row = 0; f < FRAMES; row += arm->frame[f++].m)
+    place_frame(arm->frame + f, q, p + 3 * f, R + 9 * f, J ? J + row : NULL);
 }
 
 /* ---- the task error ---- */
@@ -149,7 +159,7 @@ static void axis_turn(const double R[9], const double goal[9], double e[2]) {
 }
 
 /* e = (p* - p, log(R* R^T)), or its rows of the task; for AXIS, the shortest rotation of the tool's axis. */
-SHARED void task_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]) {
+static void frame_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]) {
   for (int i = 0; i < M && i < 3; i++) {
     const int row = arm->kind == POSITION ? arm->rows[i] : i;
     e[i] = target->p[row] - p[row];
@@ -165,13 +175,41 @@ SHARED void task_error(const Arm *arm, const double p[3], const double R[9], con
     axis_turn(R, target->R, e + 3);
 }
 
+/* The same of all frames. */
+SHARED void task_error(const Arm *arm, const double p[], const double R[], const Pose *target, double e[]) {
+  if (FRAMES == 1) {
+    frame_error(arm, p, R, target, e);
+    return;
+  }
+  for (int f = 0; f < FRAMES; e += arm->frame[f++].m)
+    frame_error(arm->frame + f, p + 3 * f, R + 9 * f, target + f, e);
+}
+
+/* Test whether the targets of all frames are rotations, where their kinds have rows of omega. */
+SHARED int usable(const Arm *arm, const Pose *target) {
+  if (FRAMES == 1) return arm->kind == POSITION || rotation(target->R);
+  for (int f = 0; f < FRAMES; f++)
+    if (!(arm->frame[f].kind == POSITION || rotation(target[f].R))) return 0;
+  return 1;
+}
+
 /* b <- b + dt xdot, with xdot of the frame's twist (v, omega). */
-SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]) {
+static void add_frame_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]) {
   for (int i = 0; i < M; i++) {
     double rate = twist[arm->kind == POSITION ? arm->rows[i] : i];
     if (arm->kind == AXIS && i > 2) rate = R[i - 3] * twist[3] + R[i] * twist[4] + R[i + 3] * twist[5];
     b[i] += dt * rate;
   }
+}
+
+/* The same of all frames. */
+SHARED void add_rate(const Arm *arm, const double R[], const double twist[], double dt, double b[]) {
+  if (FRAMES == 1) {
+    add_frame_rate(arm, R, twist, dt, b);
+    return;
+  }
+  for (int f = 0; f < FRAMES; b += arm->frame[f++].m)
+    add_frame_rate(arm->frame + f, R + 9 * f, twist + 6 * f, dt, b);
 }
 
 /* ---- the potentials ---- */
@@ -219,7 +257,7 @@ static void add_fourier_series(const Arm *arm, const Part *part, const double q[
 }
 
 /* h (N - M,) and V^T = dh/dq (N - M, N) at q, where the frame is at (p, R) with the Jacobian J. */
-SHARED void potentials(const Arm *arm, const double q[], const double p[3], const double R[9], double J[][N],
+SHARED void potentials(const Arm *arm, const double q[], const double p[], const double R[], double J[][N],
                        double h[], double V[][N]) {
   for (int j = 0; j < N - M; j++) {
     h[j] = 0.0;
@@ -396,7 +434,7 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 /* ---- the inverse ---- */
 
 SHARED int find_leaf(const Arm *arm, const double q[], double c[]) {
-  double p[3], R[9], J[M][N], h[N], V[N][N];
+  double p[3 * FRAMES], R[9 * FRAMES], J[M][N], h[N], V[N][N];
   if (!all_finite(q, N)) return BAD_NUMBER;
   place(arm, q, p, R, J);
   potentials(arm, q, p, R, J, h, V);
@@ -406,7 +444,7 @@ SHARED int find_leaf(const Arm *arm, const double q[], double c[]) {
 
 /* Factor J_V = [J; V^T] at q; return 0 if it is singular. */
 static int augmented(const Arm *arm, const double q[], double A[][N], int swap[]) {
-  double p[3], R[9], h[N];
+  double p[3 * FRAMES], R[9 * FRAMES], h[N];
   place(arm, q, p, R, A);
   potentials(arm, q, p, R, A, h, A + M);
   return regular(arm, A, swap);
@@ -443,7 +481,7 @@ SHARED int find_velocity(const Arm *arm, const double q[], const double xdot[], 
 /* Test whether q is in the region, to 1e-9 of its size. */
 SHARED int find_inside(const Arm *arm, const double q[]) {
   const Region *region = arm->region;
-  double p[3], R[9];
+  double p[3 * FRAMES], R[9 * FRAMES];
   if (!all_finite(q, N)) return BAD_NUMBER;
   if (!region) return OK;
 #ifdef CHART
@@ -499,7 +537,8 @@ static double shorten(const Arm *arm, double x[], const double x_task[], const d
 /* Compute q + J_V^-1 (dt [xdot; 0] + K dt [x - f(q); c - h(q)]); twist, leaf, options and report may be NULL. */
 SHARED int take_step(const Arm *arm, const double q[], const Pose *target, double dt, const double *twist,
                      const double *leaf, const Options *options, Report *report, double q_next[]) {
-  double A[N][N], V[N][N], s[N], p[3], R[9], h[N], b[N], x[N], most[N], share = 1.0, damping = 0.0, slowed = 1.0;
+  double A[N][N], V[N][N], s[N], p[3 * FRAMES], R[9 * FRAMES], h[N], b[N], x[N], most[N];
+  double share = 1.0, damping = 0.0, slowed = 1.0;
   int swap[N], long_step = 0, stay_inside = 0;
   Factors factors;
   factors.A = A[0], factors.V = V[0], factors.s = s, factors.swap = swap;
@@ -519,7 +558,7 @@ SHARED int take_step(const Arm *arm, const double q[], const Pose *target, doubl
     if (options->gain != WHOLE_STEP) share = options->gain * dt;
     if (!(share >= 0.0 && share <= 2.0)) return BAD_NUMBER;
   }
-  if (!all_finite(q, N) || !(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
+  if (!all_finite(q, N) || !usable(arm, target)) return BAD_NUMBER;
   if (stay_inside && find_inside(arm, q) != OK) return OUTSIDE;
 
   place(arm, q, p, R, A);

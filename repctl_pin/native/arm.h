@@ -1,7 +1,7 @@
 /* An arm as tables: chain, potentials, limits, design region; and the functions on them.
 
    The library and every exported file share this text. In the library the sizes are read from the tables; an exported
-   file defines EXPORTED, the sizes N, M, JOINTS, MOST_N, TERMS and WIDTH as numbers, SHARED and EXPORT as static, the
+   file defines EXPORTED, the sizes N, M, JOINTS, FRAMES, MOST_N, TERMS and WIDTH as numbers, SHARED and EXPORT as static, the
    types Pose, Options and Report as those of its header, and its tables as constants. So N - M is written for r, and
    names here do not end as those of an exported header do. */
 
@@ -15,6 +15,7 @@
 #define N (arm->n)
 #define M (arm->m)
 #define JOINTS (arm->joints)
+#define FRAMES (arm->frames)
 #define MOST_N 64 /* joints of an arm in structs */
 #define TERMS (part->count)
 #define WIDTH ((N - M) * (part->k + 1))
@@ -70,8 +71,10 @@ typedef struct {
   const struct Chart *chart; /* not NULL: the cell */
 } Region;
 
-typedef struct {
-  int n, m, joints, kind, coupled, parts;
+/* Several frames: each has a struct Arm of its own, with all N joints; their rows stand one below the other, and so do
+   positions p (3 FRAMES), rotations R (9 FRAMES), targets (FRAMES) and twists (6 FRAMES). */
+typedef struct Arm {
+  int n, m, joints, kind, coupled, parts, frames;
   const int *revolute, *bent;   /* joints; the placement after the joint turns: 1 about its x alone, 2 by 90 degrees */
   const int *rows;              /* M: coordinates of the position */
   const double *R, *p;          /* joints + 1 9, joints + 1 3: placements after each joint, which moves along its z */
@@ -80,6 +83,7 @@ typedef struct {
   const double *lower, *upper;  /* N: limits of the robot's joints */
   const Part *part;             /* parts */
   const Region *region;         /* NULL: everywhere */
+  const struct Arm *frame;      /* frames, if several; then the chain is that of each of them */
 } Arm;
 
 /* ---- numbers ---- */
@@ -105,13 +109,14 @@ SHARED void apply_factors(const Arm *arm, const Factors *factors, const double b
 
 /* ---- the arm at q ---- */
 
-SHARED void place(const Arm *arm, const double q[], double p[3], double R[9], double J[][N]);
+SHARED void place(const Arm *arm, const double q[], double p[], double R[], double J[][N]);
 SHARED double angle_per_sine(double square, double cosine);
 SHARED int rotation(const double R[9]);
 SHARED double angle_per_sine(double square, double cosine);
-SHARED void task_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]);
-SHARED void add_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]);
-SHARED void potentials(const Arm *arm, const double q[], const double p[3], const double R[9], double J[][N],
+SHARED int usable(const Arm *arm, const Pose *target);
+SHARED void task_error(const Arm *arm, const double p[], const double R[], const Pose *target, double e[]);
+SHARED void add_rate(const Arm *arm, const double R[], const double twist[], double dt, double b[]);
+SHARED void potentials(const Arm *arm, const double q[], const double p[], const double R[], double J[][N],
                        double h[], double V[][N]);
 #ifdef CHART
 SHARED void add_cell_potentials(const Arm *arm, const struct Chart *chart, const double q[], const double p[3],

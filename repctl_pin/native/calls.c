@@ -8,9 +8,9 @@
 
 typedef struct {
   const Arm *arm;
-  double *q, *xdot, *twist, *leaf, *limit; /* N, M, 6, N - M, N */
+  double *q, *xdot, *twist, *leaf, *limit; /* N, M, 6 FRAMES, N - M, N */
   const double *posture;                   /* N; NULL: none */
-  double *target;                          /* 16: [R p; 0 1] by rows */
+  double *target;                          /* 16 FRAMES: [R p; 0 1] by rows */
   double *numbers;                         /* 5: dt, gain, damping; then the report: damping, slowed */
   double *result;                          /* N */
 } Call;
@@ -24,25 +24,26 @@ EXPORT int call_least_speed(const Call *call) {
   return least_speed(call->arm, call->q, call->xdot, call->posture, call->numbers[1], call->result);
 }
 
-static Pose target_of(const Call *call) {
-  Pose target;
-  for (int i = 0; i < 3; i++) {
-    for (int k = 0; k < 3; k++) target.R[3 * i + k] = call->target[4 * i + k];
-    target.p[i] = call->target[4 * i + 3];
-  }
-  return target;
+static void read_targets(const Call *call, Pose *target) {
+  for (int f = 0; f < call->arm->frames; f++)
+    for (int i = 0; i < 3; i++) {
+      const double *row = call->target + 16 * f + 4 * i;
+      for (int k = 0; k < 3; k++) target[f].R[3 * i + k] = row[k];
+      target[f].p[i] = row[3];
+    }
 }
 
 /* bits of given: 1 twist, 2 leaf, 4 limits and damping */
 EXPORT int call_step(const Call *call, int given) {
   const Arm *arm = call->arm;
-  const Pose target = target_of(call);
+  Pose target[FRAMES];
   Options options;
+  read_targets(call, target);
   options.gain = call->numbers[1];
   options.damping = given & 4 ? call->numbers[2] : 0.0;
   options.stay_inside = 0; /* Python checks the region */
   for (int i = 0; i < N; i++) options.limit[i] = given & 4 ? call->limit[i] : HUGE_VAL;
-  return take_step(arm, call->q, &target, call->numbers[0], given & 1 ? call->twist : NULL,
+  return take_step(arm, call->q, target, call->numbers[0], given & 1 ? call->twist : NULL,
                    given & 2 ? call->leaf : NULL, &options, (Report *)(call->numbers + 3), call->result);
 }
 

@@ -10,7 +10,7 @@
 
 int least_speed(const Arm *arm, const double q[], const double xdot[], const double *posture, double gain,
                 double qdot[]) {
-  double p[3], R[9], J[M][N], L[M][M], y[M], z[N], squares = 1, pivots = 1;
+  double p[3 * FRAMES], R[9 * FRAMES], J[M][N], L[M][M], y[M], z[N], squares = 1, pivots = 1;
   if (!all_finite(q, N) || !all_finite(xdot, M)) return 0;
   place(arm, q, p, R, J);
   for (int k = 0; k < N; k++) z[k] = posture ? gain * (posture[k] - q[k]) : 0;

@@ -16,6 +16,7 @@ from ..arguments import (
 )
 from ..errors import InputError, SingularityError
 from ..model.model import frame_id
+from ..model.several_frames import one_frame
 from ..model.task import Task, require_task
 from .basis import PotentialBasis
 
@@ -76,7 +77,7 @@ class ArmAngle(PotentialBasis):
         *,
         singular: ArrayLike | None = None,
     ) -> None:
-        self.task, self.n = require_task(task), task.n
+        self.task, self.n = one_frame(require_task(task), "an arm angle"), task.n
         if task.coordinates is not None:
             raise InputError(
                 "an arm angle requires the robot's own joints; use the task before in_coordinates()"

@@ -21,7 +21,8 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError
-from ..model.task import Task, own_task
+from ..model.several_frames import one_frame
+from ..model.task import Task, own_task, require_task
 from .box import Box
 from .region import Density, Region, check_density, evaluate_density, normalised, span
 
@@ -84,7 +85,7 @@ class WorkspaceBox(Region):
         within: Box,
         density: Density | None = None,
     ) -> None:
-        task = own_task(task)
+        task = own_task(one_frame(require_task(task), "a workspace box"))
         axes = [row for row in task.rows if row < 3]
         require_type(
             within, Box, "within", "a box in joint space, such as rp.Box(q0, 0.5)"

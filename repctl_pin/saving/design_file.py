@@ -19,11 +19,10 @@ from ..model.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema
 from .changes import require_arm_angles, require_masses, require_ranges
-from .schema import DesignFile, Figures, Sealed, described, made
+from .schema import VERSION, DesignFile, Figures, Sealed, described, made
 from .task_identity import identity
 
 FORMAT = "repctl design"
-_SCHEMA = 2
 
 _LARGEST = 64_000_000
 
@@ -80,18 +79,18 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
             raise InputError(
                 f'{where} is not a design file: it does not say "format": "{next(iter(kinds))}"'
             )
-        if head.schema > _SCHEMA:
+        if head.schema > VERSION:
             raise InputError(
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, "
-                f"and this is {__version__}, which reads {_SCHEMA}; upgrade repctl-pin"
+                f"and this is {__version__}, which reads {VERSION}; upgrade repctl-pin"
             )
         if head.schema < 1:
             raise InputError(
                 f"{where} is not a design file: there is no schema {head.schema}"
             )
-        if head.schema < _SCHEMA:
+        if head.schema < VERSION:
             raise InputError(
-                f"{where} has schema {head.schema}, and this version reads {_SCHEMA}; "
+                f"{where} has schema {head.schema}, and this version reads {VERSION}; "
                 "design again, or use the repctl-pin that wrote it"
             )
         content = msgspec.json.decode(text, type=kinds[head.format]().content)
@@ -121,7 +120,7 @@ def head(kind: str, task: Task) -> dict[str, Any]:
     """Create the fields that every file has (:class:`Sealed`), with an empty checksum."""
     return {
         "format": kind,
-        "schema": _SCHEMA,
+        "schema": VERSION,
         "written_by": __version__,
         "checksum": "",
         "task": identity(task),

@@ -26,6 +26,9 @@ from ..strategies.limit_weight import LimitWeight
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+VERSION = 2
+"""Version of the schema, which a file gives as ``schema``; files of other versions are refused."""
+
 Row = list[float]
 Rows = list[list[float]]
 

@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..model.kind import task_kind
 from ..model.robot import Robot
+from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..model.task_parts import check_configurations
 from .changes import ranges_of
@@ -21,7 +22,7 @@ def identity(task: Task) -> TaskFile:
     The placements are the fingerprint: they depend on each link and joint axis of the chain and on
     the locked joints. They are compared with a tolerance of 1e-9, so rounding has no effect.
     """
-    robot = task.robot
+    robot = one_frame(task, "a file").robot
     checks = [
         Check(q.tolist(), np.round(task.placement(q).homogeneous[:3], 12).tolist())
         for q in check_configurations(task)

@@ -35,8 +35,8 @@ def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], 
     Returns the arrays by name, and the pointer to pass. ``more`` are further arrays.
     """
     n, m, r = task.n, task.m, task.r
-    sizes = {"q": n, "xdot": m, "twist": 6, "leaf": r, "limit": n}
-    sizes |= {"target": 16, "numbers": 5, "result": n}
+    sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
+    sizes |= {"target": 16 * len(task.frames), "numbers": 5, "result": n}
     parts = {name: np.zeros(size) for name, size in sizes.items()} | more
     call, _ = filled_struct(CALL, {}, parts, {"arm": ctypes.addressof(arm)})
     call.held["arm"] = arm
@@ -67,7 +67,7 @@ class NativeLaw:
         self._twist = parts["twist"]
         self._leaf = parts["leaf"]
         self._limit = parts["limit"]
-        self._target = parts["target"].reshape(4, 4)
+        self._target = parts["target"].reshape(-1, 4)
         self._numbers = parts["numbers"]
         self._result = parts["result"]
         held = holding_library()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, percentage, vector
 from ..errors import InputError, SingularityError
-from ..model.chain_formulas import Placement, as_placement, axis_turn
+from ..model.chain_formulas import Placement, Placements, axis_turn
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import leaf_margin
@@ -71,7 +72,7 @@ def solve(
         If q0 is singular.
     """
     q = vector(q0, task.n, "q0")
-    target = as_placement(target, "the target")
+    target = task.as_target(target, "the target")
     if not np.isfinite(target.homogeneous).all():
         raise InputError("the target must be finite numbers, m and a rotation")
     c_start = potentials.value(q)
@@ -80,8 +81,7 @@ def solve(
         if leaf is None
         else vector(leaf, task.r, "the leaf c", "one per potential")
     )
-    start = task.placement(q)
-    turn = _turn(task.kind, start, target)
+    between = _line(task, task.placements(q), target)
     side = _side(task, potentials, q)
     if side == 0:
         raise SingularityError(
@@ -91,7 +91,7 @@ def solve(
     done, part = 0.0, 1.0
     while done < 1.0:
         ahead = min(1.0, done + part)
-        here = target if ahead == 1.0 else _between(start, target, turn, ahead)
+        here = target if ahead == 1.0 else between(ahead)
         c = c_start + ahead * (c_end - c_start)
         found = _newton(step, q, here, c, _EXACT if ahead == 1.0 else _NEAR)
         if found is not None and _side(task, potentials, found) == side:
@@ -131,6 +131,20 @@ def _side(task: Task, potentials: Potentials, q: Array) -> int:
     """Return the sign of det J_V at q: −1, 0 or 1."""
     J_V = np.vstack([task.jacobian(q), potentials.gradient(q).T])
     return int(np.sign(np.linalg.det(J_V)))
+
+
+def _line(
+    task: Task, start: Sequence[pin.SE3], target: Any
+) -> Callable[[float], pin.SE3 | Placements]:
+    """Make the function share → placement on the straight line, of each frame of the task."""
+    if not isinstance(target, Placements):
+        turn = _turn(task.kind, start[0], target)
+        return lambda s: _between(start[0], target, turn, s)
+    lines = [
+        _line(single, [begin], end)
+        for single, begin, end in zip(task.single_tasks, start, target, strict=True)
+    ]
+    return lambda s: Placements(line(s) for line in lines)
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:

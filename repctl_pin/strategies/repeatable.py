@@ -225,7 +225,7 @@ class RepeatableInverse:
         free = velocity_limit is None and type(damping) is float and not damping
         bounds = None if free else step_limits(velocity_limit, damping, self.task.n)
         task = self.task
-        given = as_step_arguments(q, target, dt, twist, leaf, gain, task.n, task.r)
+        given = as_step_arguments(q, target, dt, twist, leaf, gain, task)
         following = self._law.own.step(*given, bounds)
         if outside != "ignore":
             self._check_limits(following, "the next q", outside)
@@ -264,7 +264,7 @@ class RepeatableInverse:
             self._check_region(q, outside)
         bounds = step_limits(velocity_limit, damping, self.task.n)
         task, law = self.task, self._law.own
-        given = as_step_arguments(q, target, dt, twist, leaf, gain, task.n, task.r)
+        given = as_step_arguments(q, target, dt, twist, leaf, gain, task)
         following = law.step(*given, bounds)
         if outside != "ignore":
             self._check_limits(following, "the next q", outside)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import FLOAT, Array, per_joint, positive, row, vector
 from ..errors import InputError, SingularityError
-from ..model.chain_formulas import Placement, as_placement
+from ..model.chain_formulas import Placement
 from ..model.task import Task
 from ..redundancy.augmented import SINGULAR
 
@@ -54,26 +54,28 @@ def as_step_arguments(
     twist: ArrayLike | None,
     leaf: ArrayLike | None,
     gain: float | None,
-    n: int,
-    r: int,
+    task: Task,
 ) -> tuple[Array, pin.SE3, float, Array | None, Array | None, float | None]:
     """Check the arguments of a step, and return them in this order."""
+    n = task.n
     if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
         q = vector(q, n, "q")
     if not (isinstance(dt, float) and 0.0 < dt < inf):
         dt = positive(dt, "dt", "s")
-    if not isinstance(target, pin.SE3):
-        target = as_placement(target, "the target")
+    if type(target) is not task.target_type:
+        target = task.as_target(target, "the target")
     if leaf is not None and not (
-        type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == (r,)
+        type(leaf) is ndarray and leaf.dtype is FLOAT and leaf.shape == (task.r,)
     ):
-        leaf = vector(leaf, r, "the leaf c = h(q)", "one per potential")
+        leaf = vector(leaf, task.r, "the leaf c = h(q)", "one per potential")
     if gain is not None and not (isinstance(gain, float) and 0.0 <= gain * dt <= 2.0):
         gain = _as_gain(gain, dt)
     if twist is not None and not (
-        type(twist) is ndarray and twist.dtype is FLOAT and twist.shape == (6,)
+        type(twist) is ndarray
+        and twist.dtype is FLOAT
+        and twist.shape == (task.twist_size,)
     ):
-        twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+        twist = vector(twist, task.twist_size, "the twist (v, ω)", "m/s and rad/s")
     return q, target, dt, twist, leaf, gain
 
 

@@ -93,7 +93,7 @@ def starts(
     draw
         Function (task, q0) → path; None for no path.
     any_path
-        True if nobody asked for this path: then starts from which J⁺ drifts visibly come first.
+        True for a path by default: then starts from which J⁺ drifts visibly come first.
 
     Raises
     ------

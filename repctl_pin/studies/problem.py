@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -27,6 +27,7 @@ from ..model.robot import Robot
 from ..model.task import Task
 from ..motion import Motion, fitting_circle, follow
 from ..paths import ClosedPath, TaskPath, closed_path
+from ..paths.several_paths import PathOfFrame, several_paths
 from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
 from ..strategies import Pseudoinverse
@@ -54,15 +55,17 @@ class Problem:
     robot : str, Robot or Task
         Catalogue name, path to a URDF, or a loaded robot; or a task, which has a frame and a kind.
     frame, kind : str, optional
-        Frame to move and kind of task; by default the end of the arm, and the first of pose,
-        position, xy, xz, yz that is redundant.
+        Frame to move, or a list of several as :meth:`Robot.task` takes it, and kind of task; by
+        default the end of the arm, and the first of pose, position, xy, xz, yz that is redundant.
     start : (n,) array or str, optional
         Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
         default the first of the reference pose, the ready pose, mid-range and dexterous poses
         around it from which the path can be followed.
     path : optional
         Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
-        ``(task, q0) → path``; by default a circle that fits. False for a problem without a path.
+        ``(task, q0) → path``; by default a circle that fits. A list of one per frame if there are
+        several, None for a frame that holds still; by default the first one moves. False for a
+        problem without a path.
     plane : str, optional
         Plane of the circle, or of a path given by name: ``xy``, ``yz`` or ``xz``.
     region : float, Region or function, optional
@@ -122,10 +125,15 @@ class Problem:
         self,
         robot: str | Robot | Task,
         *,
-        frame: str | None = None,
+        frame: str | Sequence[str | tuple[str, ...]] | None = None,
         kind: str | None = None,
         start: ArrayLike | str | None = None,
-        path: str | ClosedPath | PathOf | Literal[False] | None = None,
+        path: str
+        | ClosedPath
+        | PathOf
+        | Sequence[str | PathOfFrame]
+        | Literal[False]
+        | None = None,
         plane: str | None = None,
         region: float | Region | _RegionOf | None = None,
     ) -> None:
@@ -261,7 +269,7 @@ def at_minimum_speed(problem: Problem) -> Problem:
     )
 
 
-def _task_of(robot: Robot | Task, frame: str | None, kind: str | None) -> Task:
+def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
     """Choose the task of a robot; a given task has its own frame and kind, and is returned."""
     if isinstance(robot, Robot):
         return choose_task(robot, frame, kind)
@@ -287,8 +295,14 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
         return None
     if path is None:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
+    if isinstance(path, (list, tuple)):
+        own = [
+            _checked_path(each, None) if isinstance(each, str) else each
+            for each in path
+        ]
+        return lambda task, q0: several_paths(task, q0, own)
     if isinstance(path, str):
-        from ..motion.spec import parse_path  # with the readers of files
+        from ..motion.parse_path import parse_path  # with the readers of files
 
         return parse_path(path, plane)
     if isinstance(path, ClosedPath):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from ..arguments import Array
@@ -22,7 +25,9 @@ _SAMPLES = 32
 _RANK = 1e-4
 
 
-def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
+def choose_task(
+    robot: Robot, frame: str | Sequence[Any] | None, kind: str | None
+) -> Task:
     """Create the task of a given kind, or of the first preferred kind with r ≥ 1, at a frame.
 
     Raises
@@ -31,6 +36,8 @@ def choose_task(robot: Robot, frame: str | None, kind: str | None) -> Task:
         If r = 0, or J never reaches full rank; the message names the redundant kinds.
     """
     frame = robot.default_frame if frame is None else frame
+    if not isinstance(frame, str):
+        return robot.task(frame, "pose" if kind is None else task_kind(kind))
     if kind is not None:
         return _redundant(robot, robot.task(frame, task_kind(kind)))
     kinds = redundant_kinds(robot, frame)
@@ -62,6 +69,8 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 def kind_note(task: Task) -> list[str]:
     """Write a note on why the task is not of kind pose, the first choice; empty if it is."""
     first = _PREFERRED[0]
+    if len(task.frames) > 1:
+        return []
     if task.kind == first:
         return []
     using = f"using task {task.kind}, because {task.n} joints"

@@ -239,6 +239,7 @@ def test_in_a_process_of_its_own(saved, tmp_path) -> None:
 
 
 def test_a_robot_alone_gets_the_nearest_repeatable(capsys) -> None:
-    assert main(["follow", "ppr", "--cycles", "2", "--steps", "100", "--json"]) == 0
+    options = ["--path", "circle:0.1", "--cycles", "2", "--steps", "100", "--json"]
+    assert main(["follow", "ppr", *options]) == 0
     followed = json.loads(capsys.readouterr().out)
     assert max(followed["drift"]) < 1e-9 and followed["outside"] == 0

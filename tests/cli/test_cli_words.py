@@ -185,7 +185,8 @@ def test_drift_is_said_once_and_with_its_unit(capsys) -> None:
         out,
         flags=re.MULTILINE,
     )
-    out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse")
+    small = ("--path", "circle:0.1:180", "--plane", "xy")
+    out, _ = printed(capsys, "follow", "ppr", "--strategy", "pseudoinverse", *small)
     assert re.search(
         r"^joint drift +0\.0117 rad and m after 1 cycle$", out, flags=re.MULTILINE
     )

@@ -213,7 +213,7 @@ def test_the_library_names_no_option(tmp_path: Path) -> None:
     )
     files = [file for room in rooms for file in (package / room).glob("*.py")]
     assert len(files) > 40
-    spec = "motion/spec.py", "paths/task_path.py"
+    spec = "motion/parse_path.py", "paths/task_path.py"
     for file in files:
         if str(file.relative_to(package)) not in spec:
             assert not [option for option in named if option in file.read_text()], file

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from time import thread_time
 
 import numpy as np
 import pinocchio as pin
@@ -54,13 +56,17 @@ def cases(folder: Path) -> list[tuple[rp.Design, float]]:
     return out
 
 
+def problem_of(design: rp.Design) -> leaf_margin_bounds.LeafMarginProblem:
+    return leaf_margin_bounds.leaf_margin_of(
+        design.task, design.inverse.potentials, design.region
+    )
+
+
 def test_bounds_of_the_inverse_hold_and_are_close(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for design, ratio in cases(tmp_path):
         n, q = design.task.n, design.region.center
-        problem = leaf_margin_bounds.leaf_margin_of(
-            design.task, design.inverse.potentials, design.region
-        )
+        problem = problem_of(design)
         for width in (0.1, 0.03, 0.01):
             Q = q + rng.uniform(-0.1, 0.1, (40, n))
             half = width * rng.uniform(0.2, 1, (40, n))
@@ -97,7 +103,7 @@ def test_wild_paths_within_the_radius_close(
     rng = np.random.default_rng(1)
     designs = [design for design, _ in cases(tmp_path)]
     for design in [designs[0], designs[2], panda_design]:  # the others take seconds
-        proof = rp.prove(design, margin=0.01, seconds=0.1, closes=0.005)
+        proof = rp.prove(design, margin=0.01, seconds=2, closes=0.005)
         if not proof.closes:
             assert proof.closes.reason
             continue
@@ -129,9 +135,7 @@ def against_balls(folder: Path, boxes: int) -> None:
     given = cases(folder)[:-1]  # the last one has driven joints
     for design, ratio in given:
         n, K = design.task.n, -(-boxes // len(given))
-        problem = leaf_margin_bounds.leaf_margin_of(
-            design.task, design.inverse.potentials, design.region
-        )
+        problem = problem_of(design)
         Q = design.region.center + rng.uniform(-0.1, 0.1, (K, n))
         half = 10 ** rng.uniform(-15, -1.5, (K, 1)) * rng.uniform(0.2, 1, (K, n))
         bound, _, _ = lifts.rate_bounds(problem, Q, half, np.ones_like(Q), ratio)
@@ -169,6 +173,27 @@ def test_what_is_asked_is_proved_or_refused(panda_design: rp.Design) -> None:
         rp.prove(panda_design, ratio=-1)
 
 
+def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
+    design, _ = cases(tmp_path)[3]
+    largest = rp.prove(design, margin=0.01, seconds=5).closes
+    for share in (0.5, 0.1):
+        closes = rp.prove(
+            design, margin=0.01, seconds=5, closes=share * largest.metres
+        ).closes
+        assert closes.metres >= share * largest.metres and closes.complete
+        assert closes.boxes < largest.boxes / 10 and "asked" in closes.reason
+
+
+def test_a_radius_takes_the_time_that_is_given(panda_design: rp.Design) -> None:
+    taken, metres = [], []
+    for seconds in (0.05, 1.0):
+        begin = thread_time()
+        closes = rp.prove(panda_design, margin=0.3, seconds=seconds).closes
+        taken.append(thread_time() - begin)
+        metres.append(closes.metres)
+    assert metres[0] < metres[1] and taken[0] < taken[1]
+
+
 def test_a_pose_is_inside_or_beyond_the_radius(panda_design: rp.Design) -> None:
     closes = rp.prove(panda_design, margin=0.3, closes=(0.02, 0.05)).closes
     at = panda_design.task.placement(closes.start)
@@ -201,6 +226,21 @@ def test_a_singular_start_has_no_radius_and_says_so(panda_pose: rp.Task) -> None
     proof = rp.prove(design_of(panda_pose, flat, rp.Box(q, 0.1)), seconds=1)
     assert not proof and not proof.closes and proof.closes.metres == 0
     assert "singular" in proof.closes.words
+
+
+def test_no_radius_says_why(panda_pose: rp.Task) -> None:
+    q = panda_pose.reference
+    J = panda_pose.jacobian(q)
+    N = np.linalg.svd(J)[2][-1:]
+    for V, width, said in (
+        (N, 1e-3, r"panda_joint\d may leave Ω, 0.001 rad away"),
+        (J[:1] + 1e-3 * N, 0.1, "J_V is singular in Ω"),
+    ):
+        design = design_of(
+            panda_pose, rp.Polynomial(q, 1).weighted(V.T), rp.Box(q, width)
+        )
+        closes = rp.prove(design, seconds=0.2).closes
+        assert not closes and re.search(said, closes.words)
 
 
 def test_around_a_path_that_closes_others_close(panda_design: rp.Design) -> None:

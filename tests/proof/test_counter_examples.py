@@ -64,7 +64,7 @@ def ring_gap(
     ):  # it left all poses that can be reached
         return np.nan, np.inf, False
     away = np.abs(end[0] - q)
-    closes = rp.prove(design, margin=0.01, seconds=0.3).closes
+    closes = rp.prove(design, margin=0.01, seconds=1).closes
     poses = np.tile(np.eye(4), (len(p), 1, 1))
     poses[:, :3, 3], poses[:, :3, :3] = p[:, 0], R[:, 0]
     inside = bool(closes) and all(closes.contains(pose) for pose in poses)
@@ -160,7 +160,7 @@ def judged(seed: int, folder: Path) -> str:
     if made is None:
         return "no design"
     design, turns = made
-    closes = rp.prove(design, margin=0.01, seconds=0.3).closes
+    closes = rp.prove(design, margin=0.01, seconds=1).closes
     if turns:
         q = design.region.center
         gap, share, inside = ring_gap(design, q, turns)

@@ -61,7 +61,7 @@ def figures(
 @pytest.fixture(scope="module")
 def mixed(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.Study, dict]:
     """Joints that slide and turn, and a posture that takes the arm away at once."""
-    study = rp.study("ppr", cycles=4, steps=60, degree=1)
+    study = rp.study(rp.Problem("ppr", path="circle:0.1"), cycles=4, steps=60, degree=1)
     return study, figures_of(study, tmp_path_factory.mktemp("mixed"))
 
 

@@ -24,6 +24,7 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement, as_placements
+from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
 from ...native import CHART, REGION, filled_struct, point
 from ...regions.sobol import scrambled_points
@@ -94,7 +95,7 @@ class Cell:
         half_width: ArrayLike,
         half_angle: ArrayLike = 0.0,
     ) -> None:
-        if require_task(task).coordinates is not None:
+        if one_frame(require_task(task), "a cell").coordinates is not None:
             raise InputError(
                 "a cell requires the robot's own joints; use the task before in_coordinates()"
             )
@@ -148,7 +149,7 @@ class Cell:
         half_angle
             Addition to the half-widths of the rotations, rad.
         """
-        require_task(task)
+        one_frame(require_task(task), "a cell")
         if hasattr(poses, "placement"):
             poses = [poses.placement(s) for s in np.linspace(0, 1, 2001)]
         what = "a list of placements, or a closed path"

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array, require_type, vector
 from ...errors import InputError
+from ...model.several_frames import one_frame
 from ...strategies import RepeatableInverse
 
 try:
@@ -55,6 +56,7 @@ class RepeatableTask(PinkTask):
             "inverse",
             "a repeatable inverse, such as design.inverse",
         )
+        one_frame(inverse.task, "a pink task")
         super().__init__(cost=cost, gain=gain, lm_damping=lm_damping)
         if inverse.task.coordinates is not None:
             raise InputError(

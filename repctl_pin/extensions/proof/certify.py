@@ -14,6 +14,7 @@ from ...certificate import CELL_THEOREM, Proof
 from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError, SingularityError
+from ...model.several_frames import one_frame
 from ...native import library
 from ...paths.task_path import ClosedPath
 from ...regions import Region, Tube, WorkspaceBox
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 
 _SHRINKING_SECONDS = 0.2
 """Processor time for each smaller Ω that is tried where there is a singularity, s."""
-
-_CLOSING_SECONDS = 5.0
-"""Minimum processor time, s, that a closing radius may take."""
 
 
 def prove(
@@ -76,7 +74,8 @@ def prove(
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
-        Processor time, s, after which the bounds found so far are taken.
+        Processor time, s, after which the bounds found so far are taken: of the margins, and of
+        the closing radius.
     progress
         True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
@@ -108,6 +107,7 @@ def prove(
                 f"what must be a design, such as the result of rp.nearest_repeatable, "
                 f"not a {type(what).__name__}"
             )
+    one_frame(what.task, "a proof")
     goal = None if margin is None else _share(margin)
     least = (
         None
@@ -206,8 +206,10 @@ def _of_region(
     if library() is None and radius is None:
         return proof  # one warning has said so
     report("proving the closing radius", 0.0)
-    time = max(seconds, _CLOSING_SECONDS)
-    closes = closing_radius(design, region, problem, path, ratio, radius, time)
+    closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
+    named = proof.reason.startswith("J_V is singular between")
+    if named and closes.boxes and not closes:
+        closes = replace(closes, reason="J_V is singular in Ω")
     if radius is not None and not closes.metres >= radius:
         said = f"closing radius {closes.size}" if closes else "no closing radius"
         why = f"{said}: {closes.reason}"

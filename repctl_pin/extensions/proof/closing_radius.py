@@ -83,7 +83,14 @@ def closing_radius(
                 why = str(error)
             else:
                 radius, boxes, complete = found.radius, found.boxes, found.complete
-                why = _limit(task.joint_names[found.joint], complete, boxes)
+                if goal is not None and radius >= goal:
+                    why, complete = "no larger one was asked for", True
+                else:
+                    room = places.clearance[found.place, found.joint]
+                    unit = "rad" if task.revolute[found.joint] else "m"
+                    where = f"{task.joint_names[found.joint]} may leave Ω, {room:.2g} {unit} away"
+                    undecided = f"not all of Ω was decided in {boxes} boxes; "
+                    why = where if complete else undecided + where
     return ClosingRadius(
         radius,
         ratio * radius if turns else None,
@@ -98,17 +105,10 @@ def closing_radius(
     )
 
 
-def _limit(joint: str, complete: bool, boxes: int) -> str:
-    """Write why the radius is not larger."""
-    if complete:
-        return f"{joint} may leave Ω"
-    return f"not all of Ω was decided in {boxes} boxes; {joint} may leave it"
-
-
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
     """Return the start of the design's own cycle, if it is inside Ω, or a centre of Ω.
 
-    Of a tube, that is the sample whose pose is nearest to the beginning of the path.
+    In a tube, that is the sample whose pose is nearest to the beginning of the path.
     """
     if design.cycle is not None and region.ratio(design.cycle.start[None])[0] < 1:
         return design.cycle.start

@@ -123,6 +123,8 @@ def bound_reach(
     end = thread_time() + seconds
     while len(search.low) and thread_time() < end and search.boxes < most:
         search.advance()
+        if goal is not None and search.reach().radius >= goal:
+            break
     return search.reach()
 
 
@@ -303,14 +305,13 @@ def _sampled(
         raise SingularityError("J_V is singular at the start")
     rates = np.maximum(rates, 1e-9 * rates.max(axis=1)[:, None])  # joints that rest
     whole = float((places.clearance / rates).min())
-    if goal is not None:
-        whole = min(whole, goal)
-    step, free = whole / _STEPS, _FREE * places.clearance / whole
+    free = _FREE * places.clearance / whole  # whatever the goal, or Ω would be filled
+    step = (whole if goal is None else min(whole, goal)) / _STEPS
     width, length = np.zeros((K, n)), 0.0
     widths: list[Array] = []
     allowed: list[Array] = []
     while len(widths) < _MOST_STEPS:
-        slack = 1 + np.interp(length, [0, 0.7 * whole], slacks)
+        slack = 1 + np.interp(length, [0, 0.7 * _STEPS * step], slacks)
         for _ in range(2):
             wide = width + step * np.maximum(slack * rates, free) + places.extent
             corners = places.center[:, None] + signs * wide[:, None]

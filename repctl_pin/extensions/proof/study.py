@@ -19,6 +19,9 @@ PROVED = 0.9
 PROVING, LEAST_PROVING = 0.05, 0.3
 """Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
 
+CLOSING = 5.0
+"""Minimum processor time for the closing radius along the path, s."""
+
 
 def with_certificate(
     design: Design, spent: float, say: Callable[[str], None]
@@ -32,13 +35,11 @@ def with_certificate(
     """
     say("proving its leaf margin and closing radius")
     seconds = max(LEAST_PROVING, PROVING * spent)
+    margin = PROVED * design.leaf_margin
     try:
-        proof = prove(
-            design,
-            margin=PROVED * design.leaf_margin,
-            closes=isinstance(design.region, Tube),
-            seconds=seconds,
-        )
+        proof = prove(design, margin=margin, closes=False, seconds=seconds)
+        if proof and isinstance(design.region, Tube):
+            proof = prove(design, margin=margin, seconds=max(CLOSING, seconds))
     except (
         InputError
     ):  # bounds of these potentials, or the region's shape, are not known

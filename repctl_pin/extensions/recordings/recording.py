@@ -21,6 +21,7 @@ from ...arguments import (
     shown,
 )
 from ...errors import InputError
+from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
 from ...tables import Column, Table, read_table
 from ..cells.kinematics import placed
@@ -116,7 +117,7 @@ class Recording:
         times: ArrayLike | None = None,
         sessions: Sequence[object] | ArrayLike | None = None,
     ) -> None:
-        task = require_task(task)
+        task = one_frame(require_task(task), "a recording")
         if joints is None and poses is None:
             raise InputError("a recording needs joints= or poses=")
         if any(given is not None and not np.size(given) for given in (joints, poses)):
@@ -185,7 +186,7 @@ class Recording:
             If the file cannot be read, has no such columns, or its numbers are refused; the message
             names the line.
         """
-        task = require_task(task)
+        task = one_frame(require_task(task), "a recording")
         path = file_name(file)
         table = read_table(path)
         try:

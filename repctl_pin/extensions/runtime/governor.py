@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ...arguments import Array, as_numbers, positive, require_type, row, shown
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement
+from ...model.several_frames import one_frame
 from ...model.task import Task
 from ...motion.limits import JointLimits, Limits, joint_limits
 from ...native import GOVERNOR_CALL, filled_struct, required_library
@@ -124,7 +125,7 @@ class Governor:
             "inverse",
             "a repeatable inverse, such as design.inverse or found.function.inverse",
         )
-        self._task = task = inverse.task
+        self._task = task = one_frame(self._inverse.task, "a governor")
         if task.coordinates is not None:
             raise InputError(
                 "the governor's limits are of the robot's own joints; use the original task"

@@ -24,6 +24,7 @@ from ...arguments import (
 )
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement
+from ...model.several_frames import one_frame
 from ...model.task import Task
 from ...strategies.native_arm import library_arm
 from ...strategies.repeatable import RepeatableInverse
@@ -103,7 +104,7 @@ class LeafImpedance:
             "inverse",
             "a repeatable inverse, such as design.inverse",
         )
-        self.task = task = inverse.task
+        self.task = task = one_frame(self.inverse.task, "a torque law")
         if task.coordinates is not None:
             raise InputError(
                 "torques act on the robot's own joints, but the task is in other coordinates; "

@@ -14,6 +14,7 @@ import numpy as np
 from ...arguments import Array, file_name, positive
 from ...errors import InputError
 from ...files import prepare_folder, write_whole
+from ...model.several_frames import one_frame
 from ...motion import Motion, elbow
 from ...strategies.names import KEYS
 from ...studies.study_result import Study
@@ -146,6 +147,7 @@ def animation(
     chains: dict[str, TracedChain] = {}
     paths: list[Array] = []
     for motion in every:
+        one_frame(motion.task, "an animation")
         chains.setdefault(
             motion.task.frame, TracedChain(motion.task, elbow(motion.task, motion.q[0]))
         )

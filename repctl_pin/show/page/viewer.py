@@ -37,6 +37,7 @@ from ...errors import InputError
 from ...model.arm_links import arm_links
 from ...model.body_corners import corners
 from ...model.length import arm_length
+from ...model.several_frames import one_frame
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, require_task
 from ...model.visuals import Visuals
@@ -102,7 +103,7 @@ class Viewer:
         start: ArrayLike | None = None,
         port: int = 0,
     ) -> None:
-        require_task(task)
+        one_frame(require_task(task), "a viewer")
         if path is not None:
             require_type(path, TaskPath, "path", "a path, such as rp.circle(task, q0)")
         listed = (

@@ -82,14 +82,10 @@ def inspection(
 
 def inspection_text(found: Mapping[str, Any]) -> str:
     """Format the contents of a robot file, from :func:`inspection`, for a terminal."""
-    rows = [
-        [
-            j["name"],
-            j["kind"],
-            *map(_number, (j["lower"], j["upper"], j["speed"], j["reference"])),
-        ]
-        for j in found["joints"]
-    ]
+    rows = []
+    for joint in found["joints"]:
+        numbers = [joint[key] for key in ("lower", "upper", "speed", "reference")]
+        rows.append([joint["name"], joint["kind"], *map(_number, numbers)])
     lines = [
         f"{found['robot']}: {len(rows)} movable joints, {found['links']} links, "
         f"{found['meshes']} meshes",
@@ -98,18 +94,12 @@ def inspection_text(found: Mapping[str, Any]) -> str:
         table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
         "units: rad or m, rad/s or m/s; –: no limit in the URDF",
     ]
-    if found["locked"]:
-        lines += [
-            "",
-            "locked: "
-            + ", ".join(f"{j['name']} ({j['why']})" for j in found["locked"]),
-        ]
-    if found["driven"]:
-        lines += [
-            "",
-            "mimic joints: "
-            + ", ".join(f"{j['name']} (follows {j['by']})" for j in found["driven"]),
-        ]
+    locked = [f"{joint['name']} ({joint['why']})" for joint in found["locked"]]
+    if locked:
+        lines += ["", f"locked: {', '.join(locked)}"]
+    driven = [f"{joint['name']} (follows {joint['by']})" for joint in found["driven"]]
+    if driven:
+        lines += ["", f"mimic joints: {', '.join(driven)}"]
     lines += _chains(found)
     lines += ["", *_frames(found)]
     lines += [f"note: {text}" for text in found["warnings"]]
@@ -122,45 +112,33 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
     These are the chain of the default frame, and others with as many joints.
     """
     frames = found["frames"]
-    lines = []
-    listed = []
+    lines: list[str] = []
+    listed: list[list[str]] = []
     most = len(frames[found["default_frame"]]["chain"])
     for name, frame in frames.items():
         chain = frame["chain"]
         if len(chain) != most or chain in listed:
             continue
         listed.append(chain)
-        kinds = (
-            ", ".join(f"{kind} r = {r}" for kind, r in frame["redundancy"].items())
-            or "no task at full rank"
-        )
-        lines += [
-            "",
-            f"frame {name}, moved by {len(chain)}: {', '.join(chain)}",
-            f"  {kinds}",
-        ]
+        kinds = [f"{kind} r = {r}" for kind, r in frame["redundancy"].items()]
+        lines += ["", f"frame {name}, moved by {len(chain)}: {', '.join(chain)}"]
+        lines.append(f"  {', '.join(kinds) or 'no task at full rank'}")
     return lines
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
     """Format a table of the frames and their positions, from which the user can choose a path."""
-    rows = [
-        [
-            f"{name} (default)" if name == found["default_frame"] else name,
-            str(len(frame["chain"])),
-            *(f"{round(x, 4) + 0.0:.4f}" for x in frame["position"]),
-        ]
-        for name, frame in found["frames"].items()
-    ]
-    return [
-        table(["frame", "joints", "x", "y", "z"], rows),
+    rows = []
+    for name, frame in found["frames"].items():
+        label = f"{name} (default)" if name == found["default_frame"] else name
+        place = [f"{round(x, 4) + 0.0:.4f}" for x in frame["position"]]
+        rows.append([label, str(len(frame["chain"])), *place])
+    legend = (
         "x, y, z in m from the base, at the reference pose; choose one with --frame"
-        + (
-            f"; --all lists {found['frames_left_out']} more"
-            if found["frames_left_out"]
-            else ""
-        ),
-    ]
+    )
+    if found["frames_left_out"]:
+        legend += f"; --all lists {found['frames_left_out']} more"
+    return [table(["frame", "joints", "x", "y", "z"], rows), legend]
 
 
 def _number(value: float) -> str:

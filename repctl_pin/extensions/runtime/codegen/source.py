@@ -10,6 +10,7 @@ from ...._version import __version__
 from ....arguments import require_type
 from ....certificate import ClosingRadius
 from ....errors import InputError
+from ....model.several_frames import one_frame
 from ....model.task import Task
 from ....native import CLOSING, filled_struct
 from ....regions import Region
@@ -85,7 +86,7 @@ def write_source(
         "inverse",
         "a repeatable inverse, such as design.inverse",
     )
-    task = inverse.task
+    task = one_frame(inverse.task, "exported C")
     if task.r < 1:
         raise InputError(
             f"{task!r} has no redundancy, so there are no potentials to write"

@@ -15,6 +15,7 @@
 #define N ARM_N
 #define M ARM_M
 #define JOINTS @joints
+#define FRAMES 1
 #define MOST_N ARM_N
 #define TERMS @terms
 #define WIDTH (ARM_R * (ARM_N + 1))

@@ -1,0 +1,237 @@
+"""Task of several frames at once: their Jacobians, Hessians and errors, one below the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, list_of, shown, vector
+from ..errors import InputError
+from .chain_formulas import Placement, Placements, as_placement
+from .kind import Kind
+from .mechanism import Mechanism
+from .task import Task, _held
+
+_Robot = TypeVar("_Robot", bound=Mechanism)
+
+
+class FrameSpec(NamedTuple):
+    """One of several frames: its link, its kind, the link it is relative to, its joints."""
+
+    frame: str
+    kind: Kind
+    base: str | None
+    joints: tuple[str, ...]
+
+
+class SeveralFrames(Task):
+    """Task of controlling several frames of a robot, with all joints that move any of them.
+
+    ``x = (x₁, …, x_F)``: J, H and the error of the frames stand one below the other, and so do
+    their twists, (v, ω) of the first frame first. Placements of all frames are one tuple.
+
+    Attributes
+    ----------
+    parts : tuple of Task
+        Task of each frame alone, with all joints: its J has columns of zeros.
+    """
+
+    target_type = Placements
+    parts: tuple[Task, ...]
+
+    def __init__(self, robot: Mechanism, specs: Sequence[FrameSpec]) -> None:
+        moved = {joint for spec in specs for joint in spec.joints}
+        joints = [name for name in robot.joint_names if name in moved]
+        kind = Kind.stacked([spec.kind for spec in specs])
+        frame = " + ".join(spec.frame for spec in specs)
+        self._take_joints(robot, frame, kind, joints)
+        self.specs = tuple(specs)
+        self.twist_size = 6 * len(specs)
+        self.parts = tuple(
+            Task(based(robot, spec.base), spec.frame, spec.kind, joints)
+            for spec in specs
+        )
+        self._singles = tuple(
+            Task(based(robot, spec.base), spec.frame, spec.kind, spec.joints)
+            for spec in specs
+        )
+        self.model = self._bodies = _held(robot, self._driven())
+        self._frame_id = 0
+        self._couple()
+        self._allocate()
+
+    def in_coordinates(self, T: ArrayLike) -> Task:
+        """Create the same task in joint coordinates ψ, ``q = T ψ``; see :class:`Task`."""
+        task = super().in_coordinates(T)
+        assert isinstance(task, SeveralFrames)
+        task.parts = tuple(part.in_coordinates(T) for part in self.parts)
+        return task
+
+    # ---- frames ----
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that are controlled."""
+        return tuple(spec.frame for spec in self.specs)
+
+    @property
+    def single_tasks(self) -> tuple[Task, ...]:
+        """Tasks of one frame each, with the joints that move it."""
+        return self._singles
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Frames that share joints, directly or through others; several groups fall apart."""
+        groups: list[tuple[set[str], list[str]]] = []
+        for spec in self.specs:
+            joints, frames = set(spec.joints), [spec.frame]
+            others = []
+            for group in groups:
+                if group[0] & joints:
+                    joints |= group[0]
+                    frames = group[1] + frames
+                else:
+                    others.append(group)
+            groups = [*others, (joints, frames)]
+        return tuple(tuple(frames) for _, frames in groups)
+
+    def as_target(self, value: Placement, name: str = "target") -> Any:
+        """Convert a target of the user: one placement per frame.
+
+        Raises
+        ------
+        InputError
+            If it is none; ``name`` names it.
+        """
+        if isinstance(value, Placements) and len(value) == len(self.parts):
+            return value
+        given: Any = value
+        stack = isinstance(given, np.ndarray) and given.ndim == 3
+        listed = list(given) if stack or isinstance(given, (list, tuple)) else []
+        if len(listed) != len(self.parts):
+            raise InputError(
+                f"{name} must be {len(self.parts)} placements, one per frame "
+                f"({', '.join(self.frames)}); got {shown(value)}"
+            )
+        return Placements(
+            as_placement(each, f"{name} of {frame}")
+            for each, frame in zip(listed, self.frames, strict=True)
+        )
+
+    # ---- kinematics at one q ----
+
+    def placement(self, q: ArrayLike) -> pin.SE3:
+        """Refuse: there are several frames, see :meth:`placements`."""
+        raise InputError(
+            f"the task has {len(self.parts)} frames ({', '.join(self.frames)})",
+            remedy="use placements(q)",
+        )
+
+    def placements(self, q: ArrayLike) -> Placements:
+        """Evaluate the placements of all frames at q, a target of this task."""
+        return Placements(part.placement(q) for part in self.parts)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Evaluate J (m, n) of ẋ = J q̇ (2), the rows of the first frame first."""
+        return np.concatenate([part.jacobian(q) for part in self.parts])
+
+    def error(self, q: ArrayLike, target: Placement) -> Array:
+        """Evaluate the task error (m,) of all frames to their targets, m and rad."""
+        targets = self.as_target(target)
+        return np.concatenate(
+            [part.error(q, x) for part, x in zip(self.parts, targets, strict=True)]
+        )
+
+    def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
+        """Extract ẋ (m,) from the twists (v, ω) of all frames (6 F,), base axes."""
+        twists = vector(twist, self.twist_size, "the twists (v, ω)", "m/s and rad/s")
+        own = zip(self.parts, twists.reshape(-1, 6), strict=True)
+        return np.concatenate([part.task_velocity(q, each) for part, each in own])
+
+    # ---- batches ----
+
+    def jacobians(self, Q: ArrayLike) -> Array:
+        """Evaluate J at every row of Q (K, n): an array (K, m, n)."""
+        return np.concatenate([part.jacobians(Q) for part in self.parts], axis=1)
+
+    def hessians(self, Q: ArrayLike) -> Array:
+        """Evaluate H at every row of Q (K, n): an array (K, m, n, n)."""
+        return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
+
+    def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
+        """Measure the task error at every row of Q (K, n) to its own targets: (K, m)."""
+        listed = list_of(targets, "targets", "a list of placements, one per frame")
+        goals = {id(target): self.as_target(target) for target in listed}
+        columns = zip(*(goals[id(target)] for target in listed), strict=True)
+        each = list(columns) or [()] * len(self.parts)
+        own = zip(self.parts, each, strict=True)
+        return np.concatenate([part.errors(Q, goal) for part, goal in own], axis=1)
+
+    def positions(self, Q: ArrayLike) -> Array:
+        """Compute the frames' origins at every row of Q (K, n): an array (K, 3 F), m."""
+        return np.concatenate([part.positions(Q) for part in self.parts], axis=1)
+
+    def joint_origins(self, q: ArrayLike) -> Array:
+        """Compute the origins of the joints, from the base outward: an array (n, 3), m."""
+        return self._of_joints(q, "joint_origins")
+
+    def axes(self, q: ArrayLike) -> Array:
+        """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic."""
+        return self._of_joints(q, "axes")
+
+    # ---- inside ----
+
+    def _of_joints(self, q: ArrayLike, name: str) -> Array:
+        """Evaluate a method of the tasks of one frame that has a row per joint: (n, 3)."""
+        whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
+        out = np.zeros((self.n, 3))
+        for single in sorted(self._singles, key=lambda one: one.robot is self.robot):
+            rows = getattr(single, name)(single.from_robot(whole))
+            out[[self.robot_joints.index(j) for j in single.joint_names]] = rows
+        return out
+
+    def _placements(self, Q: Array) -> tuple[Array, Array]:
+        raise NotImplementedError("the parts place the frames")
+
+    def __str__(self) -> str:
+        note = "; the task falls apart: frames share no joint"
+        return f"{super().__str__()}{note * (len(self.groups) > 1)}"
+
+
+def based(robot: _Robot, base: str | None) -> _Robot:
+    """Return the robot, or a copy that places frames relative to a link."""
+    if base is None:
+        return robot
+    own = copy(robot)
+    own.base = base
+    return own
+
+
+def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
+    """List the tasks of one frame of a task, each with its own q."""
+    if not isinstance(task, SeveralFrames):
+        return [(task, np.asarray(q, float))]
+    whole = task.to_robot(q)
+    return [(single, single.from_robot(whole)) for single in task.single_tasks]
+
+
+def one_frame(task: Task, what: str) -> Task:
+    """Return a task of one frame; ``what`` takes no other.
+
+    Raises
+    ------
+    InputError
+        If the task has several frames.
+    """
+    if isinstance(task, SeveralFrames):
+        raise InputError(
+            f"{what} takes a task of one frame, not of {len(task.frames)} "
+            f"({', '.join(task.frames)})",
+            remedy="use a task of one of them",
+        )
+    return task

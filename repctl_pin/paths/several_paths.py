@@ -1,0 +1,138 @@
+"""Closed paths of several frames at once, with one period."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arguments import Array, list_of, read_only
+from ..errors import InputError
+from ..model.chain_formulas import Placements
+from ..model.several_frames import of_singles
+from ..model.task import Task
+from .task_path import ClosedPath, TaskPath, closed_path
+
+PathOfFrame: TypeAlias = ClosedPath | Callable[[Task, Array], ClosedPath] | None
+"""Path of one of several frames, or a function (task, q0) → path; None holds the frame still."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+@read_only
+class SeveralPaths(TaskPath):
+    """Closed paths of several frames, one per frame; a frame that holds still has one, too.
+
+    Attributes
+    ----------
+    paths : tuple of TaskPath
+        Path of each frame, in the order of the task's frames.
+    """
+
+    paths: tuple[TaskPath, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Take the paths as they are: each of them was checked when it was created."""
+
+    def placement(self, s: float) -> Any:
+        """Evaluate the placements of all frames at s."""
+        return Placements(path.placement(s) for path in self.paths)
+
+    def twist(self, s: float) -> Array:
+        """Evaluate the twists of all frames at s: (6 F,), m and rad per cycle."""
+        return np.concatenate([path.twist(s) for path in self.paths])
+
+    @property
+    def length(self) -> float:
+        """Length of one cycle of the longest path, m."""
+        return max(path.length for path in self.paths)
+
+    def __repr__(self) -> str:
+        return f"<SeveralPaths {self.name}>"
+
+
+def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> TaskPath:
+    """Create the closed path of a task of several frames from one path per frame.
+
+    Parameters
+    ----------
+    task
+        Task of several frames.
+    q0 : (n,) array
+        Start configuration, rad and m, where a frame without a path holds still.
+    paths
+        One per frame: a closed path, a function (task, q0) → path of the task of this frame alone,
+        or None for a frame that holds still.
+
+    Returns
+    -------
+    TaskPath
+        All paths as one, with one period.
+
+    Raises
+    ------
+    InputError
+        If their number is not that of the frames, or their periods differ.
+
+    Examples
+    --------
+    >>> robot = rp.Robot.load("talos")
+    >>> hands = robot.task(["gripper_left_base_link", "gripper_right_base_link"])
+    >>> q = hands.reference
+    >>> left = lambda task, q0: rp.circle(task, q0, 0.08)  # m
+    >>> path = rp.several_paths(hands, q, [left, None])
+    >>> path.twist(0.3).shape  # of both frames
+    (12,)
+    """
+    listed = list_of(paths, "path", "a list of one path per frame, None to hold still")
+    if len(listed) != len(task.frames):
+        raise InputError(
+            f"has {len(listed)} paths for {len(task.frames)} frames ({', '.join(task.frames)})",
+            argument="path",
+            remedy="give one path per frame, None for a frame that holds still",
+        )
+    made = [
+        _path_of(single, q, path)
+        for (single, q), path in zip(of_singles(task, q0), listed, strict=True)
+    ]
+    if len(made) == 1:
+        return made[0]
+    periods = {path.period for path in made if path.period is not None}
+    if len(periods) > 1:
+        times = " and ".join(f"{period:g} s" for period in sorted(periods))
+        raise InputError(
+            f"the paths of the frames have different periods, {times}",
+            remedy="give all of them the same period",
+        )
+    names = [
+        f"{frame} holds still" if path is None else f"{frame}: {own.name}"
+        for frame, path, own in zip(task.frames, listed, made, strict=True)
+    ]
+    first = made[0]
+    return SeveralPaths(
+        ", ".join(names),
+        lambda s: np.concatenate([path.point(s) for path in made]),
+        lambda s: np.concatenate([path.slope(s) for path in made]),
+        first.rotation,
+        tuple(sorted({s for path in made for s in path.breaks})),
+        period=next(iter(periods), None),
+        paths=tuple(made),
+    )
+
+
+def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
+    """Return the path of one frame; the point at which it is, if it holds still."""
+    if path is None:
+        here = task.placement(q0)
+        point, rest = here.translation.copy(), np.zeros(3)
+        return TaskPath("holds still", lambda s: point, lambda s: rest, here.rotation)
+    if isinstance(path, ClosedPath):
+        return closed_path(path)
+    if not callable(path):
+        raise InputError(
+            "must hold closed paths, functions (task, q0) → path, or None to hold still",
+            argument="path",
+        )
+    return closed_path(path(task, q0))

@@ -1,0 +1,118 @@
+"""The control of several frames: J⁺ drifts, a design closes, C equals NumPy, doors refuse."""
+
+import numpy as np
+import pytest
+
+import repctl_pin as rp
+
+HANDS = ["l_gripper_tool_frame", "r_gripper_tool_frame"]
+
+
+def circle(task, q0):
+    return rp.circle(task, q0, 0.08)
+
+
+@pytest.fixture(scope="module")
+def hands():
+    """PR2's lift and both arms, with positions of both hands: n = 15, m = 9, r = 6."""
+    task = rp.Robot.load("pr2").task([HANDS[0], (HANDS[1], "position")])
+    q0 = task.reference + 0.3 * np.random.default_rng(5).normal(size=task.n)
+    lower, upper, _ = task.joint_limits
+    q0 = np.clip(q0, np.maximum(lower, -9) + 0.3, np.minimum(upper, 9) - 0.3)
+    q0[~task.revolute] = 0.15
+    return task, q0
+
+
+@pytest.fixture(scope="module")
+def constant(hands):
+    """The inverse with constant rows V = N(q0)."""
+    task, q0 = hands
+    rows = np.linalg.svd(task.jacobian(q0))[2][task.m :]
+    basis = rp.Polynomial(q0, 1)
+    slopes = basis.gradients(q0[None])[0]  # (n, number of potentials)
+    A = np.linalg.lstsq(slopes, rows.T, rcond=None)[0]
+    return rp.RepeatableInverse(task, basis.weighted(A))
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_the_hands_come_back_under_j_plus_and_the_joints_do_not(hands, constant, both):
+    task, q0 = hands
+    path = rp.several_paths(task, q0, [circle, circle if both else None])
+    plain = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=2, steps=150)
+    closed = rp.follow(constant, path, q0, cycles=2, steps=150)
+    assert plain.drift[-1] > 1e-3
+    assert closed.drift[-1] < 1e-8
+    assert max(plain.tracking_error.max(), closed.tracking_error.max()) < 1e-7
+
+
+def test_the_law_in_c_is_that_in_numpy(hands, constant, monkeypatch):
+    task, q0 = hands
+    path = rp.several_paths(task, q0, [circle, circle])
+    target, twist = path.placement(0.02), path.twist(0.02)
+    leaf, xdot = constant.leaf(q0), np.arange(1.0, task.m + 1)
+    monkeypatch.setenv("REPCTL_NATIVE", "no")
+    plain = rp.RepeatableInverse(task, constant.potentials)
+    for call in (
+        lambda law: law.velocity(q0, xdot),
+        lambda law: law.step(q0, target, 0.01, twist, leaf=leaf, gain=20.0),
+        lambda law: law.step(
+            q0, target, 0.01, leaf=leaf, velocity_limit=1.0, damping=0.1
+        ),
+        lambda law: law.batch(q0[None] + 0.01),
+    ):
+        expected = call(plain)
+        monkeypatch.setenv("REPCTL_NATIVE", "")
+        np.testing.assert_allclose(call(constant), expected, rtol=0, atol=1e-10)
+        monkeypatch.setenv("REPCTL_NATIVE", "no")
+
+
+def test_targets_on_a_leaf_are_solved(hands, constant):
+    task, q0 = hands
+    target = task.placements(q0 + 0.02)
+    for q in (constant.solve(target, q0), rp.solve_ik(task, q0, target)):
+        assert np.abs(task.error(q, target)).max() < 1e-9
+
+
+def test_paths_of_several_frames_are_checked(hands):
+    task, q0 = hands
+    with pytest.raises(rp.InputError, match="1 paths for 2 frames"):
+        rp.several_paths(task, q0, [circle])
+    with pytest.raises(rp.InputError, match="must hold closed paths"):
+        rp.several_paths(task, q0, [circle, 3])
+    with pytest.raises(rp.InputError, match="2 placements, one per frame"):
+        rp.follow(
+            rp.Pseudoinverse(task),
+            rp.circle(task.single_tasks[0], task.single_tasks[0].reference, 0.05),
+            q0,
+        )
+
+
+def test_a_problem_moves_one_frame_and_holds_the_other():
+    both = rp.Problem("pr2", frame=HANDS, path=["circle:0.05", None])
+    left, right = both.path.paths
+    assert left.length > 0.3 and right.length == 0
+
+
+def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
+    task, q0 = hands
+    here = task.placements(q0)[0]
+    path = rp.several_paths(task, q0, [circle, None])
+    motion = rp.follow(constant, path, q0, cycles=1, steps=50)
+    problem = rp.Problem(task, start=q0, path=path, region=0.1)
+    limits = rp.Limits(acceleration=5.0, jerk=50.0)
+    for call in (
+        lambda: rp.Cell(task, here, 0.1),
+        lambda: rp.Sector(task, here, radius=0.1, angle="all"),
+        lambda: rp.Governor(constant, 0.01, limits),
+        lambda: rp.LeafImpedance(constant),
+        lambda: rp.export_c(constant, tmp_path / "arm.c"),
+        lambda: rp.Recording(task, joints=np.tile(q0, (5, 1))),
+        lambda: rp.WorkspaceBox(task, q0[:3], 0.1, within=rp.Box(q0, 0.1)),
+        lambda: rp.ArmAngle(task, "a", "b", "c"),
+        lambda: rp.animation({"mine": motion}),
+        lambda: rp.study(problem),
+        lambda: rp.Viewer(task, ["a"]),
+    ):
+        with pytest.raises(rp.InputError, match="takes a task of one frame") as refused:
+            call()
+        assert "\n" not in str(refused.value)

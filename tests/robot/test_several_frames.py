@@ -1,0 +1,146 @@
+"""A task of several frames: kinematics against Pinocchio and finite differences, and its door."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import repctl_pin as rp
+
+HANDS = ["gripper_left_base_link", "gripper_right_base_link"]
+TASKS = {
+    "both hands of talos": ("talos", HANDS),
+    "kinds that differ": ("talos", [(HANDS[0], "axis"), (HANDS[1], "position")]),
+    "a lift and two arms": ("pr2", ["l_gripper_tool_frame", "r_gripper_tool_frame"]),
+    "a tray": (
+        "talos",
+        [(HANDS[0], "position"), (HANDS[1], "pose", "gripper_left_base_link")],
+    ),
+    "arms that share nothing": ("baxter", ["left_gripper", "right_gripper"]),
+}
+
+
+@pytest.fixture(params=TASKS, scope="module")
+def task(request):
+    robot, frames = TASKS[request.param]
+    return rp.Robot.load(robot).task(frames)
+
+
+def configurations(task, count=4):
+    spread = np.random.default_rng(3).normal(size=(count, task.n))
+    return task.reference + 0.3 * spread
+
+
+def test_the_hessian_is_the_derivative_of_the_jacobian(task):
+    for q in configurations(task, 2):
+        steps = 1e-6 * np.eye(task.n)
+        slopes = [(task.jacobian(q + d) - task.jacobian(q - d)) / 2e-6 for d in steps]
+        np.testing.assert_allclose(task.hessian(q), np.stack(slopes, -1), atol=1e-7)
+
+
+def test_the_jacobian_is_minus_the_derivative_of_the_error(task):
+    for q in configurations(task, 2):
+        target, steps = task.placements(q), 1e-6 * np.eye(task.n)
+        slopes = [
+            (task.error(q - d, target) - task.error(q + d, target)) / 2e-6
+            for d in steps
+        ]
+        np.testing.assert_allclose(task.jacobian(q), np.stack(slopes, -1), atol=1e-7)
+
+
+def test_batches_equal_single_evaluations(task):
+    Q = configurations(task)
+    targets = [task.placements(q) for q in Q[::-1]]
+    for many, one in (
+        (task.jacobians(Q), [task.jacobian(q) for q in Q]),
+        (task.hessians(Q), [task.hessian(q) for q in Q]),
+        (
+            task.errors(Q, targets),
+            [task.error(q, x) for q, x in zip(Q, targets, strict=True)],
+        ),
+        (
+            task.positions(Q),
+            [np.concatenate([x.translation for x in task.placements(q)]) for q in Q],
+        ),
+    ):
+        np.testing.assert_allclose(many, np.array(one), rtol=0, atol=1e-13)
+
+
+def test_the_jacobian_is_that_of_pinocchio():
+    robot = rp.Robot.load("talos")
+    task = robot.task(HANDS)
+    whole, q = robot.model, configurations(task, 1)[0]
+    data, q_whole = whole.createData(), robot.coupling.joints(task.to_robot(q))
+    rows = []
+    for name in HANDS:
+        frame = whole.getFrameId(name)
+        world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        rows.append(pin.computeFrameJacobian(whole, data, q_whole, frame, world))
+    columns = [whole.getJointId(name) - 1 for name in task.joint_names]
+    np.testing.assert_allclose(
+        task.jacobian(q), np.vstack(rows)[:, columns], atol=1e-13
+    )
+
+
+def test_one_frame_in_a_list_is_the_task_of_this_frame():
+    robot = rp.Robot.load("talos")
+    alone, listed = robot.task(HANDS[0], "axis"), robot.task([(HANDS[0], "axis")])
+    q = configurations(alone, 1)[0]
+    assert repr(alone) == repr(listed)
+    assert np.array_equal(alone.jacobian(q), listed.jacobian(q))
+    assert alone.frames == (HANDS[0],) and alone.single_tasks == (alone,)
+
+
+def test_coordinates_turn_the_joints_of_all_frames(task):
+    T = np.eye(task.n) + np.tri(task.n, k=-1) * 0.2
+    turned, psi = task.in_coordinates(T), 0.1 * np.ones(task.n)
+    np.testing.assert_allclose(
+        turned.jacobian(psi), task.jacobian(T @ psi) @ T, atol=1e-12
+    )
+
+
+def test_frames_that_share_no_joint_are_told():
+    robot = rp.Robot.load("baxter")
+    assert "falls apart" in str(robot.task(["left_gripper", "right_gripper"]))
+    assert "falls apart" not in str(rp.Robot.load("talos").task(HANDS))
+
+
+def test_the_relative_placement_is_that_of_the_hands():
+    robot = rp.Robot.load("talos")
+    tray = robot.task([(HANDS[0], "position"), (HANDS[1], "pose", HANDS[0])])
+    both, q = robot.task(HANDS), configurations(tray, 1)[0]
+    left, right = both.placements(both.from_robot(tray.to_robot(q)))
+    np.testing.assert_allclose(
+        tray.placements(q)[1].homogeneous, left.actInv(right).homogeneous, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (["nowhere", HANDS[0]], "no frame 'nowhere'"),
+        ([HANDS[0], HANDS[0]], "given twice"),
+        ([HANDS[0], 3], "3 is not a frame"),
+        ([(HANDS[0], "attitude")], "no task kind 'attitude'"),
+        ([(HANDS[0], "pose", "nowhere"), HANDS[1]], "no frame 'nowhere'"),
+        ([], "empty"),
+        ([*HANDS, ("torso_2_link", "pose")], "not redundant"),
+    ],
+)
+def test_frames_that_cannot_be_used_are_named_in_one_line(frames, message):
+    with pytest.raises(rp.InputError, match=message) as refused:
+        rp.Robot.load("talos").task(frames)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_target_of_several_frames_has_one_placement_per_frame():
+    task = rp.Robot.load("talos").task(HANDS)
+    q = configurations(task, 1)[0]
+    left, right = task.placements(q)
+    assert np.abs(task.error(q, [left, right.homogeneous])).max() < 1e-12
+    for wrong in (left, [left], [left, right, left], left.homogeneous):
+        with pytest.raises(rp.InputError, match="2 placements, one per frame"):
+            task.error(q, wrong)
+    with pytest.raises(rp.InputError, match="use placements"):
+        task.placement(q)
+    with pytest.raises(rp.InputError, match="target"):
+        rp.Robot.load("talos").task(HANDS[0]).error(q[:9], (left, right))
