@@ -123,7 +123,7 @@ async function main() {
   tell = connect(clock, view);
   // another run in the player, of a visitor's loop or of the study
   function play(cycles, perCycle, seconds, runs, ways_) {
-    if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false);
+    player.plain();
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
     compare();
@@ -137,6 +137,7 @@ async function main() {
     show();
   }
   const player = {
+    plain() { if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false); },
     clear() { line([]); for (const arm of arms) arm.traces = cleared(arm.group, arm.traces); },
     play: (result) => play(Array.from({ length: result.cycles }, (_, c) => c + 1), result.perCycle, result.seconds, result.runs.map((one) => [one]), [result.path.map((p) => new MeshCat.THREE.Vector3(...p))]),
     study() {

@@ -20,7 +20,7 @@ const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
 
 export class Own {
-  // `player`: {play(result), study(), show()}, which shows a result of computed(), or the study again
+  // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of computed(), or the study again
   constructor(data, { arms, panes, scene, clock, extent, player }) {
     Object.assign(this, { arms, panes, scene, clock, extent, player, chain: new Chain(data), state: "study", points: null, lead: null, keys: false });
     this.laws = data.laws.map((parts) => Object.assign(new Law(this.chain, parts), { start: Float64Array.from(data.start) }));
@@ -68,6 +68,7 @@ export class Own {
   take(k, id, at) {
     const T = MeshCat.THREE, { chain, arms } = this, home = new T.Vector3(...chain.home), missing = [0, 1, 2].filter((row) => !chain.rows.includes(row));
     this.clock.play(false);
+    this.player.plain();
     const out = this.panes.sight(k, this.panes.seen(k, home)).direction, normal = missing.length ? new T.Vector3().setComponent(missing[0], 1) : out;
     const seen = this.panes.seen(k, home), grip = at ? { x: seen.x - at.x, y: seen.y - at.y } : { x: 0, y: 0 };
     for (const law of this.laws) law.start = Float64Array.from(chain.start);
