@@ -4,7 +4,6 @@ where the first guess of the rates is too low; a wrong term of lifts.py is notic
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -120,7 +119,7 @@ def covers(search: Any, places: Any) -> bool:
     return bool(abs(np.prod(high - low, axis=1).sum() / whole - 1) < 1e-9)
 
 
-def is_sound(module: ModuleType, given: list[tuple[rp.Design, float]]) -> bool:
+def is_sound(module: Any, given: list[tuple[rp.Design, float]]) -> bool:
     """Test whether the search bounds the length, for guesses of the rates that are too low."""
     module._SLACK, module._SAMPLES = (-0.3, -0.3), 1
     for design, ratio in given:
