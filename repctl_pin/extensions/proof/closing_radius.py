@@ -86,9 +86,9 @@ def closing_radius(
                 if goal is not None and radius >= goal:
                     why, complete = "no larger one was asked for", True
                 else:
-                    room = places.clearance[found.place, found.joint]
+                    away = places.clearance[found.place, found.joint]
                     unit = "rad" if task.revolute[found.joint] else "m"
-                    where = f"{task.joint_names[found.joint]} may leave Ω, {room:.2g} {unit} away"
+                    where = f"{task.joint_names[found.joint]} may leave Ω, {away:.2g} {unit} away"
                     undecided = f"not all of Ω was decided in {boxes} boxes; "
                     why = where if complete else undecided + where
     return ClosingRadius(
