@@ -13,7 +13,6 @@ from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
 from ..model.chain_formulas import Placement, Placements
 from ..model.length import arm_length, longest_reach
-from ..model.random_configurations import random_configurations
 from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
@@ -317,3 +316,13 @@ def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
     except InputError as error:
         return str(error)
     return ""
+
+
+def random_configurations(task: Task, count: int, rng: np.random.Generator) -> Array:
+    """Draw configurations (count, n), uniform between the joint limits.
+
+    A side of a joint without a limit is taken π rad (m) from the reference configuration.
+    """
+    low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
+    high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)
+    return low + (high - low) * rng.random((count, task.n))

@@ -11,9 +11,9 @@ from ..arguments import Array
 from ..errors import InputError
 from ..model.kind import KINDS, task_kind
 from ..model.length import arm_length
-from ..model.random_configurations import random_configurations
 from ..model.robot import Robot
 from ..model.task import Task
+from ..motion.solve_ik import random_configurations
 from ..redundancy.inverses import inverse_condition_number
 
 _PREFERRED = [KINDS[name] for name in ("pose", "position", "xy", "xz", "yz")]

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...model.several_frames import one_frame
 from ...motion import Motion, elbow
-from ...strategies.names import KEYS
+from ...studies.quantities import KEYS
 from ...studies.study_result import Study
 from ..notebook import frame
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
