@@ -163,7 +163,10 @@ class Parser(argparse.ArgumentParser):
             f"{KINDS} (default: the first redundant one of pose, position, xy, xz, yz)"
         )
         add = self.add_argument
-        add("--frame", help="link to move (default: the end of the arm)")
+        add(
+            "--frame",
+            help="link to move (default: the end of the arm), or several, separated by commas",
+        )
         add("--task", metavar="KIND", help=kinds)
         add(
             "--start",

@@ -22,7 +22,8 @@ _PATHS = """paths, lengths in m:
   FILE.csv               a point x,y,z per line, in the frame of the base, the
                          first one repeated at the end; a header may add
                          qx,qy,qz,qw and time
-  PATH:blend=RADIUS      with rounded corners"""
+  PATH:blend=RADIUS      with rounded corners
+  PATH,PATH,hold         one per frame, if --frame has several"""
 """Grammar of --path, which the help of ``repctl study`` shows."""
 
 
