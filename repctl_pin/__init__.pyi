@@ -54,10 +54,10 @@ from .motion.write_motion import write_motion as write_motion
 from .paths import TaskPath as TaskPath
 from .paths import circle as circle
 from .paths import figure_eight as figure_eight
-from .paths import several_paths as several_paths
 from .paths.polyline import Waypoints as Waypoints
 from .paths.polyline import polygon as polygon
 from .paths.polyline import waypoints as waypoints
+from .paths.several_paths import several_paths as several_paths
 from .paths.waypoint_file import read_waypoints as read_waypoints
 from .potentials import Joined as Joined
 from .potentials import Polynomial as Polynomial

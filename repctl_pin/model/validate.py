@@ -16,7 +16,7 @@ from lxml import etree
 from ..errors import UrdfError
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
-from .xml import line, one_line, parse, short
+from .xml import line, parse, short
 
 _MAX_BYTES = 5_000_000
 """Maximum size of a file, bytes: over twenty times the largest robot of example-robot-data."""
@@ -121,7 +121,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
         if still:
             notes.append(f"speed limit 0 of joint {', '.join(still)} read as no limit")
     except UrdfError as error:
-        raise UrdfError(one_line(f"{path}: {error}")) from error
+        raise UrdfError(_one_line(f"{path}: {error}")) from error
     shapes = shapes_of(robot, "visual")
     if len(shapes) > MAX_SHAPES:
         notes.append(f"only the first {MAX_SHAPES} of {len(shapes)} shapes are drawn")
@@ -136,7 +136,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
         meshes=tuple(
             dict.fromkeys(shape.filename for shape in shapes if shape.filename)
         ),
-        notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
+        notes=tuple(_one_line(note) for note in [*notes, *_degrees(joints)]),
         xml=_for_pinocchio(robot, joints, path.absolute().parent),
     )
 
@@ -356,3 +356,8 @@ def _has_look(material: etree._Element) -> bool:
         material.find("color") is not None
         or material.find("texture[@filename]") is not None
     )
+
+
+def _one_line(text: str) -> str:
+    """Fold a message into one printable line."""
+    return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))

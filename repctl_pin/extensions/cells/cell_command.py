@@ -385,8 +385,8 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     increased for them, or if a motion failed. Without the function's motion there is none.
     """
     from ...defaults import PERIOD
-    from ...strategies.names import LABELS
     from ...studies.period import choose_period
+    from ...studies.quantities import LABELS
     from .problem_of_cell import tour
 
     path, failed = tour(design.cell), {}

@@ -24,7 +24,7 @@ from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
-from ...strategies.names import LABELS
+from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.parts import part_name
