@@ -20,7 +20,7 @@ _CYCLE_STEPS = 100
 _SECTION = 0.25
 """Motion of a joint within one place of a path, relative to its clearance."""
 
-_MOST = {"start": 120_000, "path": 20_000}
+_MOST = {"start": 250_000, "path": 20_000}
 """Number of boxes after which the largest radius found so far is taken."""
 
 _CLOSED = 1e-7
