@@ -44,4 +44,5 @@ def winding(task: Task, path: TaskPath) -> int:
 def winding_words(turns: int, joint: str) -> str:
     """Write that a path winds around the axis of a joint, and what follows."""
     times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
-    return f"the path winds {times} around the axis of {joint}, so it need not close under any control"
+    winds = f"the path winds {times} around the axis of {joint}"
+    return f"{winds}, so it need not close under any control"
