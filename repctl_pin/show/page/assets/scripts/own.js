@@ -42,7 +42,7 @@ export class Own {
 
   ring(frame, k) {
     const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me");
-    const ring = element("button", { class: "ring", type: "button", "aria-label": "The hand: drag it, or move it by the arrow keys and press Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
+    const ring = element("button", { class: "ring", type: "button", "aria-label": "Drag me: lead the hand by the pointer, or by the arrow keys and Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
     if (k) ring.tabIndex = -1;
     ring.addEventListener("pointerdown", (event) => {
       if (event.button) return;
