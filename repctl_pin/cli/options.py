@@ -28,7 +28,7 @@ PATHS = """paths, lengths in m:
   square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
   FILE.csv               x,y,z per line in the frame of the base, closed;
                          a header may add qx,qy,qz,qw and time
-  PATH:blend=RADIUS      with rounded corners"""
+  PATH:blend=RADIUS      with rounded corners; PATH,PATH,hold: one per frame"""
 """Grammar of --path, which the help of ``repctl study`` shows."""
 
 
@@ -164,7 +164,10 @@ class Parser(argparse.ArgumentParser):
         """Add the options of the task and the start: --frame, --task and --start."""
         kinds = f"{KINDS} (default: the first that leaves redundancy)"
         add = self.add_argument
-        add("--frame", help="link to move (default: the end of the arm)")
+        add(
+            "--frame",
+            help="link to move, or several: a,b (default: arm's end)",
+        )
         add("--task", metavar="KIND", help=kinds)
         add(
             "--start",

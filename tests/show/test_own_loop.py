@@ -275,7 +275,7 @@ def test_a_loop_is_drawn_by_a_pointer(
 _SHIFTS = """
 window.shifts = [];
 new PerformanceObserver((list) => shifts.push(...list.getEntries().map(({ value }) => value)))
-  .observe({ type: "layout-shift", buffered: true });
+  .observe({ type: "layout-shift" });
 """
 
 
