@@ -269,10 +269,13 @@ def _arm(
         np.stack(points, axis=1)
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
     )
-    points, off = body_drift(
-        bodies, placements, frames.per_cycle, directions=64 if any_way else 8
-    )
     counts = [shape.link in own for shape in visuals.shapes]
+    points, off = body_drift(
+        bodies,
+        placements,
+        frames.per_cycle,
+        directions=[256 if any_way and counted else 8 for counted in counts],
+    )
     return Arm(
         track.label,
         visuals.shapes,
