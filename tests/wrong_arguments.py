@@ -167,7 +167,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "load": {"path": saved, "task": task},
         "load_cell": {"path": saved_cell, "task": task},
-        "load_design": {"path": saved, "task": task},
+        "load_design": {"path": saved, "task": task, "frame": None},
         "LeafLock": {
             "corrections": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01,
         },
@@ -375,6 +375,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Design, "spectral_cost"): {},
+        (rp.Design, "with_tool"): {"placement": target},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
@@ -397,6 +398,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
         (rp.InverseFunction, "leaves"): {"target": target},
+        (rp.InverseFunction, "with_tool"): {"placement": target},
         (rp.Viewer, "show"): {
             "configurations": q0,
             "before": [q0],

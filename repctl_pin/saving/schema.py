@@ -159,7 +159,8 @@ class JointRange(Part):
 class TaskFile(Part):
     """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ.
 
-    ``limits`` are those of ``joints``; they are not in older files.
+    ``limits`` are those of ``joints``; they are not in older files. ``tool`` is the placement of a
+    tool in ``frame``, if the task is that of the tool.
     """
 
     robot: str
@@ -173,6 +174,7 @@ class TaskFile(Part):
     coordinates: Rows | None
     fingerprint: list[Check]
     limits: list[JointRange] | msgspec.UnsetType = msgspec.UNSET
+    tool: Rows | msgspec.UnsetType = msgspec.UNSET
 
 
 class PieceFile(Part):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 
 from ..errors import InputError
@@ -10,6 +11,7 @@ from ..model.robot import Robot
 from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..model.task_parts import check_configurations
+from ..model.tool import ToolTask, with_tool
 from .changes import ranges_of
 from .schema import Check, TaskFile
 
@@ -35,12 +37,15 @@ def identity(task: Task) -> TaskFile:
         file=file,
         base=robot.base,
         lock=list(robot.locked),
-        frame=task.frame,
+        frame=task.link if isinstance(task, ToolTask) else task.frame,
         task=str(task.kind),
         joints=list(task.robot_joints),
         coordinates=T,
         fingerprint=checks,
         limits=ranges_of(task),
+        tool=task.tool.homogeneous.tolist()
+        if isinstance(task, ToolTask)
+        else msgspec.UNSET,
     )
 
 
@@ -60,11 +65,16 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
             surroundings=around,
         )
     task = robot.task(made_for.frame, task_kind(made_for.task), joints=made_for.joints)
-    return (
-        task
-        if made_for.coordinates is None
-        else task.in_coordinates(made_for.coordinates)
-    )
+    if made_for.coordinates is not None:
+        task = task.in_coordinates(made_for.coordinates)
+    return carrying_tool(made_for, task)
+
+
+def carrying_tool(made_for: TaskFile, task: Task) -> Task:
+    """Return the task of the tool of a file, if the task is that of the link that carries it."""
+    if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
+        return task
+    return task if task.frame != made_for.frame else with_tool(task, made_for.tool)
 
 
 def compare(made_for: TaskFile, task: Task, where: str) -> None:
