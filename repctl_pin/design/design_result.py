@@ -151,9 +151,9 @@ class Design:
         an invertible A. So the same potentials repeat, with the same leaf margin and the same
         joint path of a motion, and ``G_r' = G_r A⁻¹``. Cost and margins are evaluated again;
         ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees`` stay those of the
-        fit, and ``cycle`` is None. Of a certificate, the leaf and limit margins hold as they are,
-        the bound of σ_min(J) becomes smaller, and the closing radius is converted, because its
-        metres are measured at another point.
+        fit, and ``cycle`` is None. The leaf and limit margins of a certificate hold as they are. Its
+        bound of σ_min(J) becomes smaller, and its closing radius is converted, because the metres
+        are measured at another point.
 
         Parameters
         ----------
