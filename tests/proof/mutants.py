@@ -238,28 +238,28 @@ CELL_C = {
     ),
     "the frame's place forgotten": (
         _CELL,
-        ", add(g, e + i, -1, f->tip + i, e + i);",
+        "add(g, e + i, -1, f->tip + i, e + i);",
         ";",
     ),
     "no rest in J": (
         _CELL,
-        "* (y->r + g->eps * size_of(y));\n      }\n      rest",
+        "* (y->r + s->chain->eps * size_of(y));\n      }\n      rest",
         "* 0;\n      }\n      rest",
     ),
-    "no higher degrees in J": (_CELL, "else e += absolute(v);", ""),
+    "no higher degrees in J": (_CELL, "if (m > k) e += absolute(v);", "if (m > k) e += 0;"),
     "no slopes beside the chart": (
         _CELL,
-        "e += fabs(B[(j * N + i) * N + c]) * near[j];",
+        "e += fabs(B[(j * rows + i) * N + c]) * mean[j];",
         ";",
     ),
     "no remainder of screws": (
         _CELL,
-        "norms[2 * i] * (two_v[c] - one_v[c] * (1 - 1e-12))",
+        "norm3(x) * (two_v[c] - one_v[c] * (1 - 1e-12))",
         "0",
     ),
     "no angular remainder": (
         _CELL,
-        " + norms[2 * i + 1] * (two_w[c] - one_w[c] * (1 - 1e-12));",
+        " + norm3(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));",
         ";",
     ),
     "the way not turned": (

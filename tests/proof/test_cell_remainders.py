@@ -174,6 +174,7 @@ def test_a_wrong_term_in_c_changes_the_bounds(tmp_path: Path) -> None:
     right = cells.CellProof(
         chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256)
     )
+    right.see_from(right.chain.seen_from(4, 0.0))  # joints move it, not only turn it
     rng = np.random.default_rng(4)
     U = rng.uniform(-0.9, 0.9, (96, 6))
     h = np.array([0.4, 0.2, 0.05])[np.arange(96) % 3, None] * rng.uniform(
