@@ -375,7 +375,6 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Design, "spectral_cost"): {},
-        (rp.Design, "with_tool"): {"placement": target},
         (rp.Cell, "coordinates"): {"p": p, "R": R},
         (rp.Cell, "coordinates_of"): {"target": target},
         (rp.Cell, "errors"): {"p_goal": p, "R_goal": R, "p": p, "R": R},
@@ -398,7 +397,6 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
         (rp.InverseFunction, "leaves"): {"target": target},
-        (rp.InverseFunction, "with_tool"): {"placement": target},
         (rp.Viewer, "show"): {
             "configurations": q0,
             "before": [q0],
@@ -466,8 +464,9 @@ def right_calls(folder: Path) -> list[Call]:
                 "dynamics",
                 "bodies_model",
                 "target_type",
+                "with_tool",
             ):
-                continue  # the first serves until it is stopped, the others take nothing
+                continue  # the first serves until it is stopped, the last is for pose tasks
             assert good is not None, (
                 f"give {type(thing).__name__}.{name} a right call here"
             )

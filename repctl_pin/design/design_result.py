@@ -151,9 +151,9 @@ class Design:
         an invertible A. So the same potentials repeat, with the same leaf margin and the same
         joint path of a motion, and ``G_r' = G_r A⁻¹``. Cost and margins are evaluated again;
         ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees`` stay those of the
-        fit, and ``cycle`` is None. The leaf and limit margins of a certificate hold as they are. Its
-        bound of σ_min(J) becomes smaller, and its closing radius is converted, because the metres
-        are measured at another point.
+        fit, and ``cycle`` is None. The leaf and limit margins of a certificate hold as they are.
+        Its bound of σ_min(J) becomes smaller, and its closing radius is converted, because the
+        metres are measured at another point.
 
         Parameters
         ----------
@@ -174,7 +174,8 @@ class Design:
         from ..model.tool import with_tool  # few designs change their tool
         from .with_tool import for_task
 
-        return for_task(self, with_tool(self.task, placement))
+        design: Design = for_task(self, with_tool(self.task, placement))
+        return design
 
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.

@@ -7,6 +7,7 @@ closed motions stay what they are, and ``G_r' = G_r A⁻¹``. See :mod:`repctl_p
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +21,6 @@ from ..regions import WorkspaceBox
 from ..strategies import Pseudoinverse, RepeatableInverse, WeightedInverse
 from ..strategies.custom import CustomInverse
 from ..strategies.strategy import Inverse
-from .design_result import Design
 from .evaluation import evaluate_design
 from .subject import subject_of
 
@@ -31,8 +31,8 @@ _BELOW = 1 - 1e-12
 """Factor that keeps a lower bound below its value where the conversion rounds."""
 
 
-def for_task(design: Design, task: Task) -> Design:
-    """Convert a design to the task of another frame on the same body.
+def for_task(design: Any, task: Task) -> Any:
+    """Convert a :class:`Design` to the task of another frame on the same body.
 
     The figures are evaluated again on the design's held-out nodes; those of the fit are kept, and
     the cycle is dropped.

@@ -175,7 +175,8 @@ def _on_frame(design: Design, frame: str) -> Design:
     own = robot.task(frame, task.kind, joints=joints)
     if task.coordinates is not None:
         own = own.in_coordinates(task.coordinates.T)
-    return for_task(design, own)
+    moved: Design = for_task(design, own)
+    return moved
 
 
 def read_design(path: str | Path) -> Any:

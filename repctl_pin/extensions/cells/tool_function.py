@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -19,9 +19,6 @@ from ...strategies import RepeatableInverse
 from .cell import Cell
 from .cell_potentials import CellPotentials
 from .targets import FORMS, as_poses, homogeneous
-
-if TYPE_CHECKING:
-    from .function import InverseFunction
 
 
 class ToolFunction:
@@ -39,7 +36,7 @@ class ToolFunction:
         Placement T of the tool in the frame.
     """
 
-    def __init__(self, of_frame: InverseFunction, placement: Placement) -> None:
+    def __init__(self, of_frame: Any, placement: Placement) -> None:
         self.of_frame = of_frame
         self.task: Task = with_tool(of_frame.task, placement)
         self.tool: pin.SE3 = rigid(placement)
@@ -48,14 +45,16 @@ class ToolFunction:
     @property
     def cell(self) -> Cell:
         """Cell of the frame's poses: the tool's are x T, x in the cell."""
-        return self.of_frame.cell
+        cell: Cell = self.of_frame.cell
+        return cell
 
     def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F': the configuration (n,) for a pose of the tool.
 
         See :meth:`InverseFunction.__call__`.
         """
-        return self.of_frame(as_placement(target) * self._back, leaf=leaf)
+        q: Array = self.of_frame(as_placement(target) * self._back, leaf=leaf)
+        return q
 
     def batch(
         self,
@@ -87,7 +86,8 @@ class ToolFunction:
             listed = as_placements(targets, "target", FORMS)
             X = np.array([one.homogeneous for one in listed]).reshape(-1, 4, 4)
         X = X @ self._back.homogeneous
-        return self.of_frame.batch(X, leaf=leaf, missing=missing, threads=threads)
+        Q: Array = self.of_frame.batch(X, leaf=leaf, missing=missing, threads=threads)
+        return Q
 
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the tool's pose X (K, 4, 4) at each configuration, and its leaf c (K, r).
@@ -112,7 +112,8 @@ class ToolFunction:
 
         See :meth:`InverseFunction.leaves`.
         """
-        return self.of_frame.leaves(as_placement(target) * self._back)
+        intervals: Array = self.of_frame.leaves(as_placement(target) * self._back)
+        return intervals
 
     def with_tool(self, placement: Placement) -> ToolFunction:
         """Create the function of a tool at a placement in this tool's frame."""
