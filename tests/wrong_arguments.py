@@ -34,6 +34,7 @@ PATIENCE = 20.0
 RESULTS = {
     "Animation",
     "Audit",
+    "BestCell",
     "BestLeaf",
     "ClosingRadius",
     "Design",
@@ -159,6 +160,9 @@ def right_calls(folder: Path) -> list[Call]:
             "strategy": inverse, "path": path, "q0": q0, "cycles": 1, "steps": 12,
             "integrator": "rk4", "feedback": 0.0,
             "period": 5.0, "task": task,
+        },
+        "best_cell": {
+            "task": task, "size": 0.2, "orientation": None, "yaw": 0.0, "at": None, "seed": 0,
         },
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "least_closed_motion": {
