@@ -29,7 +29,8 @@ PATHS = """paths, lengths in m:
   FILE.csv               a point x,y,z per line, in the frame of the base, the
                          first one repeated at the end; a header may add
                          qx,qy,qz,qw and time
-  PATH:blend=RADIUS      with rounded corners"""
+  PATH:blend=RADIUS      with rounded corners
+  PATH,PATH,hold         one per frame, if --frame has several"""
 """Grammar of --path, which the help of ``repctl study`` shows."""
 
 
@@ -173,7 +174,10 @@ class Parser(argparse.ArgumentParser):
             f"{KINDS} (default: the first redundant one of pose, position, xy, xz, yz)"
         )
         add = self.add_argument
-        add("--frame", help="link to move (default: the end of the arm)")
+        add(
+            "--frame",
+            help="link to move (default: the end of the arm), or several, separated by commas",
+        )
         add("--task", metavar="KIND", help=kinds)
         add(
             "--start",

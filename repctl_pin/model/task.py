@@ -234,7 +234,8 @@ class Task:
         InputError
             If it is neither; ``name`` names it.
         """
-        return as_placement(value, name)
+        alone = isinstance(value, tuple) and len(value) == 1
+        return as_placement(value[0] if alone else value, name)
 
     # ---- kinematics at one q -------------------------------------------------------------------
 
@@ -245,7 +246,7 @@ class Task:
         return pin.SE3(data.oMf[self._frame_id])
 
     def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
-        """Evaluate the placements of all frames at q; a target of the same task, if several."""
+        """Evaluate the placements of all frames at q: a target of the same task."""
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:

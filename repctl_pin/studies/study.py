@@ -17,7 +17,6 @@ from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
-from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..motion import Motion, check_length, follow, unresolved
 from ..paths import Cycle, TaskPath
@@ -123,7 +122,7 @@ def study(
     say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
     problem = robot if isinstance(robot, Problem) else Problem(robot)
-    task = one_frame(problem.task, "a study")
+    task = problem.task
     _ = problem.cycle  # refuses a problem without a path
     degree, long = choose_degree(task, degree)
     for note in long:

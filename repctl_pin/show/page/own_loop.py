@@ -52,10 +52,13 @@ def own_loop(
     Returns
     -------
     dict or None
-        None if a controller or a potential is user-defined, the chain starts at another ``base``,
-        or the potentials have too many terms: the page then has no ring.
+        None if the task has several frames, a controller or a potential is user-defined, the chain
+        starts at another ``base``, or the potentials have too many terms: then the page has no
+        ring.
     """
     task, q0 = motion.task, motion.q[0]
+    if len(task.frames) > 1:
+        return None
     laws = [_law(strategy) for strategy in strategies]
     if task.robot.base is not None or any(law is None for law in laws):
         return None

@@ -16,10 +16,11 @@ from ...model.arm_links import arm_links
 from ...model.body_corners import corners
 from ...model.model import frame_id
 from ...model.robot import Robot
+from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, unit_of
 from ...model.visuals import Visuals
-from ...motion import Motion
+from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
@@ -82,6 +83,15 @@ class TracedChain:
 
     task: Task
     elbow: int
+
+
+def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
+    """List the traced chains of a task, one per frame, with their elbows at q0 (n,)."""
+    if not isinstance(task, SeveralFrames):
+        return [TracedChain(task, elbow(task, q0))]
+    whole = task.to_robot(q0)
+    singles = [task.robot.task(spec.frame, spec.kind) for spec in task.specs]
+    return [TracedChain(one, elbow(one, one.from_robot(whole))) for one in singles]
 
 
 def playback_of(label: str, motion: Motion, color: str) -> Playback:
@@ -263,7 +273,7 @@ def _arm(
         np.where(counts, off, 0.0),
         color=track.color,
         unit=track.unit,
-        broken=_broken(played, rows, track.t is not None),
+        broken=_broken(played, rows, track.t is not None, track.motion),
     )
 
 
@@ -290,11 +300,12 @@ def _is_of(chain: Task, task: Task) -> bool:
 
 
 def _broken(
-    played: Sequence[JointMotion], rows: Array, timed: bool
+    played: Sequence[JointMotion], rows: Array, timed: bool, whole: Motion | None
 ) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
-    Speed limits count if the motion is timed, and collisions if it has one chain.
+    Speed limits count if the motion is timed, and collisions if it has one chain, or is that of a
+    task with all chains.
     """
     said = [(one.first_violation, one.task, "past its limit") for one in played]
     said += [
@@ -308,6 +319,8 @@ def _broken(
         default=None,
     )
     touch = played[0].coarse.first_touch if len(played) == 1 else None
+    if whole is not None:
+        touch = whole.coarse.first_touch
     cycles, robot = played[0].cycles, played[0].task.robot
     if touch is not None and (found is None or touch[0] < found[0]):
         at, links = touch
