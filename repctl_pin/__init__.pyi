@@ -10,6 +10,8 @@ from .errors import InputError as InputError
 from .errors import RepctlError as RepctlError
 from .errors import SingularityError as SingularityError
 from .errors import UrdfError as UrdfError
+from .extensions.cells.best_cell import BestCell as BestCell
+from .extensions.cells.best_cell import best_cell as best_cell
 from .extensions.cells.cell import Cell as Cell
 from .extensions.cells.cell_design import CellDesign as CellDesign
 from .extensions.cells.cell_file import load_cell as load_cell

@@ -14,6 +14,7 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
+from .mjcf import is_mjcf, urdf_of_file
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
 from .xml import line, parse, short
@@ -87,15 +88,19 @@ class Description:
     xml: str
 
 
-def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description:
+def read_urdf(
+    path: str | Path, package_dirs: Sequence[str] = (), data: bytes | None = None
+) -> Description:
     """Read and check a URDF.
 
     Parameters
     ----------
     path
-        The file; a ``.xacro`` file is expanded.
+        The file; a ``.xacro`` file is expanded, and an MJCF file is converted.
     package_dirs
         Folders in which the ``$(find package)`` of a xacro file is looked up.
+    data
+        Content that stands for the file, which is not read then.
 
     Raises
     ------
@@ -106,7 +111,11 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
     path = Path(path)
     notes: list[str] = []
     try:
-        robot = parse(_read(path, package_dirs), notes)
+        if data is None:
+            data = _read(path, package_dirs)
+        if is_mjcf(data):
+            data = urdf_of_file(path, data, notes)
+        robot = parse(data, notes)
         _drop_colors(robot, notes)
         root = check(robot)
         if robot.xpath("joint[@type='planar' or @type='floating']"):
