@@ -238,8 +238,9 @@ class Task:
         InputError
             If it is neither; ``name`` names it.
         """
-        alone = isinstance(value, tuple) and len(value) == 1
-        return as_placement(value[0] if alone else value, name)
+        if isinstance(value, tuple) and len(value) == 1:
+            (value,) = value
+        return as_placement(value, name)
 
     # ---- kinematics at one q -------------------------------------------------------------------
 

@@ -516,7 +516,8 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
         If the pieces do not lead from s = 0 to 1, or the period or the start cannot be used.
     """
     others = [] if isinstance(data.others, msgspec.UnsetType) else data.others
-    paths = [_path_of(part) for part in (data, *others)]
+    parts: list[CycleFile | PathFile] = [data, *others]
+    paths = [_path_of(part) for part in parts]
     if len(paths) != len(task.frames):
         raise InputError(f"{len(paths)} paths are not one for each frame")
     if not (0 < data.period < np.inf):

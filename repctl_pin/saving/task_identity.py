@@ -85,11 +85,17 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
         kind = task_kind(made_for.task)
         task = robot.task(made_for.frame, kind, joints=made_for.joints)
     else:
-        frames = [(one.frame, one.task, one.base) for one in made_for.frames]
+        frames = [_frame_asked_for(one) for one in made_for.frames]
         task = robot.task(frames, joints=made_for.joints)
     if made_for.coordinates is not None:
         task = task.in_coordinates(made_for.coordinates)
     return carrying_tool(made_for, task)
+
+
+def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
+    """Return one of several frames as :meth:`Robot.task` takes it."""
+    given = (one.frame, one.task)
+    return given if one.base is None else (*given, one.base)
 
 
 def carrying_tool(made_for: TaskFile, task: Task) -> Task:
