@@ -102,8 +102,8 @@ def best_cell(
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
     A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. Of the middles
-    at which it fits, those with the box above z = 0 of the base come first, then those with the
+    inside the joint limits, and no bodies collide in the middle and at the corners. Among such middles,
+    those with the box above z = 0 of the base come first, then those with the
     largest limit margin, then those with the shortest ways; with ``at``, the nearest one. The
     function over the box is then designed by :func:`nearest_inverse_function`.
 
@@ -119,7 +119,7 @@ def best_cell(
     yaw
         Angle by which the tool is then turned about the base's z axis, rad.
     at : (3,) array, optional
-        Middle that is wanted, m; by default any.
+        Middle to be near to, m; by default any.
     seed
         Random seed of the middles that are tried.
 
@@ -154,12 +154,12 @@ def best_cell(
     if not edges.any():
         raise InputError("must be above 0", argument="size")
     R = _rotation(task, orientation, yaw)
-    wanted = None if at is None else vector(at, 3, "at", "m")
-    middles = _middles(task, R, wanted, as_int(seed, "seed", 0))
+    near_to = None if at is None else vector(at, 3, "at", "m")
+    middles = _middles(task, R, near_to, as_int(seed, "seed", 0))
     factor, shortest = 1.0, min(edges[edges > 0])
     first: _Middle | None = None
     while factor * shortest > 2e-3 and factor > _LEAST:
-        found, best = _best(task, R, middles, factor * edges / 2, wanted)
+        found, best = _best(task, R, middles, factor * edges / 2, near_to)
         first = first or best
         if found is not None:
             cell, posture = found
@@ -217,7 +217,7 @@ def _middles(task: Task, R: Array, at: Array | None, seed: int) -> list[_Middle]
     half = np.maximum((high - low)[axes] / 2, 2e-3)
     world = Cell(task, pin.SE3(R, middle), half)
     U = 2 * sobol(world.k, _MIDDLES, seed) - 1
-    if at is not None:  # denser, and nearer, around the middle that is wanted
+    if at is not None:  # denser, and nearer, around the given middle
         u = (at[axes] - middle[axes]) / half
         near = u + U[: _MIDDLES // 2] * np.linspace(0, 0.5, _MIDDLES // 2)[:, None]
         U = np.concatenate([np.clip(near, -1, 1), U])
