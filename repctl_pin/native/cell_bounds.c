@@ -202,8 +202,8 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
       double b[3] = {s->R0[i], s->R0[3 + i], s->R0[6 + i]};
       double hat[9] = {0, b[2], -b[1], -b[2], 0, b[0], b[1], -b[0], 0}; /* w -> w x b */
       combine(g, b, omega, &along);
+      times_model(g, c, R[i], turned);
       for (int l = 0; l < 3; l++) {
-        product(g, c, &R[i][l], turned + l);
         combine(g, hat + 3 * l, omega, &e), product(g, c + 1, &e, &f), add(g, turned + l, 1, &f, turned + l);
         product(g, &along, omega + l, &e), product(g, c + 2, &e, &f), add(g, turned + l, 1, &f, turned + l);
       }
@@ -259,9 +259,7 @@ static void joint_model(const Cell *s, int l, const Model *theta, double sign, M
   }
   sine_cosine(g, theta, &sine, &cosine);
   if (sign < 0) scale(g, -1, &sine);
-  turn_frame(g, s->bases + 9 * l, 0, R);
-  for (int i = 0; i < 3; i++) plane(g, &sine, &cosine, &R[0][i], &R[1][i]);
-  turn_frame(g, s->bases + 9 * l, 1, R);
+  turn_about(g, s->bases + 9 * l, &sine, &cosine, R);
 }
 
 typedef struct {
