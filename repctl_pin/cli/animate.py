@@ -90,13 +90,12 @@ def run(options: Options) -> int:
         )
         task, tracks, more = _from_design(design, options, say)
 
-    from ..motion import elbow
-    from ..show.page.playback import TracedChain, playback_page
-    from ..strategies.names import KEYS
+    from ..show.page.playback import playback_page, traced_chains
+    from ..studies.quantities import KEYS
 
     say("drawing")
-    chain = TracedChain(task, elbow(task, task.from_robot(tracks[0].Q[0])))
-    page = playback_page([chain], tracks, seconds=options.seconds, **more)
+    chains = traced_chains(task, task.from_robot(tracks[0].Q[0]))
+    page = playback_page(chains, tracks, seconds=options.seconds, **more)
     with written_together(folder) as staged:
         file = folder / write_whole(staged / "animation.html", page).name
     result = {
@@ -134,7 +133,7 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     """Select the motions that ``--only`` names from those of a CSV file, by key or by label."""
-    from ..strategies.names import KEYS
+    from ..studies.quantities import KEYS
 
     there = {KEYS.get(track.label, track.label): track for track in tracks}
     labelled = {track.label: track for track in tracks} | there
@@ -152,7 +151,7 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 
 def _names(design: rp.Design) -> tuple[str, str]:
     """Return the labels of a design's two controllers: the desired inverse, the repeatable one."""
-    from ..strategies.names import LABELS
+    from ..studies.quantities import LABELS
 
     plain = type(design.desired) is rp.Pseudoinverse
     return LABELS["pseudoinverse"] if plain else "desired", LABELS["repeatable"]
@@ -187,7 +186,7 @@ def _from_design(
     return (
         design.task,
         tracks,
-        {"name": path.name, "paths": [path.points()], "own": own},
+        {"name": path.name, "paths": _points(path), "own": own},
     )
 
 
@@ -207,8 +206,15 @@ def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
         for row in rows
         if row.motion is not None
     ]
-    more = {"paths": [found.path.points()], "own": study_loop(found)}
+    more = {"paths": _points(found.path), "own": study_loop(found)}
     return found.task, tracks, {"name": found.path.name, **more}
+
+
+def _points(path: rp.TaskPath) -> list[Any]:
+    """List the points (P, 3) of the paths of all frames, m."""
+    from ..paths.several_paths import paths_of
+
+    return [own.points() for own in paths_of(path)]
 
 
 def _study(options: Options, say: Callable[[str], None], *, cycles: int) -> rp.Study:

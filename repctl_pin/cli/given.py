@@ -72,11 +72,12 @@ class Options(argparse.Namespace):
 
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
         """Make the problem that the options describe; ``parts`` replace its arguments."""
+        frame, kind = self.asked_frames()
         asked = {
-            "frame": self.frame,
-            "kind": self.task,
+            "frame": frame,
+            "kind": kind,
             "start": self.asked_start(),
-            "path": getattr(self, "path", None),
+            "path": self.asked_path(),
             "plane": getattr(self, "plane", None),
         }
         return rp.Problem(robot or self.load_robot(), **(asked | parts))
@@ -154,6 +155,35 @@ class Options(argparse.Namespace):
             )
         return robot
 
+    def asked_frames(self) -> tuple[Any, str | None]:
+        """Parse ``--frame`` and ``--task``: one of each, or several separated by commas."""
+        frames = _listed(self.frame)
+        kinds = _listed(self.task)
+        if len(frames) < 2:
+            return self.frame, self.task
+        if len(kinds) < 2:
+            return frames, self.task
+        if len(kinds) != len(frames):
+            raise InputError(
+                f"has {len(kinds)} kinds for {len(frames)} frames",
+                argument="kind",
+                remedy="give one kind for all frames, or one per frame",
+            )
+        return list(zip(frames, kinds, strict=True)), None
+
+    def asked_path(self) -> Any:
+        """Parse ``--path``: one path, or one per frame, separated by commas.
+
+        A single path is that of the first frame; the others hold still.
+        """
+        path = getattr(self, "path", None)
+        frames, paths = _listed(self.frame), _listed(path)
+        if path is None or len(frames) < 2:
+            return path
+        if len(paths) == 1:
+            paths += ["hold"] * (len(frames) - 1)
+        return [None if one == "hold" else one for one in paths]
+
     def asked_start(self) -> list[float] | None:
         """Parse ``--start``: joint positions, rad or m; None if it is not given."""
         if self.start is None:
@@ -190,6 +220,11 @@ class Options(argparse.Namespace):
         except InputError as error:
             raise InputError(f": {error}", argument="--out") from None
         return self.ending.enter_context(not_left_empty(folder))
+
+
+def _listed(text: str | None) -> list[str]:
+    """Split a text at its commas; an empty list for None."""
+    return [] if text is None else [part.strip() for part in text.split(",")]
 
 
 def is_saved(name: str) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import Array
 from .joint_chain import joint_chain
 from .model import frame_id
+from .several_frames import SeveralFrames
 from .task import Task
 
 _CHECKS = 4
@@ -41,8 +42,11 @@ def task_parts(task: Task) -> tuple[Any, ...]:
     """Return kind, joint chain and position limits of a task as plain data.
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
-    map from q to its joints: mimic ratios, and coordinates ψ.
+    map from q to its joints: mimic ratios, and coordinates ψ. For several frames, it is one such
+    tuple per frame.
     """
+    if isinstance(task, SeveralFrames):
+        return tuple(task_parts(part) for part in task.parts)
     chain = joint_chain(task)
     lower, upper, _ = task.joint_limits
     numbers = (chain.R, chain.p, chain.axes, chain.S, chain.offset, lower, upper)

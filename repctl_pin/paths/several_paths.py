@@ -9,15 +9,18 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, read_only
+from ..arguments import Array, list_of, read_only, vector
 from ..errors import InputError
 from ..model.chain_formulas import Placements
 from ..model.several_frames import of_singles
-from ..model.task import Task
+from ..model.task import Task, require_task
 from .task_path import ClosedPath, TaskPath, closed_path
 
 PathOfFrame: TypeAlias = ClosedPath | Callable[[Task, Array], ClosedPath] | None
 """Path of one of several frames, or a function (task, q0) → path; None holds the frame still."""
+
+_STILL = "holds still"
+"""Name of the path of a frame that does not move."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,19 +89,29 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     >>> path.twist(0.3).shape  # of both frames
     (12,)
     """
+    q0 = vector(q0, require_task(task).n, "q0")
     listed = list_of(paths, "path", "a list of one path per frame, None to hold still")
     if len(listed) != len(task.frames):
         raise InputError(
             f"has {len(listed)} paths for {len(task.frames)} frames ({', '.join(task.frames)})",
             argument="path",
-            remedy="give one path per frame, None for a frame that holds still",
+            remedy="give one path per frame",
         )
     made = [
         _path_of(single, q, path)
         for (single, q), path in zip(of_singles(task, q0), listed, strict=True)
     ]
-    if len(made) == 1:
-        return made[0]
+    return made[0] if len(made) == 1 else joined(task, made)
+
+
+def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
+    """Join the paths of several frames, one per frame, into one path.
+
+    Raises
+    ------
+    InputError
+        If their periods differ.
+    """
     periods = {path.period for path in made if path.period is not None}
     if len(periods) > 1:
         times = " and ".join(f"{period:g} s" for period in sorted(periods))
@@ -107,8 +120,8 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
             remedy="give all of them the same period",
         )
     names = [
-        f"{frame} holds still" if path is None else f"{frame}: {own.name}"
-        for frame, path, own in zip(task.frames, listed, made, strict=True)
+        f"{frame} {_STILL}" if path.name == _STILL else f"{frame}: {path.name}"
+        for frame, path in zip(task.frames, made, strict=True)
     ]
     first = made[0]
     return SeveralPaths(
@@ -122,12 +135,17 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     )
 
 
+def paths_of(path: Any) -> list[Any]:
+    """List the paths of all frames: the path itself, for one frame."""
+    return list(path.paths) if isinstance(path, SeveralPaths) else [path]
+
+
 def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
     """Return the path of one frame; the point at which it is, if it holds still."""
     if path is None:
         here = task.placement(q0)
         point, rest = here.translation.copy(), np.zeros(3)
-        return TaskPath("holds still", lambda s: point, lambda s: rest, here.rotation)
+        return TaskPath(_STILL, lambda s: point, lambda s: rest, here.rotation)
     if isinstance(path, ClosedPath):
         return closed_path(path)
     if not callable(path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.task import Task
+from .several_paths import paths_of
 from .task_path import TaskPath
 
 _POINTS = 2000
@@ -23,8 +24,11 @@ def winding(task: Task, path: TaskPath) -> int:
     task
         Task of the arm.
     path
-        Path of its frame.
+        Path of its frame. For several frames, the path that winds most counts.
     """
+    if len(task.frames) > 1:
+        own = zip(task.single_tasks, paths_of(path), strict=True)
+        return max((winding(single, each) for single, each in own), key=abs)
     if not task.revolute[0]:
         return 0
     axis = task.axes(task.reference)[0]
@@ -39,3 +43,10 @@ def winding(task: Task, path: TaskPath) -> int:
             (np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)
         )
     )
+
+
+def winding_words(turns: int, joint: str) -> str:
+    """Write that a path winds around the axis of a joint, and what follows."""
+    times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
+    winds = f"the path winds {times} around the axis of {joint}"
+    return f"{winds}, so it need not close under any control"

@@ -15,7 +15,8 @@ from ..errors import InputError
 from ..model.task import Task
 from ..model.task_parts import check_configurations, points_at
 from ..paths.pieces import Piece, path_of, pieces_of
-from ..paths.task_path import Cycle
+from ..paths.several_paths import joined, paths_of
+from ..paths.task_path import Cycle, TaskPath
 from ..potentials import Joined, Polynomial, PotentialBasis
 from ..potentials.arm_angle import ArmAngle
 from ..potentials.fourier import Fourier
@@ -142,7 +143,10 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Check(Part):
-    """Placement ``[R p]`` (3, 4) of the frame at ``q``, by which a changed robot is detected."""
+    """Placement ``[R p]`` (3, 4) of the frame at ``q``, by which a changed robot is detected.
+
+    Placements of several frames stand one below the other: (3 F, 4).
+    """
 
     q: Row
     placement: Rows
@@ -156,10 +160,20 @@ class JointRange(Part):
     velocity: float | None
 
 
+class FrameFile(Part):
+    """One of several frames: its link, its kind of task, and the link it is relative to."""
+
+    frame: str
+    task: str
+    base: str | None
+
+
 class TaskFile(Part):
     """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ.
 
-    ``limits`` are those of ``joints``; they are not in older files.
+    ``limits`` are those of ``joints``; they are not in older files. ``frames`` are there only if
+    the task has several; ``frame`` and ``task`` then join their names. ``tool`` is the placement of
+    a tool in ``frame``, if the task is that of the tool.
     """
 
     robot: str
@@ -173,6 +187,8 @@ class TaskFile(Part):
     coordinates: Rows | None
     fingerprint: list[Check]
     limits: list[JointRange] | msgspec.UnsetType = msgspec.UNSET
+    frames: list[FrameFile] | msgspec.UnsetType = msgspec.UNSET
+    tool: Rows | msgspec.UnsetType = msgspec.UNSET
 
 
 class PieceFile(Part):
@@ -183,8 +199,21 @@ class PieceFile(Part):
     coefficients: Rows
 
 
+class PathFile(Part):
+    """Closed path of a frame: its name, its command-line text and plane, and its pieces."""
+
+    path: str
+    spec: str
+    plane: str
+    rotation: Rows
+    pieces: list[PieceFile]
+
+
 class CycleFile(Part):
-    """Cycle that a design was made for: start configuration, closed path, and period, s."""
+    """Cycle that a design was made for: start configuration, closed path, and period, s.
+
+    ``others`` are the paths of the second and further frames, if the task has several.
+    """
 
     start: Row
     period: float
@@ -193,6 +222,7 @@ class CycleFile(Part):
     plane: str
     rotation: Rows
     pieces: list[PieceFile]
+    others: list[PathFile] | msgspec.UnsetType = msgspec.UNSET
 
 
 class Figures(Part):
@@ -457,16 +487,23 @@ def desired_of(data: Desired, task: Task) -> Inverse:
 def cycle_file(cycle: Cycle) -> CycleFile:
     """Convert the cycle of a design to its part of a file."""
     path = cycle.path
-    rotation = path.placement(0.0).rotation.tolist()
-    pieces = [described(PieceFile, piece) for piece in pieces_of(path)]
+    first, *others = paths_of(path)
     return described(
         CycleFile,
         cycle,
-        path=path.name,
-        spec=path.spec,
-        plane=path.plane,
-        rotation=rotation,
-        pieces=pieces,
+        **msgspec.structs.asdict(_path_file(first)),
+        others=[_path_file(other) for other in others] or msgspec.UNSET,
+    )
+
+
+def _path_file(path: TaskPath) -> PathFile:
+    """Convert the path of a frame to its part of a file."""
+    return PathFile(
+        path.name,
+        path.spec,
+        path.plane,
+        path.placement(0.0).rotation.tolist(),
+        [described(PieceFile, piece) for piece in pieces_of(path)],
     )
 
 
@@ -478,6 +515,18 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
     InputError
         If the pieces do not lead from s = 0 to 1, or the period or the start cannot be used.
     """
+    others = [] if isinstance(data.others, msgspec.UnsetType) else data.others
+    paths = [_path_of(part) for part in (data, *others)]
+    if len(paths) != len(task.frames):
+        raise InputError(f"{len(paths)} paths are not one for each frame")
+    if not (0 < data.period < np.inf):
+        raise InputError("the period must be above 0 s")
+    path = paths[0] if len(paths) == 1 else joined(task, paths)
+    return Cycle(task.check(data.start, "the start"), path, data.period)
+
+
+def _path_of(data: CycleFile | PathFile) -> TaskPath:
+    """Create the path of a frame from its part of a file."""
     ends = [0.0, *(piece.end for piece in data.pieces)]
     sizes = {np.shape(piece.coefficients)[1:] for piece in data.pieces}
     starts = [piece.begin for piece in data.pieces]
@@ -495,7 +544,4 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
         "plane": data.plane,
         "breaks": tuple(ends[1:-1]),
     }
-    path = path_of(pieces, np.array(data.rotation), **what)
-    if not (0 < data.period < np.inf):
-        raise InputError("the period must be above 0 s")
-    return Cycle(task.check(data.start, "the start"), path, data.period)
+    return path_of(pieces, np.array(data.rotation), **what)

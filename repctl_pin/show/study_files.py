@@ -8,9 +8,10 @@ from pathlib import Path
 from ..errors import InputError
 from ..files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
+from ..paths.several_paths import paths_of
 from ..studies.study_result import Study
 from .page.own_loop import study_loop
-from .page.playback import TracedChain, playback_of, playback_page
+from .page.playback import playback_of, playback_page, traced_chains
 from .palette import colours
 from .plots.motions import drawn, drift_figure, joints_figure, png
 from .text.headline import stopped_words
@@ -95,7 +96,6 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
         for row in rows
         if row.motion is not None
     ]
-    chain = TracedChain(study.task, study.elbow)
     stopped = [
         stopped_words(row.label, row.failure) for row in rows if row.motion is None
     ]
@@ -105,9 +105,9 @@ def study_page(study: Study, *, seconds: float | None = None) -> str:
             remedy="choose a smaller path, another start, or fewer cycles",
         )
     return playback_page(
-        [chain],
+        traced_chains(study.task, study.q0),
         tracks,
-        paths=[study.path.points()],
+        paths=[path.points() for path in paths_of(study.path)],
         name=study.path.name,
         stopped=stopped,
         seconds=seconds,

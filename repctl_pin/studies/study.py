@@ -17,7 +17,6 @@ from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions, fit_options
 from ..model.bodies import bodies_of
 from ..model.robot import Robot
-from ..model.several_frames import one_frame
 from ..model.task import Task
 from ..motion import Motion, check_length, follow, unresolved
 from ..paths import Cycle, TaskPath
@@ -25,15 +24,14 @@ from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..strategies import PostureControl, Pseudoinverse, Strategy
-from ..strategies.names import LABELS
 from .around_motion import design_for, own_failure, shrunk_note
-from .desired import choose_desired
+from .design_choice import choose_degree, choose_desired
 from .period import choose_period
 from .problem import Problem
+from .quantities import LABELS
 from .study_notes import least_motion_notes, motion_notes, unlimited_speeds
 from .study_result import Row, Study, evaluated
 from .task_choice import kind_note
-from .work import choose_degree
 
 _Control = Strategy | Callable[[Array, Array], ArrayLike]
 
@@ -123,7 +121,7 @@ def study(
     say = progress or (lambda text: None)
     say("loading the robot and finding a start and a path")
     problem = robot if isinstance(robot, Problem) else Problem(robot)
-    task = one_frame(problem.task, "a study")
+    task = problem.task
     _ = problem.cycle  # refuses a problem without a path
     degree, long = choose_degree(task, degree)
     for note in long:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from page_file import read
 
 import repctl_pin as rp
 
@@ -93,12 +94,47 @@ def test_a_problem_moves_one_frame_and_holds_the_other():
     assert left.length > 0.3 and right.length == 0
 
 
+@pytest.fixture(scope="module")
+def study(hands):
+    """One hand moves, the other holds still."""
+    task, q0 = hands
+    path = rp.several_paths(task, q0, [circle, None])
+    return rp.study(
+        rp.Problem(task, start=q0, path=path), cycles=2, steps=200, degree=1
+    )
+
+
+def test_a_study_says_that_both_hands_are_back_and_what_is_not(study):
+    assert study.row("pseudoinverse").motion.drift[-1] > 1e-2
+    assert study.row("repeatable").motion.drift[-1] < 1e-9
+    page = rp.animation(study).page
+    assert "After 2 cycles both hands are back" in page and "The left" in page
+
+
+def test_the_page_traces_both_hands_and_has_no_ring(study):
+    scene, *_ = read(rp.animation(study).page)
+    assert len(scene["paths"]) == 2 and scene["own"] is None
+    assert [arm["chains"] for arm in scene["arms"]] == [2, 2]
+
+
+def test_a_design_of_several_frames_is_saved_and_loaded(study, tmp_path):
+    design = study.design
+    file = rp.save(design, tmp_path / "hands.json")
+    again = rp.load_design(file)
+    q0 = design.cycle.start
+    np.testing.assert_array_equal(again.inverse(q0), design.inverse(q0))
+    assert again.cycle.path.name == design.cycle.path.name
+    for s in (0.0, 0.3, 0.7):
+        one, other = again.cycle.path, design.cycle.path
+        np.testing.assert_allclose(one.twist(s), other.twist(s), rtol=0, atol=1e-9)
+    other = rp.Robot.load("pr2").task([(HANDS[0], "pose", "torso_lift_link"), HANDS[1]])
+    with pytest.raises(rp.InputError, match="hands.json is for"):
+        rp.load_design(file, other)
+
+
 def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
     task, q0 = hands
     here = task.placements(q0)[0]
-    path = rp.several_paths(task, q0, [circle, None])
-    motion = rp.follow(constant, path, q0, cycles=1, steps=50)
-    problem = rp.Problem(task, start=q0, path=path, region=0.1)
     limits = rp.Limits(acceleration=5.0, jerk=50.0)
     for call in (
         lambda: rp.Cell(task, here, 0.1),
@@ -109,8 +145,6 @@ def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
         lambda: rp.Recording(task, joints=np.tile(q0, (5, 1))),
         lambda: rp.WorkspaceBox(task, q0[:3], 0.1, within=rp.Box(q0, 0.1)),
         lambda: rp.ArmAngle(task, "a", "b", "c"),
-        lambda: rp.animation({"mine": motion}),
-        lambda: rp.study(problem),
         lambda: rp.Viewer(task, ["a"]),
     ):
         with pytest.raises(rp.InputError, match="takes a task of one frame") as refused:

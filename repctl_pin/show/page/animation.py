@@ -14,14 +14,14 @@ import numpy as np
 from ...arguments import Array, file_name, positive
 from ...errors import InputError
 from ...files import prepare_folder, write_whole
-from ...model.several_frames import one_frame
-from ...motion import Motion, elbow
-from ...strategies.names import KEYS
+from ...motion import Motion
+from ...paths.several_paths import paths_of
+from ...studies.quantities import KEYS
 from ...studies.study_result import Study
 from ..notebook import frame
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..study_files import study_page
-from .playback import TracedChain, playback_of, playback_page
+from .playback import TracedChain, playback_of, playback_page, traced_chains
 
 _WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
 _BACK = 0.01
@@ -147,13 +147,12 @@ def animation(
     chains: dict[str, TracedChain] = {}
     paths: list[Array] = []
     for motion in every:
-        one_frame(motion.task, "an animation")
-        chains.setdefault(
-            motion.task.frame, TracedChain(motion.task, elbow(motion.task, motion.q[0]))
-        )
-        points = motion.path.points()
-        if not any(np.array_equal(points, known) for known in paths):
-            paths.append(points)
+        for chain in traced_chains(motion.task, motion.q[0]):
+            chains.setdefault(chain.task.frame, chain)
+        for path in paths_of(motion.path):
+            points = path.points()
+            if not any(np.array_equal(points, known) for known in paths):
+                paths.append(points)
     name = " and ".join(dict.fromkeys(motion.path.name for motion in every))
     return Animation(
         playback_page(

@@ -54,7 +54,7 @@ def study_headline(study: Study) -> Headline:
     ]
     found = [one for row in rows if (one := row_summary(study, row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
-    return headline_of(found, cycles, stopped)
+    return headline_of(found, cycles, stopped, hands=len(study.task.frames))
 
 
 def study_verdict(study: Study) -> str:

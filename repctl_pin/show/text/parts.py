@@ -24,7 +24,7 @@ def part_name(task: Task, q: Array, link: str) -> str:
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
     returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Else the
     link's name without the robot's name, and without a prefix that most links share, is returned:
-    ``link 4``.
+    ``link 4``. With several frames, the word says on which side the link is: ``left wrist``.
 
     Parameters
     ----------
@@ -37,16 +37,23 @@ def part_name(task: Task, q: Array, link: str) -> str:
     """
     plain = _words(link).lower().replace("upperarm", "upper arm")
     found = next((word for word in _WORDS if word in plain), None)
+    if found is None and link in _elbow_links(task, q):
+        found = "elbow"
     if found is not None:
-        return found
-    if link in _elbow_links(task, q):
-        return "elbow"
+        return f"{_side(link)}{found}" if len(task.frames) > 1 else found
     robot = set(re.findall(r"[a-z]+|\d+", task.robot.name.lower()))
     own = _words(_without_prefix(link, list(task.robot.description.links))).lower()
     kept = [word for word in own.split() if word not in robot or word.isdigit()]
     if kept and kept[-1] == "link" and len(kept) > 1:
         kept = kept[:-1]
     return " ".join(kept) or link
+
+
+def _side(link: str) -> str:
+    """Write on which side a link is, from its name: ``left ``; empty if the name does not say."""
+    words = set(re.split("[^a-z]+", _words(link).lower()))
+    sides = (side for side in ("left", "right") if words & {side, side[0]})
+    return next((f"{side} " for side in sides), "")
 
 
 def _words(name: str) -> str:

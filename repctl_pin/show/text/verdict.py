@@ -142,7 +142,7 @@ def motion_summary(
     """
     task, closes = motion.task, motion.closes
     (link, off), first, last = moved, motion.q[0], motion.q[-1]
-    hand = task.error(last, task.placement(first))[task.rows < 3]
+    hand = task.error(last, task.placements(first))[task.kind.linear]
     violation, coarse = motion.first_violation, motion.coarse
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
