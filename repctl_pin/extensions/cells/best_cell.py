@@ -14,9 +14,9 @@ from ...arguments import Array, as_int, as_matrices, finite, read_only, vector
 from ...errors import InputError
 from ...model.bodies import bodies_of
 from ...model.chain_formulas import require_rotation
-from ...model.random_configurations import random_configurations
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
+from ...motion.solve_ik import random_configurations
 from ...regions.region import sobol
 from ...solvers import newton_rows
 from ...strategies import Pseudoinverse
