@@ -43,10 +43,6 @@ static void dot_model(const Space *g, const Model *x, const Model *y, Model *out
   copy(g, &sum, out);
 }
 
-static void times_model(const Space *g, const Model *s, const Model *x, Model *out) {
-  for (int i = 0; i < 3; i++) product(g, s, x + i, out + i);
-}
-
 /* The forces at shoulder, elbow and wrist. */
 static void force_models(const ArmAngle *s, const Model *e, const Model *w, Model (*F)[3]) {
   const Space *g = &s->space;
@@ -104,9 +100,7 @@ static void arm_boxes(const ArmAngle *s, const double *Q, const double *half, lo
       if (s->S[l * k + i] != 0) add(g, &theta, s->S[l * k + i], q + i, &theta);
     if (s->revolute[l]) {
       sine_cosine(g, &theta, &sine, &cosine);
-      turn_frame(g, s->bases + 9 * l, 0, f->R);
-      for (int i = 0; i < 3; i++) plane(g, &sine, &cosine, &f->R[0][i], &f->R[1][i]);
-      turn_frame(g, s->bases + 9 * l, 1, f->R);
+      turn_about(g, s->bases + 9 * l, &sine, &cosine, f->R);
     } else {
       times_model(g, &theta, f->axis, x);
       for (int i = 0; i < 3; i++) add(g, f->o + i, 1, x + i, f->o + i);

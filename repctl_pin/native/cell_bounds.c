@@ -32,26 +32,17 @@ typedef struct Margins {
   int *split;
 } Margins;
 
-static double norm3(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
-
 /* The leaf margin on a box where A [J; V_c'] - I is known to first order in k variables of half-width 1: its slopes B,
    and the bound R of all else. The last columns of A belong to V. */
-static double margin_of(const Problem *g, int k, double A[g->N][g->N], const double *R_, const double *B_,
+static double margin_of(const Problem *g, int k, double A[g->N][g->N], double R[g->N][g->N], const double *B_,
                         double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n]) {
   int n = g->n, N = g->N, r = g->r, split;
-  const double(*R)[N] = (const double(*)[N])R_, (*B)[N][N] = (const double(*)[N][N])B_;
-  double eps = g->eps, D[N][N], F[N][N], Y[N][N], DY[N][N], dN[k][N][r];
-  double X[n][r], T[n][r], e[n][r], first[N][r], rough[N][r], h[k], share[k], round[6 + r], defect = eps, below, leaf = 0;
+  const double(*B)[N][N] = (const double(*)[N][N])B_;
+  double D[N][N], F[N][N], Y[N][N], dN[k][N][r];
+  double X[n][r], T[n][r], e[n][r], first[N][r], rough[N][r], h[k], share[k], round[6 + r], below, leaf = 0;
   for (int i = 0; i < 6 + r; i++) round[i] = 0;
   if (r > 1) turn_gauge(n, N, r, k, A, V, dV, rest, round);
-  for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
-  for (int a = 0; a < r; a++)
-    for (int b = 0; b < r; b++) {
-      double s = -(a == b), t = -(a == b);
-      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
-      defect += fabs(s) + fabs(t);
-    }
+  double defect = split_inverse(g, A, V, X, T);
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) D[i][c] = R[i][c];
   for (int j = 0; j < k; j++) {
@@ -68,16 +59,9 @@ static double margin_of(const Problem *g, int k, double A[g->N][g->N], const dou
       }
     }
   }
-  for (int i = 0; i < N; i++) {
-    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + eps;
-    for (int a = 0; a < r; a++) {
-      F[i][6 + a] = eps, first[i][a] = rough[i][a] = 0;
-      for (int j = 0; j < k; j++) first[i][a] += fabs(dN[j][i][a]);
-      for (int c = 0; c < N; c++) rough[i][a] += R[i][c] * fabs(A[c][6 + a]);
-    }
-  }
+  null_space_sizes(g, k, h, A, R, dN, F, first, rough);
   for (int i = 0; i < N; i++)
-    for (int a = 0; a < r; a++) {
+    for (int a = 0; a < r; a++)
       for (int j = 0; j < k; j++)
         for (int l = j; l < k; l++) {
           double s = 0;
@@ -85,11 +69,7 @@ static double margin_of(const Problem *g, int k, double A[g->N][g->N], const dou
           for (int c = 0; l > j && c < N; c++) s += B[l][i][c] * dN[j][c][a];
           F[i][6 + a] += fabs(s);
         }
-      for (int c = 0; c < N; c++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
-    }
-  if (!enclose(N, eps, D, F, Y, DY)) return 0;
-  for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
+  if (!enclose_null_space(g, D, R, first, rough, F, Y, e)) return 0;
   compare(g, k, h, X, T, V, dV, rest, defect, dN, first, e, share, spectral(n, r, &X[0][0], &below), &leaf, &split);
   return leaf;
 }
@@ -222,8 +202,8 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
       double b[3] = {s->R0[i], s->R0[3 + i], s->R0[6 + i]};
       double hat[9] = {0, b[2], -b[1], -b[2], 0, b[0], b[1], -b[0], 0}; /* w -> w x b */
       combine(g, b, omega, &along);
+      times_model(g, c, R[i], turned);
       for (int l = 0; l < 3; l++) {
-        product(g, c, &R[i][l], turned + l);
         combine(g, hat + 3 * l, omega, &e), product(g, c + 1, &e, &f), add(g, turned + l, 1, &f, turned + l);
         product(g, &along, omega + l, &e), product(g, c + 2, &e, &f), add(g, turned + l, 1, &f, turned + l);
       }
@@ -279,9 +259,7 @@ static void joint_model(const Cell *s, int l, const Model *theta, double sign, M
   }
   sine_cosine(g, theta, &sine, &cosine);
   if (sign < 0) scale(g, -1, &sine);
-  turn_frame(g, s->bases + 9 * l, 0, R);
-  for (int i = 0; i < 3; i++) plane(g, &sine, &cosine, &R[0][i], &R[1][i]);
-  turn_frame(g, s->bases + 9 * l, 1, R);
+  turn_about(g, s->bases + 9 * l, &sine, &cosine, R);
 }
 
 typedef struct {
@@ -389,31 +367,6 @@ typedef struct {
   double *steep;                      /* r m n: |dn_ref| */
 } Lane;
 
-static void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
-  for (int l = 0; l < g->P; l++) {
-    theta[l] = g->o[l], eta[l] = 0;
-    for (int t = g->first[l]; t < g->first[l + 1]; t++)
-      if (g->column[t] < g->n)
-        theta[l] += g->S[t] * q[g->column[t]], eta[l] += fabs(g->S[t]) * half[g->column[t]];
-  }
-}
-
-/* Remainders of the columns of J in boxes theta +- eta. */
-static void remainders_of(const Problem *g, const double *theta, const double *eta, double *linear, double *angular) {
-  for (int c = 0; c < g->N; c++) linear[c] = angular[c] = 0;
-  for (int l = 0; l < g->P; l++) {
-    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
-    double H_R = 0, H_P = 0, L = g->reach[l];
-    for (int p = from; p < to; p++)
-      if (g->revolute[p]) H_R += eta[p];
-      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
-    double v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
-    double o = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
-    for (int t = g->first[l]; t < g->first[l + 1]; t++)
-      linear[g->column[t]] += fabs(g->S[t]) * v, angular[g->column[t]] += fabs(g->S[t]) * o;
-  }
-}
-
 /* Bound |A (J(q) - J(q_0))| for |q - q_0| <= near and |q_0 - q_c| <= wide, and add it to R. A has some rows of pitch
    numbers, and B (n, rows, N) = A dJ. For a mean over q, mean bounds the mean of |q - q_0|; else it is near. */
 static void beside_chart(const Cell *s, int rows, int pitch, const double *A, const double *B, const double *q,
@@ -435,7 +388,7 @@ static void beside_chart(const Cell *s, int rows, int pitch, const double *A, co
     double tiny = (fabs(x[0]) + fabs(x[1]) + fabs(x[2])) * v + (fabs(x[3]) + fabs(x[4]) + fabs(x[5])) * w;
     for (int c = 0; c < N; c++) {
       double e = tiny;
-      e += norm3(x) * (two_v[c] - one_v[c] * (1 - 1e-12)) + norm3(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));
+      e += norm(x) * (two_v[c] - one_v[c] * (1 - 1e-12)) + norm(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));
       for (int j = 0; j < n; j++) e += fabs(B[(j * rows + i) * N + c]) * mean[j];
       R[i * N + c] += e;
     }
@@ -555,7 +508,7 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
       v[x] = at->J_most[x * N + c] + plain[x * N + c];
       w[x] = at->J_most[(3 + x) * N + c] + plain[(3 + x) * N + c];
     }
-    away[0][c] = (turned * norm3(v) + moved * norm3(w)) * (1 + eps), away[1][c] = turned * norm3(w) * (1 + eps);
+    away[0][c] = (turned * norm(v) + moved * norm(w)) * (1 + eps), away[1][c] = turned * norm(w) * (1 + eps);
   }
   for (int c = 0; c < 6; c++)
     for (int i = 0; i < 6; i++) {
@@ -566,7 +519,7 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
 
   for (int f = 0; f < r; f++) {
     const double *W_c = at->Wrows + (N + f) * 6, *W_away = at->W_away + f * 6;
-    double rho[6], z[6], J_rest[N], linear = norm3(W_c), angular = norm3(W_c + 3);
+    double rho[6], z[6], J_rest[N], linear = norm(W_c), angular = norm(W_c + 3);
     for (int x = 0; x < 3; x++) linear += W_away[x], angular += W_away[3 + x];
     for (int c = 0; c < N; c++) { /* |W' (J(F) - J(q_0))| */
       J_rest[c] = beside[(N + f) * N + c] + linear * away[0][c] + angular * away[1][c];
@@ -627,7 +580,7 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
         for (int a = 0; a < k; a++) dV[f][i][a] += at->dV[(a * r + e) * n + i] * G[e][f];
       }
     }
-  return margin_of(g, k, X, R, slopes, V, dV, rest);
+  return margin_of(g, k, X, (double(*)[N])R, slopes, V, dV, rest);
 }
 
 /* Lambda where both solutions close to one pose. */
@@ -718,7 +671,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
   double eps = g->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
   double F[N][N], Z[N][N], DZ[N][N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
   for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
-  for (int i = 0; i < N; i++) norms[2 * i] = norm3(A + i * N), norms[2 * i + 1] = norm3(A + i * N + 3);
+  for (int i = 0; i < N; i++) norms[2 * i] = norm(A + i * N), norms[2 * i + 1] = norm(A + i * N + 3);
   for (int i = 0; i < N * N; i++) {
     size[i] = 0, R[i] = at->rest[i];
     for (int a = 0; a < k; a++) size[i] += fabs(at->first[a * N * N + i]);

@@ -8,13 +8,9 @@
 
    A row of G_r is (Z_v, Z_w + Z_v x (d - d_c)), with d the tool as seen from the origin of the screws. */
 
-#include <math.h>
-
 #include "chain.h"
 #include "leaf_margin_bounds.h"
 #include "levels.h"
-
-static double norm(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
 static double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]; }
 
@@ -69,14 +65,7 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
   *rows->split = 0;
   for (int j = 1; j < n; j++)
     if (h[j] > h[*rows->split]) *rows->split = j;
-  for (int l = 0; l < P; l++) {
-    theta[l] = g->o[l], eta[l] = 0;
-    for (int s = g->first[l]; s < g->first[l + 1]; s++)
-      if (g->column[s] < n) {
-        theta[l] += g->S[s] * q[g->column[s]];
-        eta[l] += fabs(g->S[s]) * h[g->column[s]];
-      }
-  }
+  angles_of(g, q, h, theta, eta);
   columns(g, theta, eta, J, dJ, turns, linear, angular);
   screws(g, theta, xi, tip);
   const double bent = tool_slopes(g, theta, eta, xi, tip, dd) + eps * g->beta;
@@ -113,9 +102,8 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
     for (int c = 0; c < N; c++) {
       if (!turns[j][c] && c >= n) continue;
       for (int i = 0; i < N; i++) {
-        const double *x = A[i], *d = dJ[j][c];
-        double s = 0;
-        if (turns[j][c]) s = x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
+        const double *x = A[i];
+        double s = turns[j][c] ? dot6(x, dJ[j][c]) : 0;
         if (c < n)
           for (int a = 0; a < r; a++) s += x[6 + a] * dV[a][c][j];
         D[i][c] += h[j] * fabs(s);

@@ -2,8 +2,6 @@
 
    The same mathematics as leaf_margin_bounds.py, one box at a time. No rounding is switched: bounds of it are added. */
 
-#include <math.h>
-
 #include "chain.h"
 #include "leaf_margin_bounds.h"
 
@@ -16,39 +14,37 @@ static void screw(const double *R, const double *o, const double *a, int revolut
   cross(o, w, xi);
 }
 
+/* Move a frame by joint l, forwards or backwards. */
+static void move_by(const Problem *g, int l, double theta, int sign, double *R, double *o) {
+  double E[9], x[3];
+  if (g->revolute[l]) {
+    turn(g->a + 3 * l, sign * sin(theta), cos(theta), E);
+    times(R, E, 0, R);
+    return;
+  }
+  apply(R, g->a + 3 * l, x);
+  for (int i = 0; i < 3; i++) o[i] += sign * theta * x[i];
+}
+
 static const double EYE[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
 /* Joint screws (v, omega) in the middle link's frame, and the origin of the last joint. */
 void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip) {
-  double R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, o[3], E[9], x[3];
+  double R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, o[3], x[3];
   for (int i = 0; i < 3; i++) o[i] = tip[i] = -g->shift[i];
   for (int l = g->k; l < g->P; l++) {
-    const double *a = g->a + 3 * l;
     apply(R, g->p + 3 * l, x);
     for (int i = 0; i < 3; i++) o[i] += x[i];
     times(R, g->R + 9 * l, 0, R);
     for (int i = 0; i < 3; i++) tip[i] = o[i];
-    screw(g->level[l] ? EYE : R, o, a, g->revolute[l], xi[l]);
-    if (g->revolute[l]) {
-      turn(a, sin(theta[l]), cos(theta[l]), E);
-      times(R, E, 0, R);
-    } else {
-      apply(R, a, x);
-      for (int i = 0; i < 3; i++) o[i] += theta[l] * x[i];
-    }
+    screw(g->level[l] ? EYE : R, o, g->a + 3 * l, g->revolute[l], xi[l]);
+    move_by(g, l, theta[l], 1, R, o);
   }
   for (int i = 0; i < 9; i++) R[i] = i % 4 == 0;
   for (int i = 0; i < 3; i++) o[i] = -g->shift[i];
   for (int l = g->k - 1; l >= 0; l--) {
-    const double *a = g->a + 3 * l;
-    screw(R, o, a, g->revolute[l], xi[l]);
-    if (g->revolute[l]) {
-      turn(a, -sin(theta[l]), cos(theta[l]), E);
-      times(R, E, 0, R);
-    } else {
-      apply(R, a, x);
-      for (int i = 0; i < 3; i++) o[i] -= theta[l] * x[i];
-    }
+    screw(R, o, g->a + 3 * l, g->revolute[l], xi[l]);
+    move_by(g, l, theta[l], -1, R, o);
     times(R, g->R + 9 * l, 1, R);
     apply(R, g->p + 3 * l, x);
     for (int i = 0; i < 3; i++) o[i] -= x[i];
@@ -187,23 +183,47 @@ int bound_potentials(const Problem *g, const double *q, const double *h, const d
   return 1;
 }
 
+/* Positions of the joints of the chain at q, and how far they are moved while q is within half of it. */
+void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
+  for (int l = 0; l < g->P; l++) {
+    theta[l] = g->o[l], eta[l] = 0;
+    for (int t = g->first[l]; t < g->first[l + 1]; t++)
+      if (g->column[t] < g->n)
+        theta[l] += g->S[t] * q[g->column[t]], eta[l] += fabs(g->S[t]) * half[g->column[t]];
+  }
+}
+
+/* Remainders of the columns of J in boxes theta +- eta. */
+void remainders_of(const Problem *g, const double *theta, const double *eta, double *linear, double *angular) {
+  for (int c = 0; c < g->N; c++) linear[c] = angular[c] = 0;
+  for (int l = 0; l < g->P; l++) {
+    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
+    double H_R = 0, H_P = 0, L = g->reach[l];
+    for (int p = from; p < to; p++)
+      if (g->revolute[p]) H_R += eta[p];
+      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
+    double v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
+    double o = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
+    for (int t = g->first[l]; t < g->first[l + 1]; t++)
+      linear[g->column[t]] += fabs(g->S[t]) * v, angular[g->column[t]] += fabs(g->S[t]) * o;
+  }
+}
+
 /* Evaluate J, its slopes, and the bounds of the remainders of its columns. */
 void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6], double dJ[g->n][g->N][6],
              char turns[g->n][g->N], double *linear, double *angular) {
   int n = g->n, N = g->N, k = g->k;
   double xi[g->P][6], tip[3];
   screws(g, theta, xi, tip);
+  remainders_of(g, theta, eta, linear, angular);
   for (int c = 0; c < N; c++) {
-    linear[c] = angular[c] = 0;
     for (int i = 0; i < 6; i++) J[c][i] = 0;
     for (int j = 0; j < n; j++) turns[j][c] = 0;
   }
   for (int l = 0; l < g->P; l++) {
     int from = l < k ? l + 1 : k, to = l < k ? k : l;
-    double H_R = 0, H_P = 0, L = g->reach[l], sign = l < k ? -1 : 1;
+    double sign = l < k ? -1 : 1;
     for (int p = from; p < to; p++) { /* joints between this one and the middle link */
-      if (g->revolute[p]) H_R += eta[p];
-      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
       double x[3], y[3], d[6]; /* the Lie bracket of the two screws */
       cross(xi[p] + 3, xi[l], x);
       cross(xi[p], xi[l] + 3, y);
@@ -223,13 +243,8 @@ void columns(const Problem *g, const double *theta, const double *eta, double J[
           turns[j][c] = 1;
         }
     }
-    double b_v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
-    double b_w = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
-    for (int s = g->first[l]; s < g->first[l + 1]; s++) {
-      int c = g->column[s];
-      for (int i = 0; i < 6; i++) J[c][i] += g->S[s] * xi[l][i];
-      linear[c] += fabs(g->S[s]) * b_v, angular[c] += fabs(g->S[s]) * b_w;
-    }
+    for (int s = g->first[l]; s < g->first[l + 1]; s++)
+      for (int i = 0; i < 6; i++) J[g->column[s]][i] += g->S[s] * xi[l][i];
   }
 }
 
@@ -261,6 +276,53 @@ int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], d
     for (int j = 0; j < N; j++)
       if (!(Y[i][j] > 0) || !((1 + eps) * DY[i][j] + F[i][j] <= (1 - eps) * Y[i][j])) return 0;
   }
+  return 1;
+}
+
+/* The null space X (n, r) of an inverse A of [J; V^T], T = X - V; return what V differs from orthonormal by, and X from
+   V^T X = I. */
+double split_inverse(const Problem *g, double A[g->N][g->N], double V[g->r][g->n], double X[g->n][g->r],
+                     double T[g->n][g->r]) {
+  int n = g->n, r = g->r;
+  double defect = g->eps;
+  for (int i = 0; i < n; i++)
+    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) {
+      double s = -(a == b), t = -(a == b);
+      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
+      defect += fabs(s) + fabs(t);
+    }
+  return defect;
+}
+
+/* Of N - N_c: first bounds its slopes, and rough what R, the part of D beside slopes, makes of N_c. F begins with what
+   an inverse of J needs, and with rounding. */
+void null_space_sizes(const Problem *g, int k, const double *h, double A[g->N][g->N], double R[g->N][g->N],
+                      double dN[k][g->N][g->r], double F[g->N][g->N], double first[g->N][g->r],
+                      double rough[g->N][g->r]) {
+  for (int i = 0; i < g->N; i++) {
+    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + g->eps;
+    for (int a = 0; a < g->r; a++) {
+      F[i][6 + a] = g->eps, first[i][a] = rough[i][a] = 0;
+      for (int j = 0; j < k; j++) first[i][a] += h[j] * fabs(dN[j][i][a]);
+      for (int c = 0; c < g->N; c++) rough[i][a] += R[i][c] * fabs(A[c][6 + a]);
+    }
+  }
+}
+
+/* Add the products of second order of R and D to F, whose slopes' own are there, and solve for Y: e bounds N beside its
+   slopes. */
+int enclose_null_space(const Problem *g, double D[g->N][g->N], double R[g->N][g->N], double first[g->N][g->r],
+                       double rough[g->N][g->r], double F[g->N][g->N], double Y[g->N][g->N], double e[g->n][g->r]) {
+  int N = g->N;
+  double DY[N][N];
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++)
+      for (int a = 0; a < g->r; a++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
+  if (!enclose(N, g->eps, D, F, Y, DY)) return 0;
+  for (int i = 0; i < g->n; i++)
+    for (int a = 0; a < g->r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
   return 1;
 }
 
@@ -331,8 +393,7 @@ static void null_space(const Problem *g, const double *h, double A[g->N][g->N], 
       if (!turns[j][c]) continue;
       const double *d = dJ[j][c];
       for (int i = 0; i < N; i++) {
-        const double *x = A[i];
-        s[i] = x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
+        s[i] = dot6(A[i], d);
         D[i][c] += h[j] * fabs(s[i]);
         if (i < n) share[j] += h[j] * fabs(s[i]);
       }
@@ -362,10 +423,7 @@ static void second_order(const Problem *g, const double *h, double A[g->N][g->N]
             for (int x = 0; x < 6; x++) M[a][x] += dJ[k][c][x] * dN[j][c][a];
       }
       for (int i = 0; i < N; i++)
-        for (int a = 0; a < r; a++) {
-          const double *x = A[i], *d = M[a];
-          F[i][6 + a] += both * fabs(x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5]);
-        }
+        for (int a = 0; a < r; a++) F[i][6 + a] += both * fabs(dot6(A[i], M[a]));
     }
 }
 
@@ -494,14 +552,7 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
   double V[r][n], dV[r][n][n], rest[r][n], round[6 + r];
   char turns[n][N];
   *bound = *sigma = 0, *center = INFINITY, *split = 0;
-  for (int l = 0; l < P; l++) {
-    theta[l] = g->o[l], eta[l] = 0;
-    for (int s = g->first[l]; s < g->first[l + 1]; s++)
-      if (g->column[s] < n) {
-        theta[l] += g->S[s] * q[g->column[s]];
-        eta[l] += fabs(g->S[s]) * h[g->column[s]];
-      }
-  }
+  angles_of(g, q, h, theta, eta);
   for (int j = 1; j < n; j++)
     if (h[j] > h[*split]) *split = j;
   columns(g, theta, eta, J, dJ, turns, linear, angular);
@@ -511,7 +562,7 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
     return;
   }
 
-  double B[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N], below, share[n], dN[n][N][r];
+  double B[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], below, share[n], dN[n][N][r];
   for (int c = 0; c < N; c++) {
     for (int i = 0; i < 6; i++) B[i][c] = J[c][i];
     for (int a = 0; a < r; a++) B[6 + a][c] = c < n ? V[a][c] : 0;
@@ -521,22 +572,13 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
     return;
   }
   if (r > 1) turn_gauge(n, N, r, n, A, V, dV, rest, round);
-  double X[n][r], T[n][r], defect = eps;
-  for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
+  double X[n][r], T[n][r], defect = split_inverse(g, A, V, X, T);
   double X_norm = spectral(n, r, &X[0][0], &below);
   *center = 1 / below;
-  for (int a = 0; a < r; a++) /* what V_c differs from orthonormal by, and X from V_c^T X = I */
-    for (int b = 0; b < r; b++) {
-      double s = -(a == b), t = -(a == b);
-      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
-      defect += fabs(s) + fabs(t);
-    }
 
   for (int i = 0; i < N; i++) { /* all of D but the slopes, with V_c in place of V */
     const double *x = A[i];
-    double tiny = 0, a_v = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]),
-           a_w = sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]);
+    double tiny = 0, a_v = norm(x), a_w = norm(x + 3);
     for (int a = 0; a < 6 + r; a++) tiny += fabs(x[a]) * round[a];
     for (int c = 0; c < N; c++) {
       double s = -(i == c), e = tiny + a_v * linear[c] + a_w * angular[c];
@@ -555,27 +597,14 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
   }
   for (int j = 0; j < n; j++)
     if (share[j] > share[*split]) *split = j;
-  double first[N][r], rough[N][r]; /* of N - N_c: the slopes, and what D has beside slopes */
-  for (int i = 0; i < N; i++) {
-    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + eps;
-    for (int a = 0; a < r; a++) {
-      F[i][6 + a] = eps, first[i][a] = rough[i][a] = 0;
-      for (int j = 0; j < n; j++) first[i][a] += h[j] * fabs(dN[j][i][a]);
-      for (int c = 0; c < N; c++) rough[i][a] += R[i][c] * fabs(A[c][6 + a]);
-    }
-  }
+  double first[N][r], rough[N][r], e[n][r];
+  null_space_sizes(g, n, h, A, R, dN, F, first, rough);
   second_order(g, h, A, dJ, turns, dN, F);
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++)
-      for (int a = 0; a < r; a++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
-  if (!enclose(N, eps, D, F, Y, DY)) return;
+  if (!enclose_null_space(g, D, R, first, rough, F, Y, e)) return;
   double square = 0;
   for (int i = 0; i < n; i++)
     for (int j = 0; j < 6; j++) square += Y[i][j] * Y[i][j];
   *sigma = (1 - eps) / (sqrt(square) * slack * g->beta);
-  double e[n][r]; /* N beside its slopes */
-  for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
   for (int a = 0; a < r; a++)
     for (int i = 0; i < n; i++) rest[a][i] += round[6 + a];
   compare(g, n, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);

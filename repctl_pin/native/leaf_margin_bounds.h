@@ -3,6 +3,8 @@
 #ifndef REPCTL_LEAF_MARGIN_BOUNDS_H
 #define REPCTL_LEAF_MARGIN_BOUNDS_H
 
+#include <math.h>
+
 typedef struct Problem {
   int P, k, n, N, r, Z, F, F3;
   double eps, beta;
@@ -18,13 +20,29 @@ typedef struct Problem {
   const double *round;                     /* 6 + r */
 } Problem;
 
+static inline double norm(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
+
+/* Of a row of an inverse and a twist. */
+static inline double dot6(const double *x, const double *d) {
+  return x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
+}
+
 int invert(int N, double B[N][N], double A[N][N]);
+void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta);
+void remainders_of(const Problem *g, const double *theta, const double *eta, double *linear, double *angular);
 void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip);
 int bound_potentials(const Problem *g, const double *q, const double *h, const double *arms, double V[g->r][g->n],
                double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round);
 double spectral(int n, int r, const double *X, double *below);
 void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6], double dJ[g->n][g->N][6],
              char turns[g->n][g->N], double *linear, double *angular);
+double split_inverse(const Problem *g, double A[g->N][g->N], double V[g->r][g->n], double X[g->n][g->r],
+                     double T[g->n][g->r]);
+void null_space_sizes(const Problem *g, int k, const double *h, double A[g->N][g->N], double R[g->N][g->N],
+                      double dN[k][g->N][g->r], double F[g->N][g->N], double first[g->N][g->r],
+                      double rough[g->N][g->r]);
+int enclose_null_space(const Problem *g, double D[g->N][g->N], double R[g->N][g->N], double first[g->N][g->r],
+                       double rough[g->N][g->r], double F[g->N][g->N], double Y[g->N][g->N], double e[g->n][g->r]);
 int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]);
 void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k], double rest[r][n],
                 double *round);

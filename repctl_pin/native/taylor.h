@@ -169,3 +169,15 @@ static void turn_frame(const Space *g, const double *C, int transposed, Model (*
   for (int c = 0; c < 3; c++)
     for (int i = 0; i < 3; i++) copy(g, &new[c][i], &R[c][i]);
 }
+
+/* s x for a vector x */
+static void times_model(const Space *g, const Model *s, const Model *x, Model *out) {
+  for (int i = 0; i < 3; i++) product(g, s, x + i, out + i);
+}
+
+/* Turn R about the axis that is the third column of basis. */
+static void turn_about(const Space *g, const double *basis, const Model *sine, const Model *cosine, Model (*R)[3]) {
+  turn_frame(g, basis, 0, R);
+  for (int i = 0; i < 3; i++) plane(g, sine, cosine, &R[0][i], &R[1][i]);
+  turn_frame(g, basis, 1, R);
+}

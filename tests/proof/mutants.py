@@ -258,12 +258,12 @@ CELL_C = {
     ),
     "no remainder of screws": (
         _CELL,
-        "norm3(x) * (two_v[c] - one_v[c] * (1 - 1e-12))",
+        "norm(x) * (two_v[c] - one_v[c] * (1 - 1e-12))",
         "0",
     ),
     "no angular remainder": (
         _CELL,
-        " + norm3(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));",
+        " + norm(x + 3) * (two_w[c] - one_w[c] * (1 - 1e-12));",
         ";",
     ),
     "the way not turned": (
