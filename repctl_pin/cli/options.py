@@ -22,17 +22,6 @@ _GROUPS = {
 }
 """Groups of options, in the order of the help; other options come first."""
 
-PATHS = """paths, lengths in m:
-  circle:RADIUS          turned until the arm can follow it
-  circle:RADIUS:DEGREES  starting at that angle from the plane's first axis
-  square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
-  FILE.csv               a point x,y,z per line, in the frame of the base, the
-                         first one repeated at the end; a header may add
-                         qx,qy,qz,qw and time
-  PATH:blend=RADIUS      with rounded corners
-  PATH,PATH,hold         one per frame, if --frame has several"""
-"""Grammar of --path, which the help of ``repctl study`` shows."""
-
 
 class Parser(argparse.ArgumentParser):
     """ArgumentParser with one-line errors that suggest the closest valid names and --help."""
@@ -154,35 +143,27 @@ class Parser(argparse.ArgumentParser):
             metavar="JOINT",
             help="hold a joint at the reference pose",
         )
-        base = (
-            "link in whose frame x is expressed, treated as fixed: a link of the chain to FRAME, "
-            "or one on another branch, such as the other end effector"
-        )
+        base = "link in whose frame x is expressed, treated as fixed"
         add("--base", metavar="LINK", help=base)
 
     def surroundings(self) -> None:
         """Add --surroundings, a URDF of the robot's surroundings."""
-        what = (
-            "URDF of the surroundings of the robot: all joints fixed, placed in the frame of the "
-            "robot's root"
-        )
+        what = "URDF of the robot's surroundings, in its root's frame"
         self.add_argument("--surroundings", metavar="FILE", help=what)
 
     def task(self) -> None:
         """Add the options of the task and the start: --frame, --task and --start."""
-        kinds = (
-            f"{KINDS} (default: the first redundant one of pose, position, xy, xz, yz)"
-        )
+        kinds = f"{KINDS} (default: the first that leaves redundancy)"
         add = self.add_argument
         add(
             "--frame",
-            help="link to move (default: the end of the arm), or several, separated by commas",
+            help="link to move, or several: a,b (default: arm's end)",
         )
         add("--task", metavar="KIND", help=kinds)
         add(
             "--start",
             metavar="Q",
-            help="joint positions, rad or m, separated by commas",
+            help="joint positions q1,q2,…, rad or m",
         )
 
     def path(
@@ -191,18 +172,15 @@ class Parser(argparse.ArgumentParser):
         """Add --path and --plane; ``lead`` and ``default`` enclose the help of --path."""
         add = self.add_argument
         where = "below" if self.prog == "repctl study" else "`repctl study --help`"
-        shapes = f"circle:0.1, square:0.2, eight:0.1, …, or FILE.csv, see {where}"
+        shapes = f"closed path, see {where}"
         add("--path", metavar="PATH", help=lead + shapes + default)
         add(
             "--plane",
             metavar="PLANE",
-            help="plane of the path: xy, yz or xz (default: the first that fits)",
+            help="xy, yz or xz (default: the first that fits)",
         )
 
     def weight(self) -> None:
         """Add --weight, which selects the inverse to check or to approximate."""
-        what = (
-            "weights of the joint speeds: inertia, limits, or one number per joint, separated by "
-            "commas (default: 1, J⁺)"
-        )
+        what = "joint weights: inertia, limits or w1,w2,… (default 1)"
         self.add_argument("--weight", metavar="M", help=what)

@@ -12,16 +12,26 @@ import repctl_pin as rp
 from ..defaults import CYCLES, DEGREE, PERIOD, STEPS
 from ..files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
-from .options import PATHS, Parser
+from .options import Parser
 from .terminal import page_lines, progress, report
+
+_PATHS = """paths, lengths in m:
+  circle:RADIUS          turned until the arm can follow it
+  circle:RADIUS:DEGREES  starting at that angle from the plane's first axis
+  square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
+  FILE.csv               x,y,z per line in the frame of the base, closed;
+                         a header may add qx,qy,qz,qw and time
+  PATH:blend=RADIUS      with rounded corners; PATH,PATH,hold: one per frame"""
+"""Grammar of --path, which the help of ``repctl study`` shows."""
+
 
 if TYPE_CHECKING:
     from ..show.text.lines import Span
     from ..studies.study_maps import StudyMaps
 
-HELP = "measure how far an arm drifts on a closed path, and design a controller that does not drift"
+HELP = "measure an arm's drift on a closed path, and design a controller without it"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
-EXAMPLE = f"""{PATHS}
+EXAMPLE = f"""{_PATHS}
 
 example: repctl study panda --path circle:0.1 --plane yz --cycles 20"""
 
@@ -45,28 +55,23 @@ def add_options(parser: Parser) -> None:
         default=STEPS,
         help="RK4 steps per cycle (default %(default)s)",
     )
-    period = (
-        "time of one cycle, s "
-        f"(default: the path's own, else {PERIOD:g}, or longer to keep speed limits)"
-    )
+    period = f"time of a cycle, s (default: the path's, else ≥ {PERIOD:g})"
     add("--period", type=positive, help=period)
-    region = "half-width of Ω around the start, rad (default: a tube around the cycle)"
+    region = "half-width of Ω, rad (default: a tube around the cycle)"
     add("--region", type=positive, metavar="W", help=region)
-    degree = (
-        f"degree of the potentials (default {DEGREE}, or 1 for arms with many joints)"
-    )
+    degree = f"degree of the potentials (default {DEGREE}; many joints: 1)"
     add("--degree", type=integer, help=degree)
     parser.weight()
-    best = "speed: start on the self-motion where the path needs least joint speed"
+    best = "start where the path needs least joint speed"
     add("--best-leaf", choices=["speed"], help=best)
     add("--seed", type=natural, default=0, help="random seed of the nodes (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add(
         "--report",
         action="store_true",
-        help="also write report.html: one page with all results",
+        help="also write report.html, with all results",
     )
-    full = "print all strategies and quantities, the settings and a legend"
+    full = "print all strategies, quantities and settings"
     add("--full", action="store_true", help=full)
     add("--json", action="store_true", help="print JSON instead of the table")
     add(

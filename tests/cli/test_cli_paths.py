@@ -319,12 +319,13 @@ def test_a_file_has_no_plane(tmp_path, monkeypatch, capsys) -> None:
 def test_the_help_of_a_study_says_what_a_path_is(capsys) -> None:
     with pytest.raises(SystemExit):
         main(["study", "--help"])
-    text = " ".join(capsys.readouterr().out.split())
+    shown = capsys.readouterr().out
+    text = " ".join(shown.split())
     for words in (
         "circle:RADIUS:DEGREES",
         "turned until the arm can follow it",
-        "x,y,z per line, in the frame of the base",
-        "the first one repeated at the end",
+        "x,y,z per line in the frame of the base, closed",
     ):
         assert words in text
-    assert "first redundant one of pose, position, xy, xz, yz" in text
+    assert "default: the first that leaves redundancy" in text
+    assert len(shown.splitlines()) <= 50

@@ -319,7 +319,7 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     assert away > 0.01
     text, _ = printed(two, tmp_path / "out")
     said = " ".join(text.split())
-    (off,) = re.findall(r"The other hand, right_hand, is (.*?) off under", said)
+    (off,) = re.findall(r"Under the usual control the other hand is (.*?) off", said)
     assert reads(off, away)
     assert answered(text, "other hand off")[0] == off
     rows = two.as_dict()["strategies"]["pseudoinverse"]

@@ -272,6 +272,54 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert errors(driver) == []
 
 
+_SHIFTS = """
+window.shifts = [];
+new PerformanceObserver((list) => shifts.push(...list.getEntries().map(({ value }) => value)))
+  .observe({ type: "layout-shift" });
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["ppr", "panda", "xarm7", "baxter", "tiago", "talos", "g1"]
+)
+def test_every_kind_of_robot_follows_a_drawn_loop(
+    driver: Any, tmp_path: Path, name: str
+) -> None:
+    """As Python does, with the sentence of a study of the loop; nothing moves meanwhile."""
+    problem = rp.study(name, cycles=2, steps=200, degree=1)
+    page = rp.animation(problem).save(tmp_path / "page.html")
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    hand(driver)
+    driver.execute_script(_SHIFTS)
+    drag(driver, [(dx, -dy) for dx, dy in ARC], "mouse")
+    assert driver.execute_script("return repctl.own.state") == "own", said(driver)
+    assert sum(driver.execute_script("return shifts")) < 1e-3
+    points = np.array(driver.execute_script("return repctl.own.points"))
+    task, q0 = problem.task, problem.q0
+    path = rp.waypoints(points, task.placement(q0).rotation)
+    laws = (rp.Pseudoinverse(task), problem.design.inverse)
+    found = driver.execute_script(ENDS)
+    for law, ends, most in zip(laws, found, (1e-6, 1e-8), strict=True):
+        motion = rp.follow(law, path, q0, cycles=10, steps=200)
+        assert np.abs(motion.q[:: motion.steps] - ends).max() < most
+    (tmp_path / "loop.csv").write_text(
+        driver.execute_script("return repctl.own.csv()"), "utf-8"
+    )
+    again = rp.study(
+        rp.Problem(name, path=str(tmp_path / "loop.csv"), start=q0),
+        cycles=10,
+        steps=200,
+        degree=1,
+    )
+    (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', rp.animation(again).page)
+    driver.execute_script("repctl.own.tell(10)")
+    told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
+    assert said(driver).partition(". ")[2] == told != ""
+    assert errors(driver) == []
+
+
 def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None:
     """A line there and back encloses nothing, which is said; Escape goes back to the study."""
     from selenium.webdriver.common.keys import Keys

@@ -183,8 +183,8 @@ def test_no_sentence_of_one_arm_speaks_of_two_hands() -> None:
 
 
 def test_another_hand_that_moves_with_the_arm_is_named() -> None:
-    """Issue 37, item 15: with its name and its distance; a hand comes before a head, and what is
-    back is not said."""
+    """Issue 37, item 15: with its distance, and with its link where the name is not enough; a
+    hand comes before a head, and what is back is not said."""
     ends = {"head_2_link": 0.4, "right_gripper": 0.298, "left_foot": 0.0}
     told = words(
         headline_of(
@@ -195,9 +195,15 @@ def test_another_hand_that_moves_with_the_arm_is_named() -> None:
     assert told[0] == (
         BACK
         + "The elbow is not: 32 cm off under the usual control, 0 under the repeatable one. "
-        "The other hand, right_gripper, is 30 cm off under the usual control, 0 under the "
-        "repeatable one. The head, head_2_link, is up to 40 cm off, too."
+        "Under the usual control the other hand is 30 cm off, the head 40 cm."
     )
+    feet = {"left_foot": 0.2, "right_foot": 0.1}
+    both = [replace(USUAL, ends=feet), replace(CLOSED, ends=feet)]
+    assert words(headline_of(both, 10))[0].endswith(
+        " The foot left_foot is up to 20 cm off, the foot right_foot up to 10 cm."
+    )
+    alone = words(headline_of([replace(USUAL, ends={"right_gripper": 0.3})], 10))[0]
+    assert alone.endswith(" The other hand is 30 cm off.")
 
 
 def test_a_hand_that_is_not_back_is_said() -> None:
@@ -217,6 +223,8 @@ def test_a_winding_path_is_said_first() -> None:
         "The path winds once around the axis of theta1, so it need not close under any control. "
     )
     assert "winds" not in words(headline_of(wound[1:], 10))[0]
+    both = words(headline_of([wound[0], wound[0]], 10))[0]
+    assert "need not close under any control: both arms are off. " in both
 
 
 def test_what_is_not_checked_for_collisions_is_said() -> None:

@@ -196,7 +196,7 @@ def _cost(design: CellDesign) -> Span:
     )
     plain = type(design.desired) is Pseudoinverse
     than = "" if plain else ", relative to the desired control"
-    return Span(f"It costs {mean} of joint speed, {worst} at worst{than}.")
+    return Span(f"It costs {mean} of joint speed, {worst} at worst{than}. ")
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:

@@ -17,7 +17,7 @@ def body_drift(
     placements: Array,
     per_cycle: int,
     *,
-    directions: int = 8,
+    directions: Sequence[int] | None = None,
 ) -> tuple[tuple[Array, ...], Array]:
     """Compute how far each body is displaced since the same moment of cycle 1.
 
@@ -30,8 +30,8 @@ def body_drift(
     per_cycle
         Number of samples of one cycle, including both ends.
     directions
-        Number of directions in which the outermost corners are kept: 8, or 64, with which
-        displacements of other motions are within 1 %.
+        Number of directions for each body in which the outermost corners are kept: 8 if None. With
+        256, displacements of other motions are within 0.3 %.
 
     Returns
     -------
@@ -46,8 +46,10 @@ def body_drift(
     first[per_cycle - 1 :: per_cycle] = 0
     off, which = displacements(placements[first], placements, bodies)
     kept = [
-        body[np.union1d(np.unique(which[:, s]), _outermost(body, directions))]
-        for s, body in enumerate(bodies)
+        body[np.union1d(np.unique(which[:, s]), _outermost(body, count))]
+        for s, (body, count) in enumerate(
+            zip(bodies, directions or [8] * len(bodies), strict=True)
+        )
     ]
     return tuple(kept), off
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arguments import Array
 from ...certificate import ClosingRadius
-from ...model.arm_links import arm_links
+from ...model.arm_links import arm_links, link_origins, other_ends
 from ...model.joint_chain import joint_tree
 from ...model.length import arm_length
 from ...model.task import Task
@@ -25,6 +25,7 @@ from ...potentials.maps import PartialMap, SumMap
 from ...potentials.polynomial import PolynomialMap
 from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
 from ...studies.study_result import Study
+from ..text.headline import end_name
 from ..text.parts import part_name
 
 _MOST_TERMS = 2000
@@ -101,6 +102,15 @@ def own_loop(
         "size": arm_length(task, q0) or 1.0,
         "axis": _first_axis(task),
         "proved": _proved(closes, q0),
+        "ends": [
+            {
+                "link": link,
+                "name": end_name(link),
+                "joint": tree.riding[link],
+                "at": link_origins(task, [link], q0[None])[0, 0].tolist(),
+            }
+            for link in other_ends(task)
+        ],
         "links": [
             None if shape.standing else [tree.riding[shape.link], names.get(shape.link)]
             for shape in shapes

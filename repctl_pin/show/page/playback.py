@@ -24,7 +24,7 @@ from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
-from ...strategies.names import LABELS
+from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.parts import part_name
@@ -269,10 +269,13 @@ def _arm(
         np.stack(points, axis=1)
         for points in zip(*(_ways(chain, rows) for chain in chains), strict=True)
     )
-    points, off = body_drift(
-        bodies, placements, frames.per_cycle, directions=64 if any_way else 8
-    )
     counts = [shape.link in own for shape in visuals.shapes]
+    points, off = body_drift(
+        bodies,
+        placements,
+        frames.per_cycle,
+        directions=[256 if any_way and counted else 8 for counted in counts],
+    )
     return Arm(
         track.label,
         visuals.shapes,

@@ -6,12 +6,13 @@ Its notes give the extra joint speed of the repeatable controller, the limits an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ...model.end_effectors import words as link_words
 from ...motion.follow import UNRESOLVED
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
+from ...paths.winding import winding_words
 from ...studies.study_result import Row
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
@@ -161,13 +162,9 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
     turns, joint = summaries[-1].winding if summaries else (0, "")
     if not turns or all(one.back and not one.turned for one in summaries):
         return []
-    times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
-    return [
-        Span(
-            f"The path winds {times} around the axis of {joint}, so it need not close under "
-            "any control. "
-        )
-    ]
+    off = sum(not one.back or one.turned for one in summaries)
+    both = ": both arms are off" if len(summaries) == off == 2 else ""
+    return [Span(f"{capital(winding_words(turns, joint))}{both}. ")]
 
 
 def end_name(link: str) -> str:
@@ -195,19 +192,21 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
     ends = ends_off(summaries)
     if not ends:
         return []
-    first, *rest = ends
-    offs = [
-        replace(one, off=one.ends[first], part=first, link=first) for one in summaries
-    ]
-    said = [
-        Span(f" The {end_name(first)}, {first}, is "),
-        *_offs(offs, " off"),
-        Span("."),
-    ]
-    for end in rest:
-        most = metres(max(one.ends[end] for one in summaries))
-        said.append(Span(f" The {end_name(end)}, {end}, is up to {most} off, too."))
-    return said
+    names = [end_name(end) for end in ends]
+    moved = [one for one in summaries if max(one.ends.values()) >= SMALL]
+    alone = len(moved) == 1 and len(summaries) > 1
+    most = "" if len(moved) == 1 else "up to "
+    said = [Span(f" Under {under(moved[0].label)} the " if alone else " The ")]
+    for k, (end, name) in enumerate(zip(ends, names, strict=True)):
+        plain = name != "other end" and names.count(name) == 1
+        words = f", the {name}" if k else name
+        said.append(
+            Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}")
+        )
+        off = max(one.ends[end] for one in summaries)
+        value = f"{metres(off)}{'' if k else ' off'}".replace(" ", "\u00a0")
+        said.append(Span(value, "bad", f"{end}: {off:.3g} m"))
+    return [*said, Span(".")]
 
 
 def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:

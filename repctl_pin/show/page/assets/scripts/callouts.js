@@ -19,26 +19,26 @@ export class Callouts {
   say(read = null) {
     for (const { arm, part, hand } of this.sets) {
       const [off, when] = read ? read(arm) : [arm.partOff(), this.scene.leading || arm.reference ? "from the repeatable arm" : "from its place in cycle 1"], way = arm.handOff();
-      part.note.textContent = when;
-      part.value.textContent = this.words(off);
+      write(part.note, when);
+      write(part.value, this.words(off));
       part.value.className = tint(off);
       part.box.title = `${off.toPrecision(3)} m`;
-      hand.value.textContent = `hand ${inMetres(way)} off`;
+      write(hand.value, `hand ${inMetres(way)} off`);
       hand.box.title = `${way.toPrecision(3)} m`;
     }
-    this.place();
+    if (!this.scene.leading) this.place(); // else the picture that follows places them
   }
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.
   place() {
     const { panes } = this;
     if (byId("panes").classList.contains("quiet")) return;
+    const sizes = this.sets.map(({ part, hand }, k) => [panes.frames[k].firstChild, part.box, hand.box].map(({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({ x, y, w, h }))); // all are read before any is moved
     this.sets.forEach(({ arm, part, hand }, k) => {
-      const { width, height } = panes.place(k), label = panes.frames[k].firstChild, { beside } = panes;
+      const { width, height } = panes.place(k), [label, box, below] = sizes[k], { beside } = panes;
       const at = panes.seen(k, arm.partCentre()), tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
-      const end = label.offsetLeft + label.offsetWidth + 8;
-      put(part, at, beside ? 8 : label.offsetTop + label.offsetHeight + 6, width, height, beside ? end : 8);
-      put(hand, tip, Math.min(tip.y + 0.09 * height, height - hand.box.offsetHeight - 34), width, height, 8, at);
+      put(part, box, at, beside ? 8 : label.y + label.h + 6, width, height, beside ? label.x + label.w + 8 : 8);
+      put(hand, below, tip, Math.min(tip.y + 0.09 * height, height - below.h - 34), width, height, 8, at);
     });
   }
 }
@@ -50,10 +50,13 @@ function callout(pane, kind) {
   return { box, leader, value, note };
 }
 
-// `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins; `free`: a point to leave free, the box
+// Text that stays is not written again: a page lays out what was written.
+function write(node, words) { if (node.textContent !== words) node.textContent = words; }
+
+// `w`, `h`: size of its box; `at`: what is spoken of; `y`: the box's top; `left`: where the room for it begins; `free`: a point to leave free, the box
 // stands beside it, on the side that it stood on before
-function put(callout, at, y, width, height, left, free) {
-  const { box, leader } = callout, { offsetWidth: w, offsetHeight: h } = box, top = Math.min(Math.max(y, 4), height - h - 4);
+function put(callout, { w, h }, at, y, width, height, left, free) {
+  const { box, leader } = callout, top = Math.min(Math.max(y, 4), height - h - 4);
   const beside = (side) => Math.max(Math.min(Math.max(at.x - w / 2 + side * 0.45 * w, left), width - w - 8), 0);
   const clear = (side) => !free || free.y < top - 8 || free.y > top + h + 8 || free.x < beside(side) - 8 || free.x > beside(side) + w + 8;
   callout.side = [callout.side || 0, 0, 1, -1].find(clear) || 0;

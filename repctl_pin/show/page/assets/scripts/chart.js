@@ -1,7 +1,7 @@
 // The time line: over the slider, for each cycle how far each arm is off at its end.
 
 import { byId, element, sharp, tone } from "./dom.js";
-import { inMetres, inWords } from "./numbers.js";
+import { inMetres, inWords, niceStep } from "./numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 const SCALE = 0.1; // m, which bars reach at least up to
@@ -67,7 +67,7 @@ export class Chart {
     const { draw, width, height, em } = sharp(this.canvas), { arms, scene } = this, count = scene.cycles.length;
     const pitch = (width - 2 * INSET) / count, foot = height - 1.15 * em, room = foot - 0.5 * em, at = (c) => INSET + c * pitch;
     const group = Math.min(0.66 * pitch, 4.5 * em), wide = group / arms.length;
-    const scale = SCALE / this.gain, top = Math.max(scale, ...arms.flatMap(({ data }) => data.off.flat())), level = (v) => foot - (v / top) * room;
+    const top = Math.max(SCALE / this.gain, ...arms.flatMap(({ data }) => data.off.flat())), scale = niceStep(top), level = (v) => foot - (v / top) * room;
     draw.font = `${0.78 * em}px ${getComputedStyle(document.body).fontFamily}`;
     draw.strokeStyle = tone("--edge"); draw.fillStyle = tone("--soft"); draw.lineWidth = 1;
     line(draw, INSET, level(scale), width - INSET, level(scale), [3, 4]);

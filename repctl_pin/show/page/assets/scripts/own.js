@@ -42,7 +42,7 @@ export class Own {
 
   ring(frame, k) {
     const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me");
-    const ring = element("button", { class: "ring", type: "button", "aria-label": "The hand: drag it, or move it by the arrow keys and press Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
+    const ring = element("button", { class: "ring", type: "button", "aria-label": "Drag me: lead the hand by the pointer, or by the arrow keys and Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
     if (k) ring.tabIndex = -1;
     ring.addEventListener("pointerdown", (event) => {
       if (event.button) return;
@@ -345,24 +345,21 @@ export class Own {
     if (title) byId("title").textContent = `${this.scene.title.split(":")[0]}: ${title}`;
   }
 
-  // Give the header the room of its longest words, so that nothing moves when they change.
+  // Give sentence and notes the room of their longest words, so that nothing moves when they change.
   reserve() {
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
     const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
-    const header = byId("verdict").closest("header");
-    header.style.minHeight = "";
-    if (document.body.classList.contains("inside")) return;
-    let height = header.offsetHeight;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
-      const node = byId(id), sample = element(node.tagName, { id, style: "position: absolute; visibility: hidden; left: 0; top: 0" }, text);
-      if (!node.clientWidth) continue; // folded
+      const node = byId(id);
+      node.style.minHeight = "";
+      if (document.body.classList.contains("inside") || !node.clientWidth) continue; // no words, or folded
+      const sample = element(node.tagName, { id, style: "position: absolute; visibility: hidden; left: 0; top: 0" }, text);
       sample.style.width = `${node.clientWidth}px`;
       node.after(sample);
       const tall = Math.max(sample.offsetHeight, ...this.texts.filter(([one]) => one === node).map(([, children]) => { const now = [...node.childNodes]; node.replaceChildren(...children); const height = node.offsetHeight; node.replaceChildren(...now); return height; }));
       sample.remove();
-      height += tall - node.offsetHeight;
+      node.style.minHeight = `${tall}px`;
     }
-    header.style.minHeight = `${height}px`;
   }
 
   // Put the rings where the hand is; they are not there while it goes round without them.

@@ -15,6 +15,7 @@ export class Panes {
         element("p", { class: "arm-label", title: arm.data.about }, element("span", { class: "name" }, element("span", { class: "chip" }), arm.data.title, element("span", { class: "more" }, arm.data.law)), arm.notice));
     });
     byId("panes").append(...this.frames);
+    this.measure();
     viewer.render = () => this.render();
     viewer.set_3d_pane_size = () => {};
   }
@@ -27,9 +28,10 @@ export class Panes {
     for (let columns = best; columns >= 1; columns--) if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     this.viewer.renderer.setSize(width, height);
-    const { clientWidth, clientHeight } = this.frames[0];
+    this.measure();
     this.inRows();
-    this.size = { width: Math.max(clientWidth, 1), height: Math.max(clientHeight, 1), ...this.room() };
+    const [{ width: wide, height: tall }] = this.places;
+    this.size = { width: Math.max(wide, 1), height: Math.max(tall, 1), ...this.room() };
     this.eye.aspect(this.size.width / this.size.height);
     if (PIXEL.value) PIXEL.value.set(2 / this.size.width, 2 / this.size.height);
     this.colour();
@@ -63,11 +65,9 @@ export class Panes {
     this.viewer.set_dirty();
   }
 
-  // Where a pane is on the stage: left, top, width, height, in pixels.
-  place(k) {
-    const { offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height } = this.frames[k];
-    return { left, top, width, height };
-  }
+  // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to ask lays the page out.
+  measure() { this.places = this.frames.map(({ offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height }) => ({ left, top, width, height })); }
+  place(k) { return this.places[k]; }
 
   // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such a place, robot axes.
   seen(k, p) {

@@ -35,7 +35,8 @@ function runOf(law, arm, { Q, V, perCycle, margin }, rows, cycles) {
   for (let i = 0; i < perCycle * n; i++) squares += V[i] * V[i];
   const turned = ends.map((_, c) => at((c + 1) * perCycle)).map((q) => chain.own(q).map((v, i) => (chain.turns[i] ? Math.abs(v - chain.own(start)[i]) : 0)));
   const hand = ends.map((_, c) => arm.point("tip", 0, (c + 1) * F - 1).distanceTo(arm.point("tip", 0, 0)));
-  return Object.assign(run, { ends, turned, hand, margin, speed: Math.sqrt(squares / perCycle) });
+  const others = data.drift.map((_, c) => othersOff(chain, at(0), at((c + 1) * perCycle)));
+  return Object.assign(run, { ends, others, turned, hand, margin, speed: Math.sqrt(squares / perCycle) });
 }
 
 // Write where an arm's bodies, its tip, its elbow, and the joint that breaks its limit are at q into frame i of a run.
@@ -78,6 +79,13 @@ function ridesOf(chain, arm) {
 function quaternion(R) {
   const T = MeshCat.THREE;
   return new T.Quaternion().setFromRotationMatrix(new T.Matrix4().set(R[0], R[1], R[2], 0, R[3], R[4], R[5], 0, R[6], R[7], R[8], 0, 0, 0, 0, 1));
+}
+
+// How far each end of another branch is at q from where it is at the start, m.
+function othersOff(chain, start, q) {
+  const local = chain.ends.map(({ joint, at }) => { chain.place(chain.start, chain.all); const { R, p } = chain.places[joint]; return [0, 1, 2].map((c) => R[c] * (at[0] - p[0]) + R[3 + c] * (at[1] - p[1]) + R[6 + c] * (at[2] - p[2])); });
+  const [from, to] = [start, q].map((one) => { chain.place(one, chain.all); return chain.ends.map(({ joint }, k) => { const { R, p } = chain.places[joint], [x, y, z] = local[k]; return [0, 1, 2].map((c) => p[c] + R[3 * c] * x + R[3 * c + 1] * y + R[3 * c + 2] * z); }); });
+  return from.map((p, k) => Math.hypot(...p.map((v, c) => v - to[k][c])));
 }
 
 // How far each moving body is at frame i from where it is at the start, m; 0 for what is not part of the arm.

@@ -26,7 +26,19 @@ export function answer(chain, arms, result, cycles, { encloses, turns }) {
   else if (most.off >= SMALL) said.push([`${capital(name)} is not: `], ...listed((i) => value(i, " off")), ["."]);
   else if (Math.max(...joints) >= TURNED) said.push([`The joint ${joint} is not: `], ...listed((i) => [joints[i] < 1e-5 ? "0" : `${inWords(Number(joints[i].toPrecision(2)))}\u00a0rad`, joints[i] >= TURNED ? "bad" : "good"]), ["."]);
   else said.push([`${capital(name)} has hardly drifted: `], ...listed((i) => value(i, "")), ["."]);
+  said.push(...othersOf(chain, arms, runs, k));
   return { sentence: said, notes: notesOf(arms, runs, cycles), part: most.part };
+}
+
+// Which ends of other branches are not back, hands first.
+function othersOf({ ends }, arms, runs, k) {
+  const most = (i) => Math.max(...runs.map(({ others }) => others[k][i])), last = ({ name }) => Number(name !== "other hand");
+  const away = ends.map((end, i) => ({ ...end, off: most(i) })).filter(({ off }) => off >= SMALL).sort((a, b) => last(a) - last(b) || b.off - a.off);
+  if (!away.length) return [];
+  const moved = arms.filter((_, j) => Math.max(...runs[j].others[k]) >= SMALL), one = moved.length === 1 && runs.length > 1;
+  return [[one ? ` Under ${moved[0].data.under} ` : " "], ...away.flatMap(({ name, link, off }, i) => [
+    [`${i ? ", " : ""}${one || i ? "the" : "The"} ${name !== "other end" && away.filter((end) => end.name === name).length === 1 ? name : `${name} ${link}`} ${i ? "" : "is "}${moved.length > 1 ? "up to " : ""}`],
+    [`${inMetres(off)}${i ? "" : " off"}`.replaceAll(" ", "\u00a0"), "bad"]]), ["."]];
 }
 
 const toneOf = (off) => (off < BACK ? "good" : off >= SMALL ? "bad" : "");
