@@ -130,36 +130,100 @@ def proofs() -> Figure:
             },
         ),
     ]
+    return growth(curves, "boxes", (0.5, 1e6))
+
+
+def growth(
+    panels: Sequence[
+        tuple[str, dict[str, tuple[Sequence[float], list[tuple[float, float]]]]]
+    ],
+    first: str,
+    limits: tuple[float, float],
+) -> Figure:
+    """Draw two panels of curves (x, (value, processor time)): values solid, times dotted."""
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
-    for left, (what, lines) in zip(figure.subplots(1, 2), curves, strict=True):
+    for left, (what, lines) in zip(figure.subplots(1, 2), panels, strict=True):
         right = left.twinx()
         for colour, (name, (x, found)) in zip(
             (BLUE, VERMILLION), lines.items(), strict=False
         ):
-            left.plot(x, [boxes for boxes, _ in found], "o-", color=colour, label=name)
+            left.plot(x, [value for value, _ in found], "o-", color=colour, label=name)
             right.plot(x, [time for _, time in found], "s:", color=colour)
+        ticks = sorted({tick for x, _ in lines.values() for tick in x})
         left.set(
-            xlabel=what, ylabel="boxes (solid)", yscale="log", ylim=(0.5, 1e6), xticks=x
+            xlabel=what,
+            ylabel=f"{first} (solid)",
+            yscale="log",
+            ylim=limits,
+            xticks=ticks,
         )
         right.set(ylabel="processor time, s (dotted)", yscale="log", ylim=(0.01, 100))
         left.legend(loc="upper left")
     return figure
 
 
+def closing() -> Figure:
+    """Draw the proved closing radius and its time, against the half-width of Ω and against r."""
+    robot = rp.Robot.load("panda")
+    panda = robot.task("panda_hand_tcp", "pose")
+    widths = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    kinds = {1: "pose", 2: "axis", 4: "position", 5: "xy"}
+    bent = np.array([0.0, 1.0, 1.0, 1.0])
+    by_width = {
+        "Panda, pose, r = 1": (
+            widths,
+            [radius_over(panda, panda.reference, width) for width in widths],
+        ),
+        "planar arm, n = 4, xy, r = 2": (
+            widths,
+            [radius_over(planar(4), bent, width) for width in widths],
+        ),
+    }
+    by_r = {
+        "Panda, n = 7: pose, axis, position, xy": (
+            list(kinds),
+            [
+                radius_over(robot.task("panda_hand_tcp", kind), panda.reference, 0.1)
+                for kind in kinds.values()
+            ],
+        ),
+        "planar arms, n = r + 2, xy": (
+            (1, 2, 3, 4, 5),
+            [radius_over(planar(n), np.full(n, 0.6), 0.1) for n in range(3, 8)],
+        ),
+    }
+    panels = [("half-width of Ω, rad", by_width), ("r", by_r)]
+    return growth(panels, "closing radius, cm", (0.5, 300))
+
+
+def radius_over(task: rp.Task, q0: np.ndarray, width: float) -> tuple[float, float]:
+    """Design with degree 2 over a box: the largest proved closing radius, cm, and its time in s."""
+    design = designed(task, q0, width, 2)
+    begun = thread_time()
+    closes = rp.prove(design, margin=0.3 * design.leaf_margin).closes
+    assert closes, closes.reason
+    return 100 * closes.metres, thread_time() - begun
+
+
 def proof_over(
     task: rp.Task, q0: np.ndarray, width: float, degree: int
 ) -> tuple[int, float]:
     """Design over a box, and prove 80 % of the smallest leaf margin found: boxes, and time in s."""
-    design = rp.nearest_repeatable(
+    design = designed(task, q0, width, degree)
+    begun = thread_time()
+    proof = rp.prove(design, margin=0.8 * design.leaf_margin, closes=False)
+    assert proof, proof.summary()
+    return proof.boxes, thread_time() - begun
+
+
+def designed(task: rp.Task, q0: np.ndarray, width: float, degree: int) -> rp.Design:
+    """Design over the box of a half-width around q0."""
+    return rp.nearest_repeatable(
         rp.Pseudoinverse(task),
         rp.Polynomial(q0, degree, width),
         rp.Box(q0, width),
         options=rp.FitOptions(samples=1024, held_out=256),
     )
-    begun = thread_time()
-    proof = rp.prove(design, margin=0.8 * design.leaf_margin)
-    assert proof, proof.summary()
-    return proof.boxes, thread_time() - begun
 
 
 def planar(n: int) -> rp.Task:
@@ -248,6 +312,7 @@ FIGURES = {
     "ring": ring,
     "cell": cell,
     "proofs": proofs,
+    "closing": closing,
     "states": states,
 }
 

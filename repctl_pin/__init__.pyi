@@ -10,6 +10,8 @@ from .errors import InputError as InputError
 from .errors import RepctlError as RepctlError
 from .errors import SingularityError as SingularityError
 from .errors import UrdfError as UrdfError
+from .extensions.cells.best_cell import BestCell as BestCell
+from .extensions.cells.best_cell import best_cell as best_cell
 from .extensions.cells.cell import Cell as Cell
 from .extensions.cells.cell_design import CellDesign as CellDesign
 from .extensions.cells.cell_file import load_cell as load_cell
@@ -54,10 +56,10 @@ from .motion.write_motion import write_motion as write_motion
 from .paths import TaskPath as TaskPath
 from .paths import circle as circle
 from .paths import figure_eight as figure_eight
-from .paths import several_paths as several_paths
 from .paths.polyline import Waypoints as Waypoints
 from .paths.polyline import polygon as polygon
 from .paths.polyline import waypoints as waypoints
+from .paths.several_paths import several_paths as several_paths
 from .paths.waypoint_file import read_waypoints as read_waypoints
 from .potentials import Joined as Joined
 from .potentials import Polynomial as Polynomial

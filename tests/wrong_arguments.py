@@ -34,6 +34,7 @@ PATIENCE = 20.0
 RESULTS = {
     "Animation",
     "Audit",
+    "BestCell",
     "BestLeaf",
     "ClosingRadius",
     "Design",
@@ -160,6 +161,9 @@ def right_calls(folder: Path) -> list[Call]:
             "integrator": "rk4", "feedback": 0.0,
             "period": 5.0, "task": task,
         },
+        "best_cell": {
+            "task": task, "size": 0.2, "orientation": None, "yaw": 0.0, "at": None, "seed": 0,
+        },
         "is_repeatable": {"strategy": control, "region": box, "samples": 8, "seed": 0},
         "least_closed_motion": {
             "task": task, "path": path, "q0": q0, "steps": 8, "period": 5.0, "free_start": False,
@@ -167,7 +171,7 @@ def right_calls(folder: Path) -> list[Call]:
         },
         "load": {"path": saved, "task": task},
         "load_cell": {"path": saved_cell, "task": task},
-        "load_design": {"path": saved, "task": task},
+        "load_design": {"path": saved, "task": task, "frame": None},
         "LeafLock": {
             "corrections": 1, "leaf": inverse.leaf(q0), "velocity_limit": 3.0, "damping": 0.01,
         },
@@ -464,8 +468,9 @@ def right_calls(folder: Path) -> list[Call]:
                 "dynamics",
                 "bodies_model",
                 "target_type",
+                "with_tool",
             ):
-                continue  # the first serves until it is stopped, the others take nothing
+                continue  # the first serves until it is stopped, the last is for pose tasks
             assert good is not None, (
                 f"give {type(thing).__name__}.{name} a right call here"
             )

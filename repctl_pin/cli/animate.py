@@ -91,7 +91,7 @@ def run(options: Options) -> int:
         task, tracks, more = _from_design(design, options, say)
 
     from ..show.page.playback import playback_page, traced_chains
-    from ..strategies.names import KEYS
+    from ..studies.quantities import KEYS
 
     say("drawing")
     chains = traced_chains(task, task.from_robot(tracks[0].Q[0]))
@@ -133,7 +133,7 @@ def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
 
 def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     """Select the motions that ``--only`` names from those of a CSV file, by key or by label."""
-    from ..strategies.names import KEYS
+    from ..studies.quantities import KEYS
 
     there = {KEYS.get(track.label, track.label): track for track in tracks}
     labelled = {track.label: track for track in tracks} | there
@@ -151,7 +151,7 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 
 def _names(design: rp.Design) -> tuple[str, str]:
     """Return the labels of a design's two controllers: the desired inverse, the repeatable one."""
-    from ..strategies.names import LABELS
+    from ..studies.quantities import LABELS
 
     plain = type(design.desired) is rp.Pseudoinverse
     return LABELS["pseudoinverse"] if plain else "desired", LABELS["repeatable"]

@@ -181,7 +181,7 @@ class _Case(NamedTuple):
 
 def _named(options: Options) -> _Case:
     """Make the case of J⁺, or of the weighted inverse of ``--weight``."""
-    from ..studies.desired import choose_desired
+    from ..studies.design_choice import choose_desired
 
     half_width = options.region or REGION
     box = partial(box_within_limits, half_width=half_width)

@@ -140,7 +140,7 @@ def run(options: Options) -> int:
     from ..show.plots.motions import png
     from ..show.text.table import table
     from ..studies.around_motion import design_for, shrunk_note
-    from ..studies.desired import choose_desired
+    from ..studies.design_choice import choose_desired
 
     problem = _problem(options, degree)
     task = problem.task
@@ -242,7 +242,7 @@ def _check(options: Options, degree: Any) -> None:
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
     """Make the problem: with the path of ``--path`` or, without it, with :func:`_region` as Ω."""
-    from ..studies.work import check_degree
+    from ..studies.design_choice import check_degree
 
     region = None if options.path is not None else partial(_region, options)
     problem = options.problem(path=options.path or False, region=region)

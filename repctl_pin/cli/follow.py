@@ -119,6 +119,7 @@ def run(options: Options) -> int:
     from ..motion.follow import unresolved
     from ..motion.joint_motion import refuse_violations, violations_of
     from ..motion.write_motion import commanded, yaml_text
+    from ..paths.winding import winding, winding_words
     from ..show.text.table import outside_words
     from ..strategies import RepeatableInverse
 
@@ -157,6 +158,8 @@ def run(options: Options) -> int:
     motion = replace(motion, region=case.region, closing_radius=case.closes)
     loose = "" if lock else unresolved(strategy, motion)
     notes += [f"this motion {loose}"] if loose else []
+    if not motion.first_closes and (turns := winding(motion.task, path)):
+        notes = [winding_words(turns, motion.task.joint_names[0]), *notes]
     slowed = (commanded(motion, strategy) if lock else motion).retimed()
     result = _result(slowed, motion.t[-1], q0, notes)
     if loose:

@@ -22,15 +22,6 @@ _GROUPS = {
 }
 """Groups of options, in the order of the help; other options come first."""
 
-PATHS = """paths, lengths in m:
-  circle:RADIUS          turned until the arm can follow it
-  circle:RADIUS:DEGREES  starting at that angle from the plane's first axis
-  square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
-  FILE.csv               x,y,z per line in the frame of the base, closed;
-                         a header may add qx,qy,qz,qw and time
-  PATH:blend=RADIUS      with rounded corners; PATH,PATH,hold: one per frame"""
-"""Grammar of --path, which the help of ``repctl study`` shows."""
-
 
 class Parser(argparse.ArgumentParser):
     """ArgumentParser with one-line errors that suggest the closest valid names and --help."""

@@ -12,8 +12,18 @@ import repctl_pin as rp
 from ..defaults import CYCLES, DEGREE, PERIOD, STEPS
 from ..files import write_whole, written_together
 from .given import Options, integer, natural, positive, with_options
-from .options import PATHS, Parser
+from .options import Parser
 from .terminal import page_lines, progress, report
+
+_PATHS = """paths, lengths in m:
+  circle:RADIUS          turned until the arm can follow it
+  circle:RADIUS:DEGREES  starting at that angle from the plane's first axis
+  square:SIDE   eight:RADIUS   rose:RADIUS   polygon:CORNERS:RADIUS
+  FILE.csv               x,y,z per line in the frame of the base, closed;
+                         a header may add qx,qy,qz,qw and time
+  PATH:blend=RADIUS      with rounded corners; PATH,PATH,hold: one per frame"""
+"""Grammar of --path, which the help of ``repctl study`` shows."""
+
 
 if TYPE_CHECKING:
     from ..show.text.lines import Span
@@ -21,7 +31,7 @@ if TYPE_CHECKING:
 
 HELP = "measure an arm's drift on a closed path, and design a controller without it"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
-EXAMPLE = f"""{PATHS}
+EXAMPLE = f"""{_PATHS}
 
 example: repctl study panda --path circle:0.1 --plane yz --cycles 20"""
 

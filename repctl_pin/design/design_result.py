@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ..arguments import Array, percentage, read_only
 from ..certificate import Proof, own_proof, proved_words
 from ..errors import InputError
+from ..model.chain_formulas import Placement
 from ..model.task import Task
 from ..paths.task_path import Cycle
 from ..potentials.basis import PotentialBasis
@@ -142,6 +143,39 @@ class Design:
         It covers the joint chain, its limits, potentials, coefficients and region.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
+
+    def with_tool(self, placement: Placement) -> Design:
+        """Convert a design for a pose task to another tool on the same body.
+
+        The null space of a pose task does not depend on the point of the body, ``J' = A J`` with
+        an invertible A. So the same potentials repeat, with the same leaf margin and the same
+        joint path of a motion, and ``G_r' = G_r A⁻¹``. Cost and margins are evaluated again;
+        ``fit_cost``, ``gradient_norm``, ``converged``, ``steps`` and ``degrees`` stay those of the
+        fit, and ``cycle`` is None. The leaf and limit margins of a certificate hold as they are.
+        Its bound of σ_min(J) becomes smaller, and its closing radius is converted, because the
+        metres are measured at another point.
+
+        Parameters
+        ----------
+        placement : pinocchio.SE3 or (4, 4) array
+            Placement of the tool in the frame of the task.
+
+        Returns
+        -------
+        Design
+            Its task has the tool as frame.
+
+        Raises
+        ------
+        InputError
+            If the task is no pose task of one frame: the self-motion of other tasks changes with
+            the point that they control. Also if Ω is a workspace box.
+        """
+        from ..model.tool import with_tool  # few designs change their tool
+        from .with_tool import for_task
+
+        design: Design = for_task(self, with_tool(self.task, placement))
+        return design
 
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.

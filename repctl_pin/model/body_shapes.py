@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
-from .model import link_frames
 from .shapes import Solid, find_mesh
-from .validate import Description
 
 if TYPE_CHECKING:
     from .mesh_interior import MeshInterior, MeshParts
@@ -207,22 +205,6 @@ def contains(
 def transform(place: pin.SE3) -> coal.Transform3s:
     """Convert a placement to coal's Transform3s."""
     return coal.Transform3s(place.rotation, place.translation)
-
-
-def origin(solid: Solid) -> pin.SE3:
-    """Compute the placement of a shape relative to its link."""
-    return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
-
-
-def fixed_placements(description: Description) -> dict[str, pin.SE3]:
-    """Compute the placements of all links relative to the root, by link name.
-
-    All joints of the description are fixed.
-    """
-    return {
-        name: frame.placement
-        for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()
-    }
 
 
 @lru_cache(maxsize=256)

@@ -21,13 +21,11 @@ from .body_shapes import (
     body_shape,
     collide,
     contains,
-    fixed_placements,
-    origin,
     transform,
 )
 from .catalogue import disabled_pairs
 from .collision_free_pairs import CollisionFreePairs
-from .model import link_frames
+from .model import fixed_placements, link_frames, origin
 from .shapes import find_mesh
 from .task import Task
 from .validate import Description

@@ -42,40 +42,6 @@ def arm_reach(task: Task, q: Array) -> float:
     return arm_length(task, q) + float(strokes[np.isfinite(strokes)].sum())
 
 
-def longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
-    """Bound how far the frame can get from the origin of the chain's first joint.
-
-    The bound is the sum of the distances between successive joints and from the last one to the
-    frame, which the joints do not change, and of the largest strokes of prismatic joints.
-
-    Parameters
-    ----------
-    task
-        Task of the chain.
-    limits
-        True if prismatic joints stay within their limits; else their stroke is infinite.
-
-    Returns
-    -------
-    center : (3,) array
-        Origin of the first joint at stroke 0, m, base axes.
-    length : float
-        Bound on the distance from there, m; infinite with a prismatic joint without limits.
-    """
-    model = task.model
-    frame = model.frames[task._frame_id]
-    chain = [j for j in model.supports[frame.parentJoint] if j > 0]
-    offsets = [model.jointPlacements[j].translation for j in chain]
-    length = float(
-        np.linalg.norm([*offsets[1:], frame.placement.translation], axis=1).sum()
-    )
-    for name in (model.names[j] for j in chain):
-        joint = task.robot.joints[name]
-        if joint.kind == "prismatic":
-            length += max(-joint.lower, joint.upper, 0.0) if limits else np.inf
-    return np.array(offsets[0]), length
-
-
 def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 

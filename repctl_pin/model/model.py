@@ -1,4 +1,4 @@
-"""Helpers for Pinocchio models: frames by name, locked joints, chains between links, Jacobians."""
+"""Helpers for Pinocchio models: frames by name, placements, locked joints, chains, Jacobians."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from ..arguments import Array
 from ..errors import unknown
-from .validate import Joint
+from .shapes import Solid
+from .validate import Description, Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -34,6 +35,22 @@ def frame_id(model: pin.Model, name: str) -> int:
 def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
     """Return the frames of all links, by link name."""
     return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
+
+
+def origin(solid: Solid) -> pin.SE3:
+    """Compute the placement of a shape relative to its link."""
+    return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
+
+
+def fixed_placements(description: Description) -> dict[str, pin.SE3]:
+    """Compute the placements of all links relative to the root, by link name.
+
+    All joints of the description are fixed.
+    """
+    return {
+        name: frame.placement
+        for name, frame in link_frames(pin.buildModelFromXML(description.xml)).items()
+    }
 
 
 def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:

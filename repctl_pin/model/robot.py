@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from .catalogue import (
 )
 from .coupling import couple, limits, pose
 from .end_effectors import arm_ends, is_sensor, task_links
+from .given_model import loaded
 from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism
 from .model import frame_id, link_frames, lock_joints, path_between
@@ -145,19 +147,21 @@ class Robot(Mechanism):
     @classmethod
     def load(
         cls,
-        name_or_path: str | Path,
+        name_or_path: str | Path | Any,
         *,
         package_dirs: Sequence[str | Path] = (),
         lock: Sequence[str] = (),
         base: str | None = None,
         surroundings: str | Path | None = None,
     ) -> Robot:
-        """Load a robot from the catalogue, or from a URDF file.
+        """Load a robot from the catalogue, from a URDF or MJCF file, or from a loaded model.
 
         Parameters
         ----------
         name_or_path
-            A catalogue name (``repctl robots`` lists them) or a path to a ``.urdf``.
+            A catalogue name (``repctl robots`` lists them); a path to a ``.urdf``, or to the
+            ``.xml`` of an MJCF model; a ``yourdfpy.URDF``, or a ``mujoco.MjModel``, whose meshes
+            are left out. An MJCF file is compiled by ``mujoco``, which must be installed.
         package_dirs
             Folders in which ``package://`` names, and ``$(find …)`` in xacro, are looked up, before
             the parent folders of the file.
@@ -178,6 +182,7 @@ class Robot(Mechanism):
         UrdfError
             If the file is not a valid URDF.
         """
+        data, name_or_path, found = loaded(name_or_path)
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))
         given = (
@@ -204,7 +209,7 @@ class Robot(Mechanism):
         is_file = any(mark in text for mark in "./\\") or os.path.isfile(
             text
         )  # no catalogue name contains these
-        entry = None if is_file else find(text)
+        entry = None if is_file or data is not None else find(text)
         path = Path(os.path.expanduser(text)) if entry is None else entry.urdf
         folders = [
             *own,
@@ -218,7 +223,10 @@ class Robot(Mechanism):
             near = default_package_dirs(beside)
             around = check_surroundings(read_urdf(beside, [*own, *near]))
             folders += near
-        description = read_urdf(path, folders)
+        description = read_urdf(path, folders, data)
+        if found:
+            notes = (*found, *description.notes)
+            description = replace(description, notes=notes)
         return cls(
             description,
             entry=entry,

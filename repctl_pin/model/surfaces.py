@@ -74,7 +74,36 @@ Surfaces = dict[Path, Surface | InputError]
 """Contents of mesh files, by path; an error for a file that cannot be drawn."""
 
 
+_ALONE = (".stl", ".dae", ".ply", ".off", ".glb")
+"""Formats of which a file without textures depends on no other file."""
+
+_KEPT_FACES = 300_000
+_kept: dict[tuple[Path, int, int], Surface] = {}
+"""Surfaces read last, by file, modification time and ``most``; the terminal and the page share
+them."""
+
+
 def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
+    """Read a mesh file, or return its surface if it was read before and has not changed.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or has over ``most`` triangles.
+    """
+    changed = path.stat().st_mtime_ns if path.is_file() else 0
+    key = path, changed, most
+    if key not in _kept:
+        surface = _read(path, most)
+        if path.suffix.lower() not in _ALONE or surface.uv is not None:
+            return surface
+        if sum(len(each.faces) for each in _kept.values()) > _KEPT_FACES:
+            _kept.clear()
+        _kept[key] = surface
+    return _kept[key]
+
+
+def _read(path: Path, most: int) -> Surface:
     """Read a mesh file of at most ``most`` triangles: .stl, .dae, .obj, .ply, .off, .glb or .gltf.
 
     Raises

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -30,11 +30,13 @@ from .chain_formulas import (
     chain_hessians,
     require_rotation,
 )
-from .coordinates import Coordinates, linear_coordinates
 from .coupling import Coupling
 from .kind import Kind
 from .mechanism import Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
+
+if TYPE_CHECKING:
+    from .coordinates import Coordinates
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
@@ -190,6 +192,8 @@ class Task:
             raise InputError(
                 "the task already has joint coordinates; start from the original task"
             )
+        from .coordinates import linear_coordinates
+
         change = linear_coordinates(
             self.joint_names,
             self.lower,

@@ -14,9 +14,10 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
+from .mjcf import is_mjcf, urdf_of_file
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
-from .xml import line, one_line, parse, short
+from .xml import line, parse, short
 
 _MAX_BYTES = 5_000_000
 """Maximum size of a file, bytes: over twenty times the largest robot of example-robot-data."""
@@ -87,15 +88,19 @@ class Description:
     xml: str
 
 
-def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description:
+def read_urdf(
+    path: str | Path, package_dirs: Sequence[str] = (), data: bytes | None = None
+) -> Description:
     """Read and check a URDF.
 
     Parameters
     ----------
     path
-        The file; a ``.xacro`` file is expanded.
+        The file; a ``.xacro`` file is expanded, and an MJCF file is converted.
     package_dirs
         Folders in which the ``$(find package)`` of a xacro file is looked up.
+    data
+        Content that stands for the file, which is not read then.
 
     Raises
     ------
@@ -106,7 +111,11 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
     path = Path(path)
     notes: list[str] = []
     try:
-        robot = parse(_read(path, package_dirs), notes)
+        if data is None:
+            data = _read(path, package_dirs)
+        if is_mjcf(data):
+            data = urdf_of_file(path, data, notes)
+        robot = parse(data, notes)
         _drop_colors(robot, notes)
         root = check(robot)
         if robot.xpath("joint[@type='planar' or @type='floating']"):
@@ -121,7 +130,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
         if still:
             notes.append(f"speed limit 0 of joint {', '.join(still)} read as no limit")
     except UrdfError as error:
-        raise UrdfError(one_line(f"{path}: {error}")) from error
+        raise UrdfError(_one_line(f"{path}: {error}")) from error
     shapes = shapes_of(robot, "visual")
     if len(shapes) > MAX_SHAPES:
         notes.append(f"only the first {MAX_SHAPES} of {len(shapes)} shapes are drawn")
@@ -136,7 +145,7 @@ def read_urdf(path: str | Path, package_dirs: Sequence[str] = ()) -> Description
         meshes=tuple(
             dict.fromkeys(shape.filename for shape in shapes if shape.filename)
         ),
-        notes=tuple(one_line(note) for note in [*notes, *_degrees(joints)]),
+        notes=tuple(_one_line(note) for note in [*notes, *_degrees(joints)]),
         xml=_for_pinocchio(robot, joints, path.absolute().parent),
     )
 
@@ -356,3 +365,8 @@ def _has_look(material: etree._Element) -> bool:
         material.find("color") is not None
         or material.find("texture[@filename]") is not None
     )
+
+
+def _one_line(text: str) -> str:
+    """Fold a message into one printable line."""
+    return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))

@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .body_shapes import fixed_placements, origin
 from .coupling import Coupling
 from .mechanism import Mechanism
-from .model import link_frames
+from .model import fixed_placements, link_frames, origin
 from .shapes import Color, find_mesh
 from .validate import MAX_SHAPES, Joint
 

@@ -251,8 +251,3 @@ def label(element: etree._Element) -> str:
 def short(text: str) -> str:
     """Quote a value for a message, cut to 60 characters."""
     return repr(text if len(text) <= 60 else text[:59] + "…")
-
-
-def one_line(text: str) -> str:
-    """Fold a message into one printable line."""
-    return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))

@@ -11,11 +11,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
-from ..model.arm_links import arm_links, link_origins, other_ends
+from ..model.arm_links import arm_links, other_ends
 from ..model.body_corners import corners
+from ..model.model import frame_id
 from ..model.task import Task
 from ..model.visuals import Shape, Visuals
 from .joint_motion import JointMotion
@@ -162,7 +164,7 @@ def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
     ends = other_ends(task)
     if not ends:
         return {}
-    places = link_origins(task, ends, Q)
+    places = _link_origins(task, ends, Q)
     return dict(zip(ends, np.linalg.norm(places - places[0], axis=2).T, strict=True))
 
 
@@ -195,3 +197,16 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     if not left[joint] < _MOST_CYCLES:
         return None
     return motion.cycles + int(left[joint]) + 1, task.robot_joints[joint]
+
+
+def _link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
+    """Compute the origins of links at configurations Q (T, n): (T, L, 3), m, base axes."""
+    robot, model = task.robot, task.robot.model
+    data = model.createData()
+    ids = [frame_id(model, link) for link in links]
+    out = np.empty((len(Q), len(links), 3))
+    for q, row in zip(robot.coupling.joints(task.to_robot(Q)), out, strict=True):
+        pin.framesForwardKinematics(model, data, q)
+        base = data.oMf[robot.base_id]
+        row[:] = [base.actInv(data.oMf[i]).translation for i in ids]
+    return out

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..model.chain_formulas import Placement
-from ..model.random_configurations import random_configurations
 from ..model.task import Task
 from ..paths.task_path import TaskPath
 from ..solvers import newton_rows
+from .solve_ik import random_configurations
 
 _STARTS, _STEPS = 96, 16
 """Numbers of random configurations, and of points per cycle."""

@@ -11,7 +11,6 @@ from ..arguments import Array
 from ..errors import InputError, SingularityError
 from ..model.length import arm_length, arm_reach
 from ..model.task import Task
-from ..paths.several_paths import several_paths
 from ..paths.shapes import Normal, circle
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import inverse_condition_number
@@ -103,6 +102,8 @@ def circle_at(
     If there are several frames, the first one moves, and the others hold still.
     """
     if len(task.frames) > 1:
+        from ..paths.several_paths import several_paths
+
         first = lambda single, q: circle_at(single, q, radius, plane, degrees)  # noqa: E731
         return several_paths(task, q0, [first, *[None] * (len(task.frames) - 1)])
     path = circle(

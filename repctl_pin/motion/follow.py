@@ -17,7 +17,6 @@ from ..arguments import (
     Array,
     as_int,
     function,
-    per_joint,
     positive,
     require_choice,
     vector,
@@ -29,7 +28,7 @@ from ..model.task import Task, require_task
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
 from ..strategies import RepeatableInverse, Strategy
 from .compiled_steps import Steps, compiled_steps
-from .leaf_lock import LeafLock
+from .leaf_lock import Advance, LeafLock, locked_steps
 from .motion import CLOSED, Motion, motion_along
 
 # Butcher tableaux: nodes c and weights b. Each stage uses the slope of the one before, times c.
@@ -56,10 +55,6 @@ UNRESOLVED = "passes close to a singularity; its drift is not a number"
 _MOST = 100_000_000
 """Maximum number of joint positions of a motion: 0.8 GB, and as much for velocities."""
 
-_Advance = Callable[[int, Array], tuple[Array, Array, float]]
-"""Function (step of the cycle, q) → (next q, q̇ at the start of the step, damping used); on a leaf,
-q̇ is the mean over the step."""
-
 
 @dataclass(frozen=True)
 class _Method:
@@ -76,7 +71,7 @@ class _Method:
         step that :func:`_run` could refuse.
     """
 
-    advance: _Advance
+    advance: Advance
     at_end: Callable[[Array], Array] | None = None
     compiled: Callable[[Array], Steps | None] = lambda most: None
 
@@ -185,7 +180,8 @@ def follow(
             raise InputError(
                 "a leaf lock requires a repeatable strategy, such as design.inverse"
             )
-        method = _locked(strategy, path, grid, q, period, integrator)
+        advance = locked_steps(strategy, path, grid, q, period, integrator)
+        method = _Method(advance)
     else:
         method = _integrated(strategy, path, steps, q, period, integrator, feedback)
     targets = _kept(_placements, path)(path, steps)
@@ -393,48 +389,6 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
     """Evaluate a path's placements at both ends of every step; the last results are kept."""
     return tuple(path.placement(s) for s in path_grid(path, steps).tolist())
-
-
-def _locked(
-    strategy: RepeatableInverse,
-    path: TaskPath,
-    grid: Array,
-    q: Array,
-    period: float,
-    lock: LeafLock,
-) -> _Method:
-    """Create the integration method from point to point on a leaf; q̇ is the mean of a step."""
-    corrections = lock.corrections
-    damping = lock.damping
-    r = strategy.task.r
-    if lock.leaf is None:
-        c = strategy.leaf(q)
-    else:
-        c = vector(lock.leaf, r, "the level c = h(q)", "one per potential")
-    targets, times = (
-        [path.placement(float(s)) for s in grid[1:]],
-        np.diff(grid) * period,
-    )
-    most = None
-    if lock.velocity_limit is not None:  # shared by the corrections
-        limit = per_joint(lock.velocity_limit, strategy.task.n, "a speed limit")
-        most = limit / corrections
-
-    def advance(k: int, q: Array) -> tuple[Array, Array, float]:
-        start = q
-        h = float(times[k])
-        used = 0.0
-        for _ in range(corrections):
-            if damping:
-                step = strategy.damped_step(
-                    q, targets[k], h, leaf=c, velocity_limit=most, damping=damping
-                )
-                q, used = step.q, max(used, step.damping)
-            else:
-                q = strategy.step(q, targets[k], h, leaf=c, velocity_limit=most)
-        return q, (q - start) / h, used
-
-    return _Method(advance)
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:

@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import as_int, freeze, positive, read_only
+from ..arguments import (
+    Array,
+    as_int,
+    freeze,
+    per_joint,
+    positive,
+    read_only,
+    vector,
+)
+from ..paths.task_path import TaskPath
+from ..strategies import RepeatableInverse
 
 _MOST_CORRECTIONS = 1000
 """Maximum number of corrections per step; Newton's method has converged after a handful."""
+
+Advance = Callable[[int, Array], tuple[Array, Array, float]]
+"""Function (step of the cycle, q) → (next q, q̇ at the start of the step, damping used); on a leaf,
+q̇ is the mean over the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,3 +68,55 @@ class LeafLock:
         corrections = as_int(self.corrections, "corrections", 1, _MOST_CORRECTIONS)
         damping = positive(self.damping, "damping", zero=True)
         freeze(self, corrections=corrections, damping=damping)
+
+
+def locked_steps(
+    strategy: RepeatableInverse,
+    path: TaskPath,
+    grid: Array,
+    q: Array,
+    period: float,
+    lock: LeafLock,
+) -> Advance:
+    """Make the function that steps from point to point of a path, on the leaf of q.
+
+    Each step is ``lock.corrections`` times ``q += J_V⁻¹ [x − f(q); c − h(q)]`` with the placement x
+    of its end: the path's twist is not used, so that errors of earlier steps are removed. Its q̇ is
+    the mean of the step.
+
+    Parameters
+    ----------
+    grid : (steps + 1,) array
+        Values of s at which the steps of a cycle begin and end.
+    q : (n,) array
+        Start of the motion, whose level ``c = h(q)`` is kept unless the lock has another.
+    period : float
+        Period of a cycle, s.
+    """
+    task = strategy.task
+    damping = lock.damping
+    targets = [path.placement(float(s)) for s in grid[1:]]
+    times = (np.diff(grid) * period).tolist()
+    if lock.leaf is None:
+        c = strategy.leaf(q)
+    else:
+        c = vector(lock.leaf, task.r, "the level c = h(q)", "one per potential")
+    most = None
+    if lock.velocity_limit is not None:
+        limit = per_joint(lock.velocity_limit, task.n, "a speed limit")
+        most = limit / lock.corrections  # the corrections share it
+
+    def advance(k: int, q: Array) -> tuple[Array, Array, float]:
+        start, target, h = q, targets[k], times[k]
+        used = 0.0
+        for _ in range(lock.corrections):
+            if damping:
+                step = strategy.damped_step(
+                    q, target, h, leaf=c, velocity_limit=most, damping=damping
+                )
+                q, used = step.q, max(used, step.damping)
+            else:
+                q = strategy.step(q, target, h, leaf=c, velocity_limit=most)
+        return q, (q - start) / h, used
+
+    return advance

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from ..arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..errors import InputError, SingularityError
 from ..model.chain_formulas import Placement, Placements
-from ..model.length import arm_length, longest_reach
-from ..model.random_configurations import random_configurations
+from ..model.length import arm_length
 from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
@@ -209,7 +208,7 @@ def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
         for single, own in zip(task.single_tasks, target, strict=True):
             _require_reach(single, own, limits=limits)
         return
-    center, length = longest_reach(task, limits=limits)
+    center, length = _longest_reach(task, limits=limits)
     rows = [row for row in task.rows if row < 3]
     away = float(np.linalg.norm((target.translation - center)[rows]))
     if away > length * (1 + 1e-12):
@@ -317,3 +316,47 @@ def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
     except InputError as error:
         return str(error)
     return ""
+
+
+def random_configurations(task: Task, count: int, rng: np.random.Generator) -> Array:
+    """Draw configurations (count, n), uniform between the joint limits.
+
+    A side of a joint without a limit is taken π rad (m) from the reference configuration.
+    """
+    low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
+    high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)
+    return low + (high - low) * rng.random((count, task.n))
+
+
+def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
+    """Bound how far the frame can get from the origin of the chain's first joint.
+
+    The bound is the sum of the distances between successive joints and from the last one to the
+    frame, which the joints do not change, and of the largest strokes of prismatic joints.
+
+    Parameters
+    ----------
+    task
+        Task of the chain.
+    limits
+        True if prismatic joints stay within their limits; else their stroke is infinite.
+
+    Returns
+    -------
+    center : (3,) array
+        Origin of the first joint at stroke 0, m, base axes.
+    length : float
+        Bound on the distance from there, m; infinite with a prismatic joint without limits.
+    """
+    model = task.model
+    frame = model.frames[task._frame_id]
+    chain = [j for j in model.supports[frame.parentJoint] if j > 0]
+    offsets = [model.jointPlacements[j].translation for j in chain]
+    length = float(
+        np.linalg.norm([*offsets[1:], frame.placement.translation], axis=1).sum()
+    )
+    for name in (model.names[j] for j in chain):
+        joint = task.robot.joints[name]
+        if joint.kind == "prismatic":
+            length += max(-joint.lower, joint.upper, 0.0) if limits else np.inf
+    return np.array(offsets[0]), length

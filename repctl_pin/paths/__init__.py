@@ -1,6 +1,5 @@
-"""Closed paths of a frame; waypoints are in ``polyline`` and ``waypoint_file``."""
+"""Closed paths of a frame; those of several frames, and waypoints, have their own files."""
 
-from .several_paths import several_paths as several_paths
 from .shapes import circle as circle
 from .shapes import figure_eight as figure_eight
 from .shapes import rose as rose

@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, list_of, read_only
+from ..arguments import Array, list_of, read_only, vector
 from ..errors import InputError
 from ..model.chain_formulas import Placements
 from ..model.several_frames import of_singles
-from ..model.task import Task
+from ..model.task import Task, require_task
 from .task_path import ClosedPath, TaskPath, closed_path
 
 PathOfFrame: TypeAlias = ClosedPath | Callable[[Task, Array], ClosedPath] | None
@@ -89,6 +89,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     >>> path.twist(0.3).shape  # of both frames
     (12,)
     """
+    q0 = vector(q0, require_task(task).n, "q0")
     listed = list_of(paths, "path", "a list of one path per frame, None to hold still")
     if len(listed) != len(task.frames):
         raise InputError(

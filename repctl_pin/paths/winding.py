@@ -43,3 +43,10 @@ def winding(task: Task, path: TaskPath) -> int:
             (np.unwrap(np.arctan2(y, x))[-1] - np.arctan2(y[0], x[0])) / (2 * np.pi)
         )
     )
+
+
+def winding_words(turns: int, joint: str) -> str:
+    """Write that a path winds around the axis of a joint, and what follows."""
+    times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
+    winds = f"the path winds {times} around the axis of {joint}"
+    return f"{winds}, so it need not close under any control"

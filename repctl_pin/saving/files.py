@@ -13,10 +13,11 @@ from ..design import Design
 from ..errors import InputError, RepctlError
 from ..model.robot import Robot
 from ..model.task import Task, require_task
+from ..model.tool import require_pose
 from ..plugins import Extension, all_extensions
 from .design_file import FORMAT, KIND, FileKind, read, write
 from .schema import Sealed
-from .task_identity import compare, task_of
+from .task_identity import carrying_tool, compare, task_of
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
@@ -122,18 +123,23 @@ def load(path: str | Path, task: Task | None = None) -> Any:
             f"load it with the task: rp.load({where!r}, rp.Robot.load({made_for.file!r})"
             f".task({made_for.frame!r}, {made_for.task!r}))"
         )
-    return made_of(
-        content, task or task_of(made_for, Robot.load(made_for.robot)), where
-    )
+    if task is None:
+        task = task_of(made_for, Robot.load(made_for.robot))
+    return made_of(content, carrying_tool(made_for, task), where)
 
 
-def load_design(path: str | Path, task: Task | None = None) -> Design:
+def load_design(
+    path: str | Path, task: Task | None = None, *, frame: str | None = None
+) -> Design:
     """Read a design of a repeatable inverse from a file, see :func:`load`.
 
     Parameters
     ----------
     path, task
         As for :func:`load`.
+    frame
+        Another link on the same body, which the design is converted to: see
+        :meth:`Design.with_tool`.
 
     Returns
     -------
@@ -142,7 +148,8 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
     Raises
     ------
     InputError
-        If the file holds a function over a cell, or as for :func:`load`.
+        If the file holds a function over a cell; if ``frame`` is on another body, or the task is
+        no pose task; or as for :func:`load`.
 
     Examples
     --------
@@ -152,8 +159,24 @@ def load_design(path: str | Path, task: Task | None = None) -> Design:
     """
     design = load(path, task)
     if isinstance(design, Design):
-        return design
+        return design if frame is None else _on_frame(design, frame)
     raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
+
+
+def _on_frame(design: Design, frame: str) -> Design:
+    """Convert a design to another link on the same body."""
+    from ..design.with_tool import for_task  # few designs change their frame
+
+    task = require_pose(design.task)
+    robot = task.robot
+    assert isinstance(robot, Robot), "tasks are made by robots"
+    moving = robot.chain(frame)
+    joints = [joint for joint in task.robot_joints if joint in moving]
+    own = robot.task(frame, task.kind, joints=joints)
+    if task.coordinates is not None:
+        own = own.in_coordinates(task.coordinates.T)
+    moved: Design = for_task(design, own)
+    return moved
 
 
 def read_design(path: str | Path) -> Any:

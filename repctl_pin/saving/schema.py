@@ -172,7 +172,8 @@ class TaskFile(Part):
     """Robot and task of a design; ``coordinates`` is T of other joint coordinates ψ, q = T ψ.
 
     ``limits`` are those of ``joints``; they are not in older files. ``frames`` are there only if
-    the task has several; ``frame`` and ``task`` then join their names.
+    the task has several; ``frame`` and ``task`` then join their names. ``tool`` is the placement of
+    a tool in ``frame``, if the task is that of the tool.
     """
 
     robot: str
@@ -187,6 +188,7 @@ class TaskFile(Part):
     fingerprint: list[Check]
     limits: list[JointRange] | msgspec.UnsetType = msgspec.UNSET
     frames: list[FrameFile] | msgspec.UnsetType = msgspec.UNSET
+    tool: Rows | msgspec.UnsetType = msgspec.UNSET
 
 
 class PieceFile(Part):

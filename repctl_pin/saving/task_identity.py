@@ -12,6 +12,7 @@ from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames
 from ..model.task import Task
 from ..model.task_parts import check_configurations
+from ..model.tool import ToolTask, with_tool
 from .changes import ranges_of
 from .schema import Check, FrameFile, TaskFile
 
@@ -37,13 +38,16 @@ def identity(task: Task) -> TaskFile:
         file=file,
         base=robot.base,
         lock=list(robot.locked),
-        frame=task.frame,
+        frame=task.link if isinstance(task, ToolTask) else task.frame,
         task=str(task.kind),
         joints=list(task.robot_joints),
         coordinates=T,
         fingerprint=checks,
         limits=ranges_of(task),
         frames=_frames(task),
+        tool=task.tool.homogeneous.tolist()
+        if isinstance(task, ToolTask)
+        else msgspec.UNSET,
     )
 
 
@@ -83,11 +87,16 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
     else:
         frames = [(one.frame, one.task, one.base) for one in made_for.frames]
         task = robot.task(frames, joints=made_for.joints)
-    return (
-        task
-        if made_for.coordinates is None
-        else task.in_coordinates(made_for.coordinates)
-    )
+    if made_for.coordinates is not None:
+        task = task.in_coordinates(made_for.coordinates)
+    return carrying_tool(made_for, task)
+
+
+def carrying_tool(made_for: TaskFile, task: Task) -> Task:
+    """Return the task of the tool of a file, if the task is that of the link that carries it."""
+    if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
+        return task
+    return task if task.frame != made_for.frame else with_tool(task, made_for.tool)
 
 
 def compare(made_for: TaskFile, task: Task, where: str) -> None:

@@ -19,10 +19,10 @@ from ..paths import TaskPath
 from ..paths.task_path import Cycle
 from ..regions import Region, Tube
 from ..strategies import Inverse
-from ..strategies.names import LABELS
 from .choose_start import plain_cycle, violations
 from .period import choose_period
 from .problem import Problem, tube_around
+from .quantities import LABELS
 
 _Make = Callable[[Region], Design]
 _Say = Callable[[str], None]

@@ -19,7 +19,6 @@ from ..motion.joint_motion import violations_of
 from ..paths import ClosedPath, TaskPath, closed_path
 from ..regions.region import sobol
 from ..strategies import Pseudoinverse
-from .task_choice import inner_limits
 
 PathOf = Callable[[Task, Array], ClosedPath]
 
@@ -145,7 +144,7 @@ def _dexterous(task: Task) -> Iterator[Array]:
     Any two of them differ by more than 0.5 rad or m in some joint.
     """
     middle = task.from_robot(task.robot.poses["middle"])
-    low, high = inner_limits(task)
+    low, high = _inner_limits(task)
     low = np.maximum(middle - 2.0, low)
     high = np.minimum(middle + 2.0, high)
     points = low + (high - low) * sobol(task.n, 512, 0)
@@ -269,3 +268,17 @@ def _best_first(
     yield from faint
     yield from violating
     yield from wild
+
+
+def _inner_limits(task: Task) -> tuple[Array, Array]:
+    """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each.
+
+    A missing limit is replaced by one at least 3 rad or m from 0 and from the reference pose.
+    """
+    low = np.where(
+        np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0)
+    )
+    high = np.where(
+        np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0)
+    )
+    return low + 0.1 * (high - low), high - 0.1 * (high - low)

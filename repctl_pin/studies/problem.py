@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,12 +27,14 @@ from ..model.robot import Robot
 from ..model.task import Task
 from ..motion import Motion, fitting_circle, follow
 from ..paths import ClosedPath, TaskPath, closed_path
-from ..paths.several_paths import PathOfFrame, several_paths
 from ..paths.shapes import PLANES
 from ..regions import Box, Region, Tube
 from ..strategies import Pseudoinverse
 from .choose_start import GIVEN, PathOf, PathStart, starts
 from .task_choice import choose_task
+
+if TYPE_CHECKING:
+    from ..paths.several_paths import PathOfFrame
 
 _RegionOf = Callable[[Task, Array], Region]
 
@@ -296,6 +298,8 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
     if path is None:
         return lambda task, q0: fitting_circle(task, q0, plane=plane)
     if isinstance(path, (list, tuple)):
+        from ..paths.several_paths import several_paths
+
         own = [
             _checked_path(each, None) if isinstance(each, str) else each
             for each in path

@@ -1,4 +1,4 @@
-"""The quantities of a motion by which strategies are compared: name, unit, value and meaning.
+"""The strategies of a study, and the quantities by which it compares their motions.
 
 Each is declared here once; the table of a study, its legend and its JSON read it.
 """
@@ -12,6 +12,17 @@ import numpy as np
 
 from ..motion import Motion
 from ..motion.joint_motion import TOO_FAST
+
+LABELS = {
+    "pseudoinverse": "J⁺",
+    "posture": "J⁺ + posture",
+    "posture_off": "J⁺ + other posture",
+    "repeatable": "nearest repeatable",
+}
+"""Label of each strategy of a study, by its name in files."""
+
+KEYS = {label: key for key, label in LABELS.items()}
+"""Name in files of each strategy, by its label."""
 
 JOINTS = "joints"
 """Unit of a norm over the joints: rad, m, or both."""

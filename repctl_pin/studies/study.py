@@ -24,15 +24,14 @@ from ..plugins import parts
 from ..redundancy import align, leaf_margin, nullspace
 from ..regions import Region
 from ..strategies import PostureControl, Pseudoinverse, Strategy
-from ..strategies.names import LABELS
 from .around_motion import design_for, own_failure, shrunk_note
-from .desired import choose_desired
+from .design_choice import choose_degree, choose_desired
 from .period import choose_period
 from .problem import Problem
+from .quantities import LABELS
 from .study_notes import least_motion_notes, motion_notes, unlimited_speeds
 from .study_result import Row, Study, evaluated
 from .task_choice import kind_note
-from .work import choose_degree
 
 _Control = Strategy | Callable[[Array, Array], ArrayLike]
 

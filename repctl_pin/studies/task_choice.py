@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Array
 from ..errors import InputError
 from ..model.kind import KINDS, task_kind
 from ..model.length import arm_length
-from ..model.random_configurations import random_configurations
 from ..model.robot import Robot
 from ..model.task import Task
+from ..motion.solve_ik import random_configurations
 from ..redundancy.inverses import inverse_condition_number
 
 _PREFERRED = [KINDS[name] for name in ("pose", "position", "xy", "xz", "yz")]
@@ -77,20 +76,6 @@ def kind_note(task: Task) -> list[str]:
     if task.n <= first.m:
         return [f"{using} are not redundant for a {first} task"]
     return [f"{using} never move {task.frame} in all coordinates of a {first} task"]
-
-
-def inner_limits(task: Task) -> tuple[Array, Array]:
-    """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each.
-
-    A missing limit is replaced by one at least 3 rad or m from 0 and from the reference pose.
-    """
-    low = np.where(
-        np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0)
-    )
-    high = np.where(
-        np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0)
-    )
-    return low + 0.1 * (high - low), high - 0.1 * (high - low)
 
 
 def _redundant(robot: Robot, task: Task) -> Task:

@@ -37,6 +37,20 @@ def table(file: Path) -> tuple[list[str], np.ndarray]:
     return header[1:], numbers[:, 1:]
 
 
+def test_a_path_around_the_base_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turn = np.pi / 18 * np.append(np.arange(36), 0)
+    ring = np.c_[2.6 * np.cos(turn), 2.6 * np.sin(turn), 0 * turn]
+    np.savetxt(tmp_path / "ring.csv", ring, delimiter=",")
+    command = ["follow", "planar3r", "--strategy", "pseudoinverse", "--json"]
+    assert main([*command, "--path", str(tmp_path / "ring.csv")]) == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert notes[0] == (
+        "the path winds once around the axis of theta1, so it need not close under any control"
+    )
+
+
 def test_the_csv_is_the_motion(saved, panda_design, q_panda, capsys) -> None:
     command = [
         "follow",

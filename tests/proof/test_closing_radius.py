@@ -81,20 +81,54 @@ def test_bounds_of_the_inverse_hold_and_are_close(tmp_path: Path) -> None:
                 assert np.median(bound / found) < 1.05, design.task
 
 
+def sampled_radius(design: rp.Design, ratio: float) -> float:
+    """``∫₀¹ ds / K(s)`` of the largest sampled rates K on shells of a box."""
+    D, q, n = design.region.half_width, design.region.center, design.task.n
+    U = np.sign(np.random.default_rng(0).uniform(-1, 1, (2000, n)))
+    K = [(rates(design, q + s * D * U, ratio) / D).max() for s in np.arange(1, 25) / 24]
+    return float(sum(1 / 24 / np.maximum.accumulate(K)))
+
+
 def test_the_panda_s_radius_is_close_to_the_sampled_one(
     panda_design: rp.Design,
 ) -> None:
     closes = rp.prove(panda_design, margin=0.3, seconds=60).closes
     assert closes and closes.around == "start" and closes.kind == "pose"
-    D, box = panda_design.region.half_width, panda_design.region
-    U = np.sign(np.random.default_rng(0).uniform(-1, 1, (2000, 7)))
-    shells = (np.arange(24) + 1) / 24
-    K = [(rates(panda_design, box.center + s * D * U, 3.0) / D).max() for s in shells]
-    sampled = sum(1 / 24 / np.maximum.accumulate(K))
+    sampled = sampled_radius(panda_design, 3.0)
     assert closes.metres < 1.2 * sampled
     if closes.complete:  # within the time, which other programs may have used
         assert closes.metres > 0.9 * sampled
     assert closes.radians == pytest.approx(3 * closes.metres)
+
+
+TIGHT = {
+    "xarm7": ("link_eef", "pose", [0, -0.5, 0, 1.0, 0, 1.4, 0]),
+    "baxter": ("right_gripper", "pose", [0, -0.4, 0, 1.0, 0, 0.9, 0]),
+    "prr": ("tool", "xy", None),  # a rail
+    "tiago": (
+        "wrist_ft_tool_link",
+        "pose",
+        [0.25, 0.9, -0.4, -0.8, 1.6, -0.5, 0.6, 0.5],
+    ),
+    "planar4r": ("tool", "xy", [0.3, 0.7, 0.7, 0.7]),
+}
+"""Frame, kind of task and start of robots."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", TIGHT)
+def test_radii_are_close_to_sampled_ones(name: str) -> None:
+    frame, kind, start = TIGHT[name]
+    task = rp.Robot.load(name).task(frame, kind)
+    q = np.array(task.reference if start is None else start)
+    options = rp.FitOptions(samples=256, held_out=128)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(q, 0.3), degree=2, options=options
+    )
+    closes = rp.prove(design, margin=0.1, seconds=60).closes
+    sampled = sampled_radius(design, 3.0 if kind == "pose" else 0.0)
+    assert 0.9 * sampled < closes.metres < 1.2 * sampled
 
 
 def test_wild_paths_within_the_radius_close(

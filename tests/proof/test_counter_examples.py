@@ -57,11 +57,10 @@ def ring_gap(
     whether all of its poses are within the closing radius around the start."""
     p, R = around_the_base(design.task, q, turns)
     try:
-        end, share = lift(design, q[None], p, R, 4)
-    except (
-        np.linalg.LinAlgError,
-        rp.InputError,
-    ):  # it left all poses that can be reached
+        with np.errstate(all="ignore"):
+            end, share = lift(design, q[None], p, R, 4)
+    except (np.linalg.LinAlgError, rp.InputError):
+        # it left all poses that can be reached
         return np.nan, np.inf, False
     away = np.abs(end[0] - q)
     closes = rp.prove(design, margin=0.01, seconds=1).closes

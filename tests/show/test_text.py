@@ -223,6 +223,8 @@ def test_a_winding_path_is_said_first() -> None:
         "The path winds once around the axis of theta1, so it need not close under any control. "
     )
     assert "winds" not in words(headline_of(wound[1:], 10))[0]
+    both = words(headline_of([wound[0], wound[0]], 10))[0]
+    assert "need not close under any control: both arms are off. " in both
 
 
 def test_what_is_not_checked_for_collisions_is_said() -> None:

@@ -97,7 +97,10 @@ BAD = {
         "git lfs pull",
     ),
     "sdf": ('<?xml version="1.0"?><sdf version="1.9"><model name="m"/></sdf>', "SDF"),
-    "mjcf": ('<mujoco model="m"><worldbody/></mujoco>', "MJCF"),
+    "mjcf": (
+        '<mujoco model="m"><worldbody><joint/></worldbody></mujoco>',
+        "MuJoCo cannot",
+    ),
     "srdf": ('<robot name="r"><group name="arm"/></robot>', "SRDF"),
     "collada": ('<COLLADA xmlns="http://www.collada.org"/>', "COLLADA"),
     "other root": ("<!-- hello -->\n<launch/>", "line 2", "<launch>", "<robot>"),

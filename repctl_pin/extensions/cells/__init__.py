@@ -5,6 +5,7 @@ from ...plugins import Extension
 EXTENSION = Extension(
     __name__,
     names={
+        "best_cell": "BestCell best_cell",
         "cell": "Cell",
         "cell_design": "CellDesign",
         "cell_file": "load_cell",

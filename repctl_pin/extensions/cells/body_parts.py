@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array
 from ...certificate import fingerprint
-from ...model.body_shapes import fixed_placements
 from ...model.catalogue import disabled_pairs
-from ...model.model import link_frames
+from ...model.model import fixed_placements, link_frames
 from ...model.shapes import Solid, find_mesh
 from ...model.task import Task
 from ...model.validate import Description

@@ -30,6 +30,7 @@ HELP = (
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
+  repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90
   repctl cell panda --path circle:0.1 --half-width 0.03
   repctl cell panda --sector --radius 0.17 --height 0.2 --angle all
   repctl cell my_arm.urdf --task position --half-width 0.2 --shrink
@@ -52,6 +53,7 @@ def add_options(parser: Parser) -> None:
         "the margin around the path"
     )
     add("--half-width", metavar="W", help=width)
+    _add_size(parser)
     add(
         "--half-angle",
         default="0",
@@ -112,6 +114,32 @@ def add_options(parser: Parser) -> None:
     add("--json", action="store_true", help="print JSON instead of the table")
     add(
         "--quiet", action="store_true", help="print only errors, and the JSON of --json"
+    )
+
+
+def _add_size(parser: Parser) -> None:
+    """Add the options of a box that is placed where it fits."""
+    add = parser.add_argument
+    add(
+        "--size",
+        metavar="X,Y,Z",
+        help="edges of a box, m, in place of --half-width: the box is placed where it fits best, "
+        "or nearest to --at; if it fits nowhere, the largest box of this shape",
+    )
+    for name, where in (("down", "down"), ("forward", "along x of the base")):
+        text = f"orientation with the tool's z axis {where} (with --size)"
+        add(f"--{name}", action="store_true", help=text)
+    add(
+        "--rpy",
+        metavar="R,P,Y",
+        help="orientation as roll, pitch and yaw in degrees (with --size)",
+    )
+    add(
+        "--yaw",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="turn of the tool about the base's z axis, degrees (with --size; default 0)",
     )
 
 
@@ -192,7 +220,9 @@ def run(options: Options) -> int:
     if design.function.chart.cell.widths[0] != cell.widths[0]:
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         notes.insert(0, f"--shrink: {sizes}")
-    if options.start is None:
+    if asked.note:
+        notes.insert(0, asked.note)
+    elif options.start is None:
         notes.append(f"the start is {asked.start_is}")
 
     def text() -> list[Span]:
@@ -248,12 +278,15 @@ class _Asked(NamedTuple):
         Description of the start: ``as given``, ``the reference pose``.
     crowded : bool
         True if the cell fits from no default start.
+    note : str
+        Where the cell was placed, and why no larger one.
     """
 
     cell: rp.Cell
     posture: Any
     start_is: str
     crowded: bool
+    note: str = ""
 
 
 def _asked(options: Options) -> _Asked:
@@ -268,6 +301,8 @@ def _asked(options: Options) -> _Asked:
     if around and options.at is not None:
         raise InputError("--path and --at are mutually exclusive")
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
+    if options.size is not None:
+        return _placed(options, at)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
         """Make the box around the path, or the box or sector around the start's pose."""
@@ -290,6 +325,40 @@ def _asked(options: Options) -> _Asked:
     return _Asked(cell, posture, problem.start_is, False)
 
 
+def _placed(options: Options, at: Any) -> _Asked:
+    """Place the box of ``--size`` where it fits best."""
+    import numpy as np
+    import pinocchio as pin
+
+    if options.start is not None:
+        raise InputError("--size and --start are mutually exclusive")
+    task = options.problem(path=False).task
+    orientation: Any = None
+    if options.rpy is not None:
+        angles = np.radians(_numbers(options.rpy, "--rpy", 3))
+        orientation = pin.rpy.rpyToMatrix(*angles)
+    elif options.down or options.forward:
+        orientation = "down" if options.down else "forward"
+    place = rp.best_cell(
+        task,
+        _numbers(options.size, "--size"),
+        orientation=orientation,
+        yaw=float(np.radians(options.yaw)),
+        at=at,
+        seed=options.seed,
+    )
+    cell = place.cell
+    posture: Any = place.posture
+    if options.half_angle != "0":
+        angle = _numbers(options.half_angle, "--half-angle")
+        cell, posture = rp.Cell(task, cell.placement, cell.half_width, angle), None
+    note = f"placed at {cell.where(np.zeros(cell.k))}, where J⁺ reaches every corner"
+    if place.factor < 1:
+        share = f"{100 * place.factor:.0f} % of the size that was asked for"
+        note += f"; {share}, because at full size, {place.reason}"
+    return _Asked(cell, posture, "searched for the cell", False, note)
+
+
 _OF_A_SECTOR = {
     "--radius": None,
     "--height": "0",
@@ -303,6 +372,19 @@ _OF_A_SECTOR = {
 def _require_one_shape(options: Options, around: bool) -> None:
     """Raise an error for options of a box with ``--sector``, or of a sector without it."""
     said = vars(options)
+    if [options.down, options.forward, options.rpy is not None].count(True) > 1:
+        raise InputError("--down, --forward and --rpy are mutually exclusive")
+    if options.size is not None:
+        for name, there in (
+            ("--half-width", options.half_width is not None),
+            ("--path", around),
+            ("--sector", options.sector),
+        ):
+            if there:
+                raise InputError(f"--size and {name} are mutually exclusive")
+    for name in ("--down", "--forward", "--rpy", "--yaw"):
+        if said[name[2:]] and options.size is None:
+            raise InputError(f"{name} requires --size")
     if options.sector:
         for name, there in (
             ("--half-width", options.half_width),
@@ -316,8 +398,10 @@ def _require_one_shape(options: Options, around: bool) -> None:
     for name, default in _OF_A_SECTOR.items():
         if said[name[2:]] != default:
             raise InputError(f"{name} requires --sector")
-    if options.half_width is None:
-        raise InputError("--half-width is missing; give it, or --sector with --radius")
+    if options.half_width is None and options.size is None:
+        raise InputError(
+            "--half-width is missing; give it, or --size, or --sector with --radius"
+        )
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:
@@ -385,8 +469,8 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     increased for them, or if a motion failed. Without the function's motion there is none.
     """
     from ...defaults import PERIOD
-    from ...strategies.names import LABELS
     from ...studies.period import choose_period
+    from ...studies.quantities import LABELS
     from .problem_of_cell import tour
 
     path, failed = tour(design.cell), {}

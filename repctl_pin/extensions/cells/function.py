@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +31,9 @@ from .chart import Chart
 from .kinematics import null_bases, placed
 from .native_function import native_function
 from .targets import FORMS, as_poses, homogeneous
+
+if TYPE_CHECKING:
+    from .tool_function import ToolFunction
 
 _MOST_THREADS = 256
 _MARCH = 0.05
@@ -251,6 +254,27 @@ class InverseFunction:
     def inverse(self) -> RepeatableInverse:
         """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
         return RepeatableInverse(self.task, CellPotentials(self.chart))
+
+    def with_tool(self, placement: Placement) -> ToolFunction:
+        """Create the function of another tool on the same body: ``F'(x) = F(x T⁻¹)``, exactly.
+
+        It has a value at the poses x T, x in the cell. Save and export this function, not that
+        of the tool: a robot's program multiplies its poses by T⁻¹.
+
+        Parameters
+        ----------
+        placement : pinocchio.SE3 or (4, 4) array
+            Placement T of the tool in the frame of the task.
+
+        Raises
+        ------
+        InputError
+            If the task is no pose task: the self-motion of other tasks changes with the point that
+            they control.
+        """
+        from .tool_function import ToolFunction  # few functions change their tool
+
+        return ToolFunction(self, placement)
 
     def leaves(self, target: Placement) -> Array:
         """Find the interval (r, 2) of each component c_j of the leaf at a pose; all others are 0.

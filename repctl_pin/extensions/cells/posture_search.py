@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import Array, read_only, vector
 from ...errors import InputError
 from ...model.bodies import bodies_of
-from ...model.random_configurations import random_configurations
+from ...motion.solve_ik import random_configurations
 from ...redundancy.inverses import inverse_condition_number
 from ...solvers import newton_rows
 from ...strategies.strategy import Inverse

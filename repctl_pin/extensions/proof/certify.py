@@ -68,7 +68,7 @@ def prove(
         region is no certificate of the design.
     closes
         Closing radius to prove: metres, or (metres, radians). By default the largest one that some
-        100,000 boxes prove; False for none. A closed path: the largest
+        250,000 boxes prove; False for none. A closed path: the largest
         one along it, in place of the surroundings of the start; for a tube, by default along the
         path of the design's cycle. A function closes all paths in its cell.
     ratio

@@ -8,11 +8,12 @@ from ...arguments import Array
 from ...certificate import ClosingRadius
 from ...design import Design
 from ...errors import SingularityError
+from ...model.task import Task
 from ...motion import follow
 from ...paths.task_path import ClosedPath
 from ...regions import Box, Region, Tube, WorkspaceBox
 from .leaf_margin_bounds import LeafMarginProblem
-from .lifts import Places, bound_reach
+from .lifts import Places, Reach, bound_reach
 
 _CYCLE_STEPS = 100
 """Number of configurations along a path, between which straight lines are taken."""
@@ -20,7 +21,7 @@ _CYCLE_STEPS = 100
 _SECTION = 0.25
 """Motion of a joint within one place of a path, relative to its clearance."""
 
-_MOST = {"start": 120_000, "path": 20_000}
+_MOST = {"start": 250_000, "path": 20_000}
 """Number of boxes after which the largest radius found so far is taken."""
 
 _CLOSED = 1e-7
@@ -86,10 +87,8 @@ def closing_radius(
                 if goal is not None and radius >= goal:
                     why, complete = "no larger one was asked for", True
                 else:
-                    away = places.clearance[found.place, found.joint]
-                    unit = "rad" if task.revolute[found.joint] else "m"
-                    where = f"{task.joint_names[found.joint]} may leave Ω, {away:.2g} {unit} away"
                     undecided = f"not all of Ω was decided in {boxes} boxes; "
+                    where = _edge(task, places, found)
                     why = where if complete else undecided + where
     return ClosingRadius(
         radius,
@@ -103,6 +102,15 @@ def closing_radius(
         complete,
         why,
     )
+
+
+def _edge(task: Task, places: Places, found: Reach) -> str:
+    """Write what ends a radius."""
+    if not found.regular:
+        return "farther away, J_V is not proved to be regular"
+    away = places.clearance[found.place, found.joint]
+    unit = "rad" if task.revolute[found.joint] else "m"
+    return f"{task.joint_names[found.joint]} may leave Ω, {away:.2g} {unit} away"
 
 
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:

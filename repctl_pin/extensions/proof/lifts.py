@@ -84,6 +84,8 @@ class Reach:
         Place and joint at which a longer line may leave the clearance.
     complete : bool
         False if the search ended before all boxes were decided.
+    regular : bool
+        False if there are boxes around that place in which J_V is not proved to be regular.
     """
 
     radius: float
@@ -91,6 +93,7 @@ class Reach:
     place: int
     joint: int
     complete: bool
+    regular: bool
 
 
 def bound_reach(
@@ -265,6 +268,7 @@ class _Search:
             worst,
             int(last[worst]),
             not len(self.low),
+            bool(np.isfinite(rates[worst]).all()),
         )
 
 

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...files import prepare_folder, write_whole
 from ...motion import Motion
 from ...paths.several_paths import paths_of
-from ...strategies.names import KEYS
+from ...studies.quantities import KEYS
 from ...studies.study_result import Study
 from ..notebook import frame
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION

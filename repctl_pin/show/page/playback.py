@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -24,7 +24,7 @@ from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
 from ...motion.joint_motion import JointMotion, cycle_of
-from ...strategies.names import LABELS
+from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.parts import part_name
@@ -90,7 +90,8 @@ def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
     if not isinstance(task, SeveralFrames):
         return [TracedChain(task, elbow(task, q0))]
     whole = task.to_robot(q0)
-    singles = [task.robot.task(spec.frame, spec.kind) for spec in task.specs]
+    robot = cast(Robot, task.robot)
+    singles = [robot.task(spec.frame, spec.kind) for spec in task.specs]
     return [TracedChain(one, elbow(one, one.from_robot(whole))) for one in singles]
 
 
@@ -195,14 +196,18 @@ def playback_page(
         _arm(chains, track, done, (visuals, bodies, links), frames, bool(own))
         for track, done in zip(tracks, played, strict=True)
     ]
-    task = chains[0].task
-    start = chains[0].task.from_robot(tracks[0].Q[0])
+    moved = tracks[0].motion
+    several = moved is not None and len(moved.task.frames) > 1
+    whole = [[track.motion] for track in tracks if track.motion is not None]
+    said: Sequence[Sequence[JointMotion]] = whole if several else played
+    task = moved.task if several and moved else chains[0].task
+    start = task.from_robot(tracks[0].Q[0])
     most = np.max([arm.off[-1] for arm in arms], axis=0)
     link, _ = farthest(visuals.shapes, most, links)
     if headline is None:
         summaries = [
-            _summary(chains, done, track, farthest(arm.shapes, arm.off[-1], links))
-            for done, track, arm in zip(played, tracks, arms, strict=True)
+            _summary(done, track, farthest(arm.shapes, arm.off[-1], links))
+            for done, track, arm in zip(said, tracks, arms, strict=True)
         ]
         headline = headline_of(summaries, cycles, stopped, hands=len(chains))
     lines = (
@@ -221,9 +226,10 @@ def playback_page(
         seconds=_cycle_time(tracks[0]) if seconds is None else seconds,
         title=f"{task.robot.name}: {name}",
         caption="\n".join(
-            f"{one.frame}: {one.kind.words}, {one.n} joints, {one.r} redundant"
+            f"{one.frame}: {one.kind.words}{'' if several else _redundancy(one)}"
             for one in (chain.task for chain in chains)
-        ),
+        )
+        + (_redundancy(task) if several else ""),
         planar=is_planar(np.vstack([*origins, *lines])),
         frames=frames,
         headline=headline,
@@ -231,6 +237,11 @@ def playback_page(
         surfaces=surfaces,
         own=own,
     )
+
+
+def _redundancy(task: Task) -> str:
+    """Write how many joints a task has, and how many are redundant."""
+    return f", {task.n} joints, {task.r} redundant"
 
 
 def _cycle_time(track: Playback) -> float:
@@ -346,18 +357,16 @@ def _broken(
 
 
 def _summary(
-    chains: Sequence[TracedChain],
-    played: Sequence[JointMotion],
-    track: Playback,
-    moved: tuple[str, float],
+    played: Sequence[JointMotion], track: Playback, moved: tuple[str, float]
 ) -> MotionSummary:
     """Summarise a motion for the headline.
 
-    ``moved`` is the link that is off most, and how far, m. With several chains, each quantity is
-    the worst one, except the joint speed, which is that of all joints together. Body distances and
-    other end effectors are left out, because the chains move each other's bodies.
+    ``moved`` is the link that is off most, and how far, m. If several chains were played, each
+    quantity is the worst one, except the joint speed, which is that of all joints together. Body
+    distances and other end effectors are then left out, because the chains move each other's
+    bodies.
     """
-    alone = len(chains) == 1
+    alone = len(played) == 1
     summaries = [
         motion_summary(track.label, one, moved, bodies=alone) for one in played
     ]

@@ -12,6 +12,7 @@ from ...model.end_effectors import words as link_words
 from ...motion.follow import UNRESOLVED
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
+from ...paths.winding import winding_words
 from ...studies.study_result import Row
 from .lines import Span, capital
 from .numbers import counted, displacement, metres, percent, radians
@@ -161,13 +162,9 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
     turns, joint = summaries[-1].winding if summaries else (0, "")
     if not turns or all(one.back and not one.turned for one in summaries):
         return []
-    times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
-    return [
-        Span(
-            f"The path winds {times} around the axis of {joint}, so it need not close under "
-            "any control. "
-        )
-    ]
+    off = sum(not one.back or one.turned for one in summaries)
+    both = ": both arms are off" if len(summaries) == off == 2 else ""
+    return [Span(f"{capital(winding_words(turns, joint))}{both}. ")]
 
 
 def end_name(link: str) -> str:

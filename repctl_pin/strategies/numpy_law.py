@@ -1,19 +1,19 @@
-"""Control law of a repeatable inverse, with feedback to its leaf (the leaf lock).
+"""Control law of a repeatable inverse in NumPy, with feedback to its leaf.
 
-It stands twice: in C (:mod:`.native_law`), which is the default, and here in NumPy, as reference
-and for what C cannot hold: user-defined potentials, arms of more than 64 joints.
+The law stands twice: in C (:mod:`.native_law`), which is the default, and here, as reference and
+for what C cannot hold: user-defined potentials, arms of more than 64 joints.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dgetrf, dgetri
 
 from ..arguments import Array
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..redundancy.augmented import augmented_inverse, is_regular
+from .damping import damped
 from .step_arguments import StepLimits, failure
 
 
@@ -75,7 +75,7 @@ class NumPyLaw:
         if not (np.abs(x) <= most).all():
             rhs[task.m :] = 0.0
             x_task, _ = self._damped(q, J_V, rhs, limits.damping)
-            x, slowed = within(x, x_task, most)
+            x, slowed = _within(x, x_task, most)
             self._report = used, slowed
         return q + x
 
@@ -116,43 +116,7 @@ class NumPyLaw:
         return x, used
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
-    """Solve ``J_V x = rhs``, damped where J_V is near a singularity.
-
-    ``x = Σ_i v_i σ_i / (σ_i² + λ²) u_iᵀ rhs``, with ``λ² = λ_max² (1 − (σ_min / 2λ_max)²)`` where
-    ``σ_min < 2 λ_max`` and λ = 0 elsewhere. So x is continuous in J_V, and
-    ``‖x‖ ≤ ‖rhs‖ / (√3 λ_max)`` where λ > 0.
-
-    Parameters
-    ----------
-    J_V : (n, n) array
-    rhs : (n,) array
-    most : float
-        λ_max.
-
-    Returns
-    -------
-    x : (n,) array
-    damping : float
-        The λ that was used; 0 where the solution is exact.
-    """
-    factors, pivots, info = dgetrf(J_V)
-    if not info:
-        inverse, _ = dgetri(factors, pivots)
-        if np.linalg.norm(inverse) < 1 / (
-            2 * most
-        ):  # σ_min ≥ 1 / ‖J_V⁻¹‖_F: surely far from singular
-            return inverse @ rhs, 0.0
-    if not np.isfinite(J_V).all():
-        return np.full(len(rhs), np.nan), 0.0
-    U, s, V_T = np.linalg.svd(J_V)
-    ratio = s[-1] / (2 * most)
-    square = most * most * (1 - ratio**2) if ratio < 1 else 0.0
-    return V_T.T @ ((U.T @ rhs) * s / (s**2 + square)), float(np.sqrt(square))
-
-
-def within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
+def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     """Shorten a step ``x = x_task + x_leaf`` to the maximum step of each joint.
 
     The return to the leaf, x_leaf, is scaled down first, so that the task keeps its speed. If that

@@ -1,13 +1,17 @@
-"""Choice of the degree of a design, by its estimated computation time."""
+"""Choices of a design: the desired inverse G_d, and the degree, by the time it takes."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from ..defaults import DEGREE, NODES
 from ..errors import InputError
 from ..model.task import Task
 from ..potentials import Polynomial
+from ..strategies import Inverse, Pseudoinverse, WeightedInverse
 
 _LONG = 60.0
 """Estimated processor time of a design, s, above which a lower degree is chosen, or a note made."""
@@ -17,6 +21,25 @@ _TOO_LONG = 600.0
 
 _RATE = 3000.0
 """Speed of a design: entries of the Gauss–Newton matrix summed over 16,384 nodes, per second."""
+
+
+def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse, str]:
+    """Create the desired inverse G_d, and its description.
+
+    G_d is J⁺ for None, or J⁺ weighted by ``inertia``, by ``limits``, or by numbers.
+    """
+    if weight is None:
+        return Pseudoinverse(task), "J⁺"
+    if isinstance(weight, str) and weight == "limits":
+        from ..strategies.limit_weight import LimitWeight
+
+        limits = WeightedInverse(task, LimitWeight(task))
+        return limits, "J⁺ weighted by the nearness of joint limits"
+    desired = WeightedInverse(task, weight)
+    if isinstance(weight, str):
+        return desired, "J⁺ weighted by the inertia (least kinetic energy)"
+    numbers = ", ".join(f"{x:g}" for x in np.ravel(weight))
+    return desired, f"J⁺ weighted by {numbers}"
 
 
 def _design_seconds(task: Task, degree: int) -> float:

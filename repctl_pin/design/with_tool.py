@@ -1,0 +1,120 @@
+"""A design for another tool on the same body: the same potentials, the same leaves.
+
+``J' = A J`` with an invertible A, so the null space N, ``σ_min(Nᵀ V̂)`` and the joint paths of
+closed motions stay what they are, and ``G_r' = G_r A⁻¹``. See :mod:`repctl_pin.model.tool`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..certificate import ClosingRadius, Proof
+from ..errors import InputError
+from ..model.task import Task
+from ..model.tool import placement_between, require_pose
+from ..regions import WorkspaceBox
+from ..strategies import Pseudoinverse, RepeatableInverse, WeightedInverse
+from ..strategies.custom import CustomInverse
+from ..strategies.strategy import Inverse
+from .evaluation import evaluate_design
+from .subject import subject_of
+
+_SAME_ANGLE = 1e-7
+"""Angle, rad, by which a pose of constant orientation may be off, see :class:`ClosingRadius`."""
+
+_BELOW = 1 - 1e-12
+"""Factor that keeps a lower bound below its value where the conversion rounds."""
+
+
+def for_task(design: Any, task: Task) -> Any:
+    """Convert a :class:`Design` to the task of another frame on the same body.
+
+    The figures are evaluated again on the design's held-out nodes; those of the fit are kept, and
+    the cycle is dropped.
+
+    Raises
+    ------
+    InputError
+        If the frame is on another body, the task is no pose task, or Ω is a workspace box.
+    """
+    require_pose(design.task)
+    tool = placement_between(design.task, task)
+    region = design.region
+    if isinstance(region, WorkspaceBox):
+        raise InputError(
+            "Ω is a box of positions of the frame that the design was made for",
+            remedy="design again with the new tool's frame",
+        )
+    inverse = RepeatableInverse(task, design.inverse.potentials, region=region)
+    desired = _desired(design.desired, task)
+    evaluation = evaluate_design(
+        inverse, desired, region, samples=design.held_out, seed=design.seed + 1
+    )
+    figures = {k: v for k, v in vars(evaluation).items() if k != "replicates"}
+    subject = subject_of(task, design.potentials, design.coefficients, region)
+    proof = None if design.proof is None else _proof(design.proof, tool)
+    return replace(
+        design,
+        inverse=inverse,
+        desired=desired,
+        cycle=None,
+        proof=None if proof is None else proof.sealed(subject),
+        **figures,
+    )
+
+
+def _desired(desired: Inverse, task: Task) -> Inverse:
+    """Convert a desired inverse: ``G_d' = G_d A⁻¹``, which for J⁺ is the J⁺ of the new task."""
+    if isinstance(desired, Pseudoinverse):
+        return Pseudoinverse(task)
+    if isinstance(desired, WeightedInverse):
+        return WeightedInverse(task, desired.weight)
+    here, there = desired.task.placement, task.placement
+
+    def moved(q: Array) -> Array:
+        A_inverse = np.eye(6)
+        A_inverse[:3, 3:] = pin.skew(there(q).translation - here(q).translation)
+        return desired(q) @ A_inverse
+
+    return CustomInverse(task, moved)
+
+
+def _proof(proof: Proof, tool: pin.SE3) -> Proof:
+    """Convert a certificate to a tool with an offset t from the frame that was proved.
+
+    The leaf margin and the limit margin do not depend on the tool. With
+    ``‖A⁻¹‖₂ = (|t| + √(|t|² + 4)) / 2``, ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``.
+    """
+    length = float(np.linalg.norm(tool.translation))
+    norm = (length + np.sqrt(length**2 + 4)) / 2
+    sigma = proof.sigma_min / norm * _BELOW if length else proof.sigma_min
+    closes = proof.closes and _closes(proof.closes, tool)
+    what = f"{proof.what}, converted to another tool"
+    return replace(proof, what=what, sigma_min=sigma, closes=closes, seal="")
+
+
+def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
+    """Convert a closing radius ρ, α to a λρ, λα that the same proof covers.
+
+    The frame's origin is ``p = p' − R t``, so ``|p − p₀| ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|)``,
+    which is ρ for ``λ = ρ / (ρ + α|t|)``: metres are measured at another point of the body.
+    """
+    length = float(np.linalg.norm(tool.translation))
+    angle = (closes.radians or 0.0) + _SAME_ANGLE
+    factor = (
+        closes.metres / (closes.metres + angle * length) * _BELOW if closes else 1.0
+    )
+    poses = zip(closes.positions, closes.rotations, strict=True)
+    tools = [pin.SE3(R, p) * tool for p, R in poses]
+    return replace(
+        closes,
+        metres=factor * closes.metres,
+        radians=None if closes.radians is None else factor * closes.radians,
+        positions=np.array([one.translation for one in tools]),
+        rotations=np.array([one.rotation for one in tools]),
+    )

@@ -1,0 +1,141 @@
+"""Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...arguments import Array, as_int
+from ...errors import InputError
+from ...model.chain_formulas import Placement, as_placement, as_placements
+from ...model.task import Task
+from ...model.tool import rigid, with_tool
+from ...strategies import RepeatableInverse
+from .cell import Cell
+from .cell_potentials import CellPotentials
+from .targets import FORMS, as_poses, homogeneous
+
+
+class ToolFunction:
+    """Function over the poses of a tool, from the function of the frame that carries it.
+
+    Made by :meth:`InverseFunction.with_tool`.
+
+    Attributes
+    ----------
+    of_frame : InverseFunction
+        Function F of the frame.
+    task : Task
+        Pose task of the tool.
+    tool : pinocchio.SE3
+        Placement T of the tool in the frame.
+    """
+
+    def __init__(self, of_frame: Any, placement: Placement) -> None:
+        self.of_frame = of_frame
+        self.task: Task = with_tool(of_frame.task, placement)
+        self.tool: pin.SE3 = rigid(placement)
+        self._back = self.tool.inverse()
+
+    @property
+    def cell(self) -> Cell:
+        """Cell of the frame's poses: the tool's are x T, x in the cell."""
+        cell: Cell = self.of_frame.cell
+        return cell
+
+    def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate F': the configuration (n,) for a pose of the tool.
+
+        See :meth:`InverseFunction.__call__`.
+        """
+        q: Array = self.of_frame(as_placement(target) * self._back, leaf=leaf)
+        return q
+
+    def batch(
+        self,
+        targets: Sequence[Placement] | Array,
+        *,
+        leaf: ArrayLike | None = None,
+        missing: Literal["raise", "nan"] = "raise",
+        threads: int = 1,
+    ) -> Array:
+        """Evaluate F' at many poses of the tool: (K, n); see :meth:`InverseFunction.batch`.
+
+        Parameters
+        ----------
+        targets : list of placements, or (K, 4, 4) or (K, 7) array
+            Poses of the tool. Coordinates of the cell belong to the frame: give them to
+            ``of_frame``.
+        leaf, missing, threads
+            As for :meth:`InverseFunction.batch`.
+        """
+        threads = as_int(threads, "threads", 1)
+        if isinstance(targets, np.ndarray):
+            if (targets.ndim == 2 and targets.shape[1] != 7) or targets.ndim < 2:
+                raise InputError(
+                    "poses of a tool are placements, or a (K, 4, 4) or (K, 7) array",
+                    remedy="give coordinates of the cell to the function of the frame, of_frame",
+                )
+            X = homogeneous(*as_poses(self.task, targets))
+        else:
+            listed = as_placements(targets, "target", FORMS)
+            X = np.array([one.homogeneous for one in listed]).reshape(-1, 4, 4)
+        X = X @ self._back.homogeneous
+        Q: Array = self.of_frame.batch(X, leaf=leaf, missing=missing, threads=threads)
+        return Q
+
+    def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
+        """Compute the tool's pose X (K, 4, 4) at each configuration, and its leaf c (K, r).
+
+        See :meth:`InverseFunction.pose_and_leaf`.
+        """
+        X, C = self.of_frame.pose_and_leaf(Q)
+        return X @ self.tool.homogeneous, C
+
+    def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
+        """Evaluate ∂F'/∂x (n, m) at a pose of the tool."""
+        return self.inverse(self(target, leaf=leaf))
+
+    @cached_property
+    def inverse(self) -> RepeatableInverse:
+        """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy."""
+        potentials: Any = _FramePotentials(self.of_frame.chart)
+        return RepeatableInverse(self.task, potentials)
+
+    def leaves(self, target: Placement) -> Array:
+        """Find the interval (r, 2) of each component of the leaf at a pose of the tool.
+
+        See :meth:`InverseFunction.leaves`.
+        """
+        intervals: Array = self.of_frame.leaves(as_placement(target) * self._back)
+        return intervals
+
+    def with_tool(self, placement: Placement) -> ToolFunction:
+        """Create the function of a tool at a placement in this tool's frame."""
+        further = as_placement(placement, "placement")
+        return ToolFunction(self.of_frame, self.tool * further)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.of_frame, self.tool)
+
+    def __repr__(self) -> str:
+        x, y, z = self.tool.translation
+        return f"<ToolFunction at ({x:.4g}, {y:.4g}, {z:.4g}) m of {self.of_frame!r}>"
+
+
+class _FramePotentials(CellPotentials):
+    """Potentials of the frame's chart: functions of q, whatever tool the task controls.
+
+    C evaluates a chart at the pose of the task's own frame, so it cannot hold them.
+    """
+
+    def _native_part(self, joints: Sequence[int]) -> Any:
+        raise InputError(
+            "the function of another tool is not available in C",
+            remedy="use the function of the frame, of_frame, with the poses x T⁻¹",
+        )

@@ -1,0 +1,332 @@
+"""MJCF files and MuJoCo models as URDF text, which is then read and checked like any URDF.
+
+MuJoCo itself compiles a file: defaults, includes, frames, several joints of a body, meshes.
+(Pinocchio's reader drops bodies in ``<frame>`` and without a name, and shifts ranges by ``ref``,
+without a word.) The tree of bodies is written again as links and joints. A joint of MuJoCo turns
+about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from ..arguments import Array
+from ..errors import UrdfError
+from .rules import NO_LIMIT
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
+_CONNECT, _WELD, _JOINT = range(3)
+_SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 2, 3, 5, 6, 7
+_DRAWN_GROUPS = 3
+"""MuJoCo's viewer shows the shapes of groups 0, 1 and 2."""
+
+
+@dataclass
+class _Part:
+    """A link, and the joint from its parent to it.
+
+    ``kind`` is ``fixed``, ``revolute``, ``continuous`` or ``prismatic``; ``mimic`` is the joint
+    that it follows, with multiplier and offset. A shape is its tag, placement and geometry.
+    """
+
+    name: str
+    parent: str
+    place: pin.SE3
+    joint: str = ""
+    kind: str = "fixed"
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    lower: float = -2 * NO_LIMIT
+    upper: float = 2 * NO_LIMIT
+    inertia: tuple[float, pin.SE3, Array] | None = None
+    shapes: list[tuple[str, pin.SE3, dict[str, str]]] = field(default_factory=list)
+    mimic: tuple[str, float, float] | None = None
+
+
+def is_mjcf(data: bytes) -> bool:
+    """Test whether the content of a file is MJCF."""
+    start = data.find(b"<mujoco")
+    return 0 <= start and b"<robot" not in data[:start]
+
+
+def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
+    """Convert an MJCF file to URDF text; ``notes`` receives what is left out.
+
+    Raises
+    ------
+    UrdfError
+        If the file is not valid, or has what a tree of revolute and prismatic joints has not.
+    """
+    if importlib.util.find_spec("mujoco") is None:
+        raise UrdfError(
+            "an MJCF file requires mujoco, which is not installed; run `pip install mujoco`"
+        )
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        said = " ".join(str(error).split())
+        raise UrdfError(f"MuJoCo cannot compile it: {said}") from error
+    folder = path.absolute().parent / _mesh_folder(data)
+    return urdf_of_model(model, notes, folder)
+
+
+def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> bytes:
+    """Convert a ``mujoco.MjModel`` to URDF text; see :func:`urdf_of_file`.
+
+    ``folder`` is that of the mesh files; without it, meshes are left out.
+    """
+    names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
+    parts = [_Part(names[0], "", pin.SE3.Identity())]
+    mimics = _couplings(model)
+    for b in range(1, model.nbody):
+        place = _placed(model.body_pos[b], model.body_quat[b])
+        above = names[int(model.body_parentid[b])]
+        first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
+        chain = _joints(model, names[b], above, place, range(first, first + count))
+        for part in chain:
+            part.mimic = mimics.get(part.joint)
+        notes += [
+            f"free joint of body {names[b]!r} read as fixed"
+            for j in range(first, first + count)
+            if model.jnt_type[j] == _FREE
+        ]
+        mass = float(model.body_mass[b])
+        if mass > 0:
+            at = _placed(model.body_ipos[b], model.body_iquat[b])
+            chain[-1].inertia = mass, at, np.diag(model.body_inertia[b])
+        parts += chain
+    links = dict(zip(names, (_last(parts, name) for name in names), strict=True))
+    left_out = _add_shapes(model, [links[name] for name in names], folder)
+    if left_out:
+        notes.append(f"left out: shapes of MuJoCo without a URDF shape ({left_out})")
+    taken = {part.name for part in parts}
+    for s in range(model.nsite):  # sites are often the tool's centre
+        name, at = model.site(s).name, _placed(model.site_pos[s], model.site_quat[s])
+        if name and name not in taken:
+            parts.append(_Part(name, names[int(model.site_bodyid[s])], at))
+            taken.add(name)
+    if model.ntendon:
+        notes.append("left out: tendons, which do not change the kinematics")
+    name = bytes(model.names).split(b"\0")[0].decode("utf-8", "replace")
+    return _text(name or "mujoco", parts)
+
+
+def _last(parts: Sequence[_Part], name: str) -> _Part:
+    return next(part for part in parts if part.name == name)
+
+
+def _joints(
+    model: Any, name: str, above: str, place: pin.SE3, joints: range
+) -> list[_Part]:
+    """Write the joints of a body as links, one below the other; the last one is the body."""
+    parts: list[_Part] = []
+    for j in joints:
+        kind = int(model.jnt_type[j])
+        joint = model.joint(j).name or f"joint{j}"
+        if kind == _BALL:
+            raise UrdfError(
+                f"joint {joint!r} is a ball joint, which has no single coordinate; "
+                "replace it by three hinges"
+            )
+        if kind == _FREE:
+            continue
+        anchor, axis = np.array(model.jnt_pos[j]), np.array(model.jnt_axis[j])
+        at = place * pin.SE3(np.eye(3), anchor)
+        start = float(model.qpos0[model.jnt_qposadr[j]])
+        slides = kind == _SLIDE
+        back = (
+            pin.SE3(np.eye(3), -start * axis)
+            if slides
+            else pin.SE3(pin.exp3(-start * axis), np.zeros(3))
+        )
+        limited = bool(model.jnt_limited[j])
+        low, high = model.jnt_range[j] if limited else (-2 * NO_LIMIT, 2 * NO_LIMIT)
+        kind_name = "prismatic" if slides else "revolute" if limited else "continuous"
+        link = f"{name}/{joint}"
+        parts.append(_Part(link, above, at * back, joint, kind_name, axis, low, high))
+        above, place = link, pin.SE3(np.eye(3), -anchor)
+    if parts and not np.any(place.translation):
+        parts[-1].name = name
+    else:
+        parts.append(_Part(name, above, place))
+    return parts
+
+
+def _couplings(model: Any) -> dict[str, tuple[str, float, float]]:
+    """Read the equality constraints: linear ones between two joints are mimic joints.
+
+    Raises
+    ------
+    UrdfError
+        If there is another one.
+    """
+    found = {}
+    for e in range(model.neq):
+        if not model.eq_active0[e]:
+            continue
+        kind, name = int(model.eq_type[e]), model.equality(e).name or f"number {e}"
+        if kind != _JOINT:
+            what = {_CONNECT: "connect", _WELD: "weld"}.get(kind, "tendon or flex")
+            raise UrdfError(
+                f"equality constraint {name!r} ({what}) closes a loop or ties more than joints; "
+                "a robot here is a tree: remove it"
+            )
+        j, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+        a = np.array(model.eq_data[e, :5])
+        if other < 0 or a[2:].any():
+            raise UrdfError(
+                f"equality constraint {name!r} is not q₁ = a₀ + a₁ q₂ between two joints; "
+                "remove it"
+            )
+        start = model.qpos0[model.jnt_qposadr]
+        offset = float(start[j] + a[0] - a[1] * start[other])
+        mine = model.joint(j).name or f"joint{j}"
+        found[mine] = model.joint(other).name or f"joint{other}", float(a[1]), offset
+    return found
+
+
+def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
+    """Add the shapes of all bodies to their links; return the types that were left out."""
+    left_out = set()
+    for g in range(model.ngeom):
+        kind, size = int(model.geom_type[g]), model.geom_size[g]
+        at = _placed(model.geom_pos[g], model.geom_quat[g])
+        shapes = _shapes(kind, size, at)
+        if kind == _MESH and folder is not None:
+            shapes = _mesh(model, int(model.geom_dataid[g]), at, folder)
+        if not shapes:
+            left_out.add(
+                {0: "plane", 1: "height field", 4: "ellipsoid", 7: "mesh"}.get(
+                    kind, "other"
+                )
+            )
+        collides = model.geom_contype[g] or model.geom_conaffinity[g]
+        drawn = model.geom_group[g] < _DRAWN_GROUPS
+        tags = ["visual"] * bool(drawn) + ["collision"] * bool(collides)
+        links[int(model.geom_bodyid[g])].shapes += [
+            (tag, *shape) for tag in tags for shape in shapes
+        ]
+    return ", ".join(sorted(left_out))
+
+
+def _shapes(
+    kind: int, size: Array, at: pin.SE3
+) -> list[tuple[pin.SE3, dict[str, str]]]:
+    """Write a shape of MuJoCo by its half sizes; a capsule is a cylinder and two spheres."""
+    ball = {"tag": "sphere", "radius": repr(float(size[0]))}
+    if kind == _SPHERE:
+        return [(at, ball)]
+    if kind == _BOX:
+        return [(at, {"tag": "box", "size": _row(2 * np.array(size))})]
+    if kind not in (_CAPSULE, _CYLINDER):
+        return []
+    length = repr(2 * float(size[1]))
+    tube = (at, {"tag": "cylinder", "radius": ball["radius"], "length": length})
+    if kind == _CYLINDER:
+        return [tube]
+    ends = [pin.SE3(np.eye(3), np.array([0, 0, s * size[1]])) for s in (-1, 1)]
+    return [tube, *((at * end, ball) for end in ends)]
+
+
+def _mesh(
+    model: Any, mesh: int, at: pin.SE3, folder: Path
+) -> list[tuple[pin.SE3, dict[str, str]]]:
+    """Write a mesh file, with MuJoCo's shift to its own centre undone."""
+    begin = int(model.mesh_pathadr[mesh])
+    if begin < 0:
+        return []
+    file = bytes(model.paths)[begin:].split(b"\0")[0].decode("utf-8", "replace")
+    own = _placed(model.mesh_pos[mesh], model.mesh_quat[mesh])
+    scale = _row(model.mesh_scale[mesh])
+    where = str(folder / file)
+    return [(at * own.inverse(), {"tag": "mesh", "filename": where, "scale": scale})]
+
+
+def _mesh_folder(data: bytes) -> str:
+    """Find the folder of meshes that an MJCF file names, relative to it."""
+    compiler = _root(data).find("compiler")
+    if compiler is None:
+        return ""
+    return str(compiler.get("meshdir") or compiler.get("assetdir") or "")
+
+
+def _root(data: bytes) -> etree._Element:
+    try:
+        return etree.fromstring(data, etree.XMLParser(resolve_entities=False))
+    except etree.XMLSyntaxError as error:
+        raise UrdfError(f"not valid XML ({error})") from error
+
+
+# ---- the text --------------------------------------------------------------------------------
+
+
+def _placed(position: Array, quaternion: Array) -> pin.SE3:
+    """Create a placement from a position and MuJoCo's quaternion, w first."""
+    w, x, y, z = np.asarray(quaternion, float) / np.linalg.norm(quaternion)
+    return pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(position, float))
+
+
+def _row(values: Array) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def _origin(above: etree._Element, place: pin.SE3) -> None:
+    rpy = pin.rpy.matrixToRpy(place.rotation)
+    etree.SubElement(above, "origin", xyz=_row(place.translation), rpy=_row(rpy))
+
+
+def _text(name: str, parts: Sequence[_Part]) -> bytes:
+    """Write links and joints as URDF."""
+    robot = etree.Element("robot", name=name)
+    for part in parts:
+        link = etree.SubElement(robot, "link", name=part.name)
+        if part.inertia is not None:
+            mass, at, matrix = part.inertia
+            inertial = etree.SubElement(link, "inertial")
+            _origin(inertial, at)
+            etree.SubElement(inertial, "mass", value=repr(float(mass)))
+            six = {
+                a + b: matrix["xyz".index(a), "xyz".index(b)]
+                for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
+            }
+            etree.SubElement(
+                inertial, "inertia", {f"i{k}": repr(float(v)) for k, v in six.items()}
+            )
+        for tag, at, geometry in part.shapes:
+            shape = etree.SubElement(link, tag)
+            _origin(shape, at)
+            rest = {key: value for key, value in geometry.items() if key != "tag"}
+            etree.SubElement(etree.SubElement(shape, "geometry"), geometry["tag"], rest)
+    for part in parts:
+        if part.parent:
+            robot.append(_joint_element(part))
+    return bytes(etree.tostring(robot))
+
+
+def _joint_element(part: _Part) -> etree._Element:
+    name = part.joint or f"{part.name}_fixed"
+    joint = etree.Element("joint", name=name, type=part.kind)
+    _origin(joint, part.place)
+    etree.SubElement(joint, "parent", link=part.parent)
+    etree.SubElement(joint, "child", link=part.name)
+    if part.kind == "fixed":
+        return joint
+    etree.SubElement(joint, "axis", xyz=_row(part.axis))
+    limit = etree.SubElement(joint, "limit", effort="0", velocity="0")
+    if part.kind != "continuous":
+        limit.set("lower", repr(float(part.lower)))
+        limit.set("upper", repr(float(part.upper)))
+    if part.mimic is not None:
+        leader, multiplier, offset = part.mimic
+        numbers = {"multiplier": repr(multiplier), "offset": repr(offset)}
+        etree.SubElement(joint, "mimic", joint=leader, **numbers)
+    return joint

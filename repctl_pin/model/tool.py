@@ -1,0 +1,138 @@
+r"""Another tool on the same body: the task of a point that a link carries rigidly.
+
+With T the placement of the tool in the frame, ``x' = x T``. A pose task then has
+
+.. math:: J' = A\,J, \qquad A = \begin{bmatrix} I & -[R\,t]_\times \\ 0 & I \end{bmatrix},
+
+in base axes, with R the frame's rotation and t the tool's offset. A is invertible, so J' has the
+null space of J: what is regular, and which closed paths close, does not depend on the tool.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import cast
+
+import numpy as np
+import pinocchio as pin
+
+from ..arguments import Array
+from ..errors import InputError
+from .chain_formulas import Placement, as_placement, require_rotation
+from .model import frame_id
+from .several_frames import one_frame
+from .task import Task
+
+_EXACT = 1e-14
+"""Entry of RᵀR − I below which a rotation is left as it is."""
+
+_SAME = 1e-9
+"""Largest difference, m or rad, of two placements that are one."""
+
+
+class ToolTask(Task):
+    """Pose task of a tool, which a link of the robot carries rigidly.
+
+    Attributes
+    ----------
+    link : str
+        The link.
+    tool : pinocchio.SE3
+        Placement T of the tool in the link's frame.
+    """
+
+    link: str
+    tool: pin.SE3
+
+
+def with_tool(task: Task, placement: Placement) -> ToolTask:
+    """Create the task of a tool at a placement in the frame of a pose task.
+
+    Raises
+    ------
+    InputError
+        If the task is no pose task of one frame, or the placement is no rigid transform.
+    """
+    require_pose(task)
+    tool = rigid(placement)
+    if isinstance(task, ToolTask):
+        link, tool = task.link, task.tool * tool
+    else:
+        link = task.frame
+    robot = copy(task.robot)
+    robot.model = task.robot.model.copy()
+    name = _new_name(link, robot.model)
+    flange = robot.model.frames[frame_id(robot.model, link)]
+    robot.model.addFrame(
+        pin.Frame(
+            name,
+            flange.parentJoint,
+            frame_id(robot.model, link),
+            flange.placement * tool,
+            pin.FrameType.BODY,
+        ),
+        False,
+    )
+    made = ToolTask(robot, name, task.kind, task.robot_joints)
+    made.link, made.tool = link, tool
+    if task.coordinates is None:
+        return made
+    return cast(ToolTask, made.in_coordinates(task.coordinates.T))
+
+
+def require_pose(task: Task) -> Task:
+    """Return a pose task of one frame; raise InputError for another task, with the reason."""
+    one_frame(task, "another tool")
+    if task.m != 6:
+        raise InputError(
+            f"another tool requires a pose task, not {task.kind}: the self-motion of other kinds "
+            "changes with the point that they control",
+            remedy="design again with the new tool's frame",
+        )
+    return task
+
+
+def rigid(placement: Placement) -> pin.SE3:
+    """Check the placement of a tool, and make its rotation exact where it is not."""
+    tool = as_placement(placement, "placement")
+    if not np.isfinite(tool.translation).all():
+        raise InputError("the position of the tool must be finite numbers, m")
+    require_rotation(tool.rotation, "the tool")
+    if np.abs(tool.rotation.T @ tool.rotation - np.eye(3)).max() < _EXACT:
+        return tool
+    U, _, V = np.linalg.svd(tool.rotation)
+    return pin.SE3(U @ V, tool.translation)
+
+
+def placement_between(task: Task, other: Task) -> pin.SE3:
+    """Compute the constant placement T of another task's frame in the frame of a task.
+
+    Raises
+    ------
+    InputError
+        If the frames are not on the same body, or the joints are other ones.
+    """
+    if other.robot_joints != task.robot_joints or other.m != task.m:
+        raise InputError(
+            f"{other.frame!r} is not on the body of {task.frame!r}: other joints move it",
+            remedy="give a link that is fixed to it",
+        )
+    rng = np.random.default_rng(0)
+    Q: Array = task.reference + rng.uniform(-1, 1, (4, task.n))
+    places = [task.placement(q).actInv(other.placement(q)) for q in Q]
+    away = max(np.abs(one.homogeneous - places[0].homogeneous).max() for one in places)
+    if away > _SAME:
+        raise InputError(
+            f"{other.frame!r} is not on the body of {task.frame!r}: it moves relative to it",
+            remedy="give a link that is fixed to it",
+        )
+    return places[0]
+
+
+def _new_name(link: str, model: pin.Model) -> str:
+    """Make a name for the tool of a link that no frame has."""
+    taken = {frame.name for frame in model.frames}
+    name = f"{link} tool"
+    while name in taken:
+        name += "'"
+    return name

@@ -1,0 +1,112 @@
+"""Where a box of poses fits: the placement is held against solutions of single poses."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import planar_task
+from commands import refused, told
+
+import repctl_pin as rp
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def reaches_all(place: rp.BestCell, count: int = 40) -> bool:
+    """Each of many poses of the box has a configuration inside the limits, near the posture."""
+    task, cell = place.cell.task, place.cell
+    for u in [*cell.sample(count, 3), *product((-1.0, 1.0), repeat=cell.k)]:
+        q = rp.solve_ik(task, place.posture, cell.at(u))
+        if (
+            task.limit_margin(q).min() < 0
+            or np.abs(task.error(q, cell.at(u))).max() > 1e-8
+        ):
+            return False
+    return True
+
+
+def test_a_box_with_the_tool_down_fits_and_has_a_function(panda_pose: rp.Task) -> None:
+    place = rp.best_cell(panda_pose, (0.3, 0.3, 0.2), orientation="down")
+    assert place.factor == 1 and place.reason == "" and place.margin > 0.1
+    assert np.allclose(place.cell.half_width, [0.15, 0.15, 0.1])
+    assert np.allclose(place.cell.placement.rotation, DOWN)
+    assert place.cell.placement.translation[2] >= 0.1  # above the table
+    here = panda_pose.placement(place.posture)
+    assert np.abs(here.homogeneous - place.cell.placement.homogeneous).max() < 1e-8
+    assert reaches_all(place)
+    few = rp.FitOptions(samples=128, held_out=128)
+    control = rp.Pseudoinverse(panda_pose)
+    found = rp.nearest_inverse_function(
+        control, place.cell, posture=place.posture, degree=3, options=few
+    )
+    assert found.coverage == 1
+
+
+def test_the_tool_points_where_it_was_asked_to(panda_pose: rp.Task) -> None:
+    place = rp.best_cell(panda_pose, 0.1, orientation="forward", yaw=0.5)
+    axis = place.cell.placement.rotation[:, 2]
+    assert np.allclose(axis, [np.cos(0.5), np.sin(0.5), 0])
+    given = rp.best_cell(panda_pose, 0.1, orientation=place.cell.placement.rotation)
+    assert np.allclose(given.cell.placement.rotation, place.cell.placement.rotation)
+
+
+def test_the_place_is_near_the_one_wanted(panda_pose: rp.Task) -> None:
+    at = np.array([0.5, 0.1, 0.3])
+    place = rp.best_cell(panda_pose, 0.2, orientation="down", at=at)
+    assert place.factor == 1
+    assert np.linalg.norm(place.cell.placement.translation - at) < 0.05
+
+
+def test_a_box_that_is_too_large_shrinks_with_the_reason(panda_pose: rp.Task) -> None:
+    place = rp.best_cell(panda_pose, (1.2, 1.2, 0.8), orientation="down")
+    assert 0.1 < place.factor < 1
+    assert np.allclose(place.cell.half_width, place.factor * np.array([0.6, 0.6, 0.4]))
+    assert "corner" in place.reason
+    assert reaches_all(place, 10)
+
+
+def test_a_planar_arm_has_the_box_within_its_reach(tmp_path: Path) -> None:
+    """Closed form: the corners of a box lie within the sum of the lengths."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    place = rp.best_cell(task, 0.3)
+    ends = [place.cell.at(u).translation for u in place.cell.corners()]
+    assert np.linalg.norm(ends, axis=1).max() < 1.2
+
+
+def test_what_cannot_be_is_refused_by_name(panda: rp.Robot) -> None:
+    task = panda.task(None, "position")
+    with pytest.raises(rp.InputError, match="leaves the rotation free"):
+        rp.best_cell(task, 0.1, orientation="down")
+    with pytest.raises(rp.InputError, match="'down', 'forward', 'up'"):
+        rp.best_cell(panda.task(), 0.1, orientation="sideways")
+    with pytest.raises(rp.InputError, match="size"):
+        rp.best_cell(panda.task(), 0.0)
+
+
+def test_the_command_places_the_box(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = "--task xy --size 0.3,0.3 --degree 2 --held-out 64"
+    said = told(capsys, "cell", "planar3r", *options.split())
+    assert said["start_is"] == "searched for the cell"
+    assert said["notes"][0].startswith("placed at")
+    assert np.allclose(said["half_width"], [0.15, 0.15])
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ("--down --half-width 0.1", "--down requires --size"),
+        ("--size 0.1 --half-width 0.1", "--size and --half-width are mutually"),
+        ("--size 0.1 --down --forward", "mutually exclusive"),
+        ("--size 0.1 --start 0,0,0", "--size and --start are mutually"),
+    ],
+)
+def test_options_that_do_not_go_together(
+    options: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert why in refused(capsys, "cell", "planar3r", *options.split())
