@@ -246,7 +246,11 @@ CELL_C = {
         "* (y->r + s->chain->eps * size_of(y));\n      }\n      rest",
         "* 0;\n      }\n      rest",
     ),
-    "no higher degrees in J": (_CELL, "if (m > k) e += absolute(v);", "if (m > k) e += 0;"),
+    "no higher degrees in J": (
+        _CELL,
+        "if (m > k) e += absolute(v);",
+        "if (m > k) e += 0;",
+    ),
     "no slopes beside the chart": (
         _CELL,
         "e += fabs(B[(j * rows + i) * N + c]) * mean[j];",
