@@ -31,7 +31,7 @@ def body_drift(
         Number of samples of one cycle, including both ends.
     directions
         Number of directions for each body in which the outermost corners are kept: 8 if None. With
-        256, displacements of other motions are within 0.3 %.
+        128, displacements of other motions are within 0.7 %, and 0.05 % on average.
 
     Returns
     -------

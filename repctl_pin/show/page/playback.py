@@ -274,7 +274,7 @@ def _arm(
         bodies,
         placements,
         frames.per_cycle,
-        directions=[256 if any_way and counted else 8 for counted in counts],
+        directions=[128 if any_way and counted else 8 for counted in counts],
     )
     return Arm(
         track.label,

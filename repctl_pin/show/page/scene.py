@@ -23,6 +23,9 @@ from .meshes import Key, key, lifted, record
 _PER_CYCLE = (61, 126, 251, 501)
 """Maximum numbers of samples per cycle that are tried one after the other."""
 
+_CORNER = 128e-7
+"""Resolution of a corner, m: 128 times that of a pose, so that its lowest byte is 0."""
+
 _SHOWN = 24
 """Maximum number of cycles that are shown."""
 
@@ -286,7 +289,12 @@ def _describe(
     moving = moving_of(arm.placements) | rides
     parts += [poses[:, moving], arm.tip, arm.elbow]
     parts += [] if arm.broken is None else [arm.broken.origin]
-    parts += [points for points, moves in zip(arm.points, moving, strict=True) if moves]
+    parts += [
+        # one row: points have no order whose differences were small
+        np.rint(points / _CORNER).reshape(1, -1) * _CORNER
+        for points, moves in zip(arm.points, moving, strict=True)
+        if moves
+    ]
     rows = np.arange(len(frames.cycles))[:, None] * frames.per_cycle + [
         0,
         frames.per_cycle - 1,
