@@ -9,7 +9,7 @@ about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(�
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,18 +42,12 @@ class _Part:
     place: pin.SE3
     joint: str = ""
     kind: str = "fixed"
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    axis: tuple[float, ...] = (0.0, 0.0, 1.0)
     lower: float = -2 * NO_LIMIT
     upper: float = 2 * NO_LIMIT
-    inertia: tuple[float, pin.SE3, Array] | None = None
+    inertia: tuple[float, pin.SE3, tuple[float, ...]] | None = None
     shapes: list[tuple[str, pin.SE3, dict[str, str]]] = field(default_factory=list)
     mimic: tuple[str, float, float] | None = None
-
-
-def is_mjcf(data: bytes) -> bool:
-    """Test whether the content of a file is MJCF."""
-    start = data.find(b"<mujoco")
-    return 0 <= start and b"<robot" not in data[:start]
 
 
 def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
@@ -102,7 +96,7 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
         mass = float(model.body_mass[b])
         if mass > 0:
             at = _placed(model.body_ipos[b], model.body_iquat[b])
-            chain[-1].inertia = mass, at, np.diag(model.body_inertia[b])
+            chain[-1].inertia = mass, at, tuple(model.body_inertia[b])
         parts += chain
     links = dict(zip(names, (_last(parts, name) for name in names), strict=True))
     left_out = _add_shapes(model, [links[name] for name in names], folder)
@@ -152,7 +146,9 @@ def _joints(
         low, high = model.jnt_range[j] if limited else (-2 * NO_LIMIT, 2 * NO_LIMIT)
         kind_name = "prismatic" if slides else "revolute" if limited else "continuous"
         link = f"{name}/{joint}"
-        parts.append(_Part(link, above, at * back, joint, kind_name, axis, low, high))
+        parts.append(
+            _Part(link, above, at * back, joint, kind_name, tuple(axis), low, high)
+        )
         above, place = link, pin.SE3(np.eye(3), -anchor)
     if parts and not np.any(place.translation):
         parts[-1].name = name
@@ -275,7 +271,7 @@ def _placed(position: Array, quaternion: Array) -> pin.SE3:
     return pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(position, float))
 
 
-def _row(values: Array) -> str:
+def _row(values: Iterable[float]) -> str:
     return " ".join(repr(float(v)) for v in values)
 
 
@@ -290,17 +286,13 @@ def _text(name: str, parts: Sequence[_Part]) -> bytes:
     for part in parts:
         link = etree.SubElement(robot, "link", name=part.name)
         if part.inertia is not None:
-            mass, at, matrix = part.inertia
+            mass, at, moments = part.inertia
             inertial = etree.SubElement(link, "inertial")
             _origin(inertial, at)
             etree.SubElement(inertial, "mass", value=repr(float(mass)))
-            six = {
-                a + b: matrix["xyz".index(a), "xyz".index(b)]
-                for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")
-            }
-            etree.SubElement(
-                inertial, "inertia", {f"i{k}": repr(float(v)) for k, v in six.items()}
-            )
+            principal = zip(("ixx", "iyy", "izz"), moments, strict=True)
+            entries = {name: repr(float(value)) for name, value in principal}
+            etree.SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0", **entries)
         for tag, at, geometry in part.shapes:
             shape = etree.SubElement(link, tag)
             _origin(shape, at)

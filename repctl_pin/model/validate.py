@@ -14,7 +14,6 @@ from pathlib import Path
 from lxml import etree
 
 from ..errors import UrdfError
-from .mjcf import is_mjcf, urdf_of_file
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
 from .shapes import Solid, shapes_of
 from .xml import line, parse, short
@@ -113,7 +112,9 @@ def read_urdf(
     try:
         if data is None:
             data = _read(path, package_dirs)
-        if is_mjcf(data):
+        if _is_mjcf(data):
+            from .mjcf import urdf_of_file
+
             data = urdf_of_file(path, data, notes)
         robot = parse(data, notes)
         _drop_colors(robot, notes)
@@ -200,6 +201,12 @@ def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
             "store meshes in files of their own"
         )
     return data
+
+
+def _is_mjcf(data: bytes) -> bool:
+    """Test whether the content of a file is MJCF."""
+    start = data.find(b"<mujoco")
+    return 0 <= start and b"<robot" not in data[:start]
 
 
 def _joint(

@@ -102,10 +102,10 @@ def best_cell(
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
     A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. Among such middles,
-    those with the box above z = 0 of the base come first, then those with the
-    largest limit margin, then those with the shortest ways; with ``at``, the nearest one. The
-    function over the box is then designed by :func:`nearest_inverse_function`.
+    inside the joint limits, and no bodies collide in the middle and at the corners. Among such
+    middles, those with the box above z = 0 of the base come first, then those with the largest
+    limit margin, then those with the shortest ways; with ``at``, the nearest one. The function over
+    the box is then designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
