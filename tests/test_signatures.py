@@ -24,6 +24,7 @@ def made_by_functions(name: str) -> bool:
     """Whether a class is a result, whose constructor users do not call."""
     return "Examples" in (inspect.getdoc(getattr(rp, name)) or "") and name in {
         "Audit",
+        "BestCell",
         "CellDesign",
         "ClosingRadius",
         "Design",

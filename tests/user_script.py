@@ -149,6 +149,8 @@ def recordings(task: rp.Task) -> rp.Relabeled:
 
 def questions(task: rp.Task) -> bool:
     control, box = rp.Pseudoinverse(task), rp.Box([0.3, 0.8, 0.8], 0.3)
+    place: rp.BestCell = rp.best_cell(task, [0.2, 0.1], at=[1, 0, 0])
+    print(place.cell, place.posture, place.factor, place.reason)
     print(
         rp.bracket_defect(control, [0.3, 0.8, 0.8]),
         rp.stable_surface(control, box).summary(),

@@ -296,8 +296,8 @@ double split_inverse(const Problem *g, double A[g->N][g->N], double V[g->r][g->n
   return defect;
 }
 
-/* Of N - N_c: first bounds its slopes, and rough what R, the part of D beside slopes, makes of N_c. F begins with what
-   an inverse of J needs, and with rounding. */
+/* Sizes of N - N_c: first bounds its slopes, and rough what R, the part of D beside slopes, makes of N_c. F begins
+   with what an inverse of J needs, and with rounding. */
 void null_space_sizes(const Problem *g, int k, const double *h, double A[g->N][g->N], double R[g->N][g->N],
                       double dN[k][g->N][g->r], double F[g->N][g->N], double first[g->N][g->r],
                       double rough[g->N][g->r]) {

@@ -22,7 +22,7 @@ typedef struct Problem {
 
 static inline double norm(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
-/* Of a row of an inverse and a twist. */
+/* Product of a row of an inverse and a twist. */
 static inline double dot6(const double *x, const double *d) {
   return x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
 }

@@ -61,7 +61,7 @@ class BestCell:
     posture : (n,) array
         Configuration in its middle, from which J⁺ reaches all corners, rad or m.
     factor : float
-        Size relative to the one asked for: 1 if it fits.
+        Edges relative to those asked for, m per m: 1 if it fits.
     margin : float
         Smallest limit margin on the straight ways to the corners, rad or m.
     reason : str
@@ -111,7 +111,7 @@ def best_cell(
     ----------
     task
         The task.
-    size
+    size : float or (k,) array
         Edges of the box, m: one number, or one per position that the task commands.
     orientation : str or (3, 3) array, optional
         Direction of the tool's z axis, ``"down"``, ``"forward"`` (along x of the base) or
