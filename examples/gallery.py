@@ -125,7 +125,7 @@ def photograph(
         finally:
             driver.quit()
     file.parent.mkdir(parents=True, exist_ok=True)
-    for width in (shots[-1].width, 1100, 980, 840, 760, 680):
+    for width in (shots[-1].width, 1100, 980, 840, 760, 680, 640):
         few_colours(_narrow(shots[-1], width)).save(file, optimize=True)
         if file.stat().st_size <= LIMIT:
             break

@@ -193,6 +193,8 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
         design.inverse, 0.001, rp.Limits(acceleration=5.0), margin=0.1
     )
     governor.start(q0)
+    beyond: bool | None = governor.beyond_closing_radius
+    print(beyond, design.inverse.same_leaf(q0, governor.q))
     status: rp.Status
     q, status = governor.step(path.placement(0.1))
     print(

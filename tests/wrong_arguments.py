@@ -233,6 +233,7 @@ def right_calls(folder: Path) -> list[Call]:
         "Run": {"timed": timed, "q": timed.q[0]},
         "Governor": {
             "inverse": inverse, "dt": 0.01, "limits": limits, "margin": 0.1,
+            "closes": rp.prove(design, closes=0.001).closes,
         },
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
@@ -353,6 +354,7 @@ def right_calls(folder: Path) -> list[Call]:
         "save": {"file": folder / "page.html"},
         "shrunk": {"factor": 0.5},
         "solve": {"target": target, "q0": q0, "leaf": inverse.leaf(q0)},
+        "same_leaf": {"q": q0, "other": q0},
         "step": step,
         "damped_step": step,
         "summary": {},

@@ -155,7 +155,17 @@ def run(options: Options) -> int:
         period=options.period or case.period,
         integrator=rp.LeafLock(2) if lock else "rk4",
     )
-    motion = replace(motion, region=case.region, closing_radius=case.closes)
+    closes = case.closes
+    if (
+        closes
+        and isinstance(strategy, RepeatableInverse)
+        and not strategy.same_leaf(q0, closes.start)
+    ):
+        closes = None
+        notes.append(
+            "the proved closing radius is of the design's leaf; this motion is on another one"
+        )
+    motion = replace(motion, region=case.region, closing_radius=closes)
     loose = "" if lock else unresolved(strategy, motion)
     notes += [f"this motion {loose}"] if loose else []
     if not motion.first_closes and (turns := winding(motion.task, path)):

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import (
@@ -56,6 +57,10 @@ class Bounded(Protocol):
 
         Above 1 is outside.
         """
+
+
+_SAME_LEAF = 1e-6
+"""Difference in level c up to which two leaves are one."""
 
 
 class RepeatableInverse:
@@ -299,6 +304,18 @@ class RepeatableInverse:
     def leaf(self, q: ArrayLike) -> Array:
         """Evaluate c = h(q) (r,), the level of the leaf on which q lies and the motion stays."""
         return self._law.own.leaf(vector(q, self.task.n, "q"))
+
+    def same_leaf(self, q: ArrayLike, other: ArrayLike) -> bool:
+        """Test whether two configurations lie on one leaf: ``|h(q) − h(q′)| ≤ 1e-6``.
+
+        What is proved of paths on one leaf is not proved on another.
+
+        Parameters
+        ----------
+        q, other : (n,) array
+            Configurations, rad (m for prismatic joints).
+        """
+        return bool(np.abs(self.leaf(q) - self.leaf(other)).max() <= _SAME_LEAF)
 
     def solve(
         self, target: Placement, q0: ArrayLike, *, leaf: ArrayLike | None = None

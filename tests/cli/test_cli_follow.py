@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +162,27 @@ def test_best_leaf_and_start(saved, capsys) -> None:
     assert best["limit_margin"] > given["limit_margin"] and best["drift"][-1] < 1e-7
     assert main([*options, "--start", "0.1,-0.7,0,-2.3,0,1.6,0.8"]) == 0
     assert json.loads(capsys.readouterr().out)["start"][0] == 0.1
+
+
+def test_a_proved_radius_is_of_one_leaf(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q = np.array([0.3, 0.8, 0.8])
+    box = rp.Box(q, 0.6)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=1)
+    proof = rp.prove(design, seconds=5)
+    rp.save(replace(design, proof=proof), "design.json")
+    follow = ["follow", "design.json", "--path", "circle:0.02", "--json"]
+    assert main(follow) == 0
+    own = json.loads(capsys.readouterr().out)
+    assert own["beyond_closing_radius"] == 0
+    assert not any("another one" in note for note in own["notes"])
+    beside = q + 0.02 * rp.redundancy.nullspace(task.jacobian(q))[:, 0]
+    start = ",".join(map(str, beside))
+    assert main([*follow, f"--start={start}"]) == 0
+    other = json.loads(capsys.readouterr().out)
+    assert other["beyond_closing_radius"] is None
+    assert any("another one" in note for note in other["notes"])
 
 
 def test_a_design_for_an_arm_of_ones_own(tmp_path, monkeypatch, capsys) -> None:

@@ -306,3 +306,41 @@ def test_a_motion_knows_its_share_beyond_the_radius() -> None:
         assert motion.beyond_closing_radius == (away > closes.metres).mean()
         shares.append(motion.beyond_closing_radius)
     assert shares[0] == 0 < shares[1] < shares[2] < 1
+
+
+def test_a_governor_knows_when_its_arm_is_beyond_the_radius() -> None:
+    """By pose, and wherever the arm is if it is on another leaf than the proved one."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    q = np.array([0.3, 0.8, 0.8])
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(q, 0.6), degree=2
+    )
+    closes = rp.prove(design, seconds=5).closes
+    limits = rp.Limits(acceleration=50.0)
+
+    def governor(radius: rp.ClosingRadius | None) -> rp.Governor:
+        return rp.Governor(design.inverse, 0.01, limits, closes=radius)
+
+    moving, here = governor(closes), task.placement(q)
+    moving.start(q)
+    seen = set()
+    for share in (0.3, 1.1, 0.3):
+        target = here.copy()
+        target.translation[0] -= share * closes.metres
+        for _ in range(400):
+            at, _ = moving.step(target)
+            away = np.linalg.norm(task.placement(at).translation - here.translation)
+            assert moving.beyond_closing_radius == (away > closes.metres)
+            seen.add(moving.beyond_closing_radius)
+        assert away == pytest.approx(share * closes.metres, abs=1e-6)
+    assert seen == {True, False}
+    beside = q + 0.01 * rp.redundancy.nullspace(task.jacobian(q))[:, 0]
+    assert design.inverse.same_leaf(q, moving.q)
+    assert not design.inverse.same_leaf(q, beside)
+    moving.start(beside)
+    assert closes.contains(task.placement(beside)) and moving.beyond_closing_radius
+    none = governor(None)
+    none.start(q)
+    assert none.beyond_closing_radius is None
+    with pytest.raises(rp.InputError, match="closes"):
+        governor(0.1)  # type: ignore[arg-type]

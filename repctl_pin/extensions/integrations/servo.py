@@ -247,6 +247,8 @@ class Servo:
         """True if the command is beyond the closing radius of the design's certificate."""
         if not self._closes or self.command is None:
             return False
+        if not self._inverse.same_leaf(self.command, self._closes.start):
+            return True
         return not self._closes.contains(self.task.placement(self.command))
 
     def _ahead(self) -> str:

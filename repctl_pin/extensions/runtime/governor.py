@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_numbers, positive, require_type, row, shown
+from ...certificate import ClosingRadius
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement
 from ...model.several_frames import one_frame
@@ -88,6 +89,9 @@ class Governor:
         takes none of torque or the tool's speed.
     margin
         Distance kept from the joint limits, rad (m).
+    closes
+        Closing radius of the design's certificate, ``design.proof.closes``, for
+        :attr:`beyond_closing_radius`.
 
     Attributes
     ----------
@@ -118,6 +122,7 @@ class Governor:
         limits: Limits,
         *,
         margin: float = 0.0,
+        closes: ClosingRadius | None = None,
     ) -> None:
         self._inverse = require_type(
             inverse,
@@ -139,6 +144,9 @@ class Governor:
             raise InputError(
                 f"margin = {self._margin:g} leaves no range of {name!r}; give a smaller one"
             )
+        if closes is not None:
+            require_type(closes, ClosingRadius, "closes", "design.proof.closes")
+        self._closes = closes
         native = required_library("a governor")
         self._on = False
         self._state = np.zeros(native.governor_bytes(), np.uint8)
@@ -191,6 +199,18 @@ class Governor:
         """Level c (r,) of the leaf on which the commanded configuration stays."""
         self._check_started()
         return self._leaf.copy()
+
+    @property
+    def beyond_closing_radius(self) -> bool | None:
+        """True if the commanded pose is beyond the proved closing radius; None without one.
+
+        Nothing is wrong there, but a loop that goes there is not proved to close. The radius is
+        that of one leaf: on another one, every pose is beyond it."""
+        if not self._closes:
+            return None
+        if not self._inverse.same_leaf(self.q, self._closes.start):
+            return True
+        return not self._closes.contains(self._task.placement(self.q))
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.

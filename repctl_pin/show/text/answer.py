@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from ...model.bodies import bodies_of
+from ...model.several_frames import SeveralFrames
 from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
@@ -97,10 +98,10 @@ def _about(study: Study) -> str:
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
     times = counted(cycles, "cycle")
-    task = (
-        f"{study.robot.name} {study.task.frame}, {study.task.kind}, r = {study.task.r}"
-    )
-    return f"{task}: {study.path.name}, {times}"
+    kind = f"{study.task.kind}, r = {study.task.r}"
+    if isinstance(study.task, SeveralFrames):
+        return f"{study.robot.name}, {kind}, {times}: {study.path.name}"
+    return f"{study.robot.name} {study.task.frame}, {kind}: {study.path.name}, {times}"
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
