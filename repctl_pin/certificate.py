@@ -98,6 +98,8 @@ class ClosingRadius:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
         Nothing is wrong with a pose beyond the radius: paths through it are not proved to close.
+        A pose does not tell the leaf; it is that of :attr:`start`, see
+        :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
