@@ -29,6 +29,7 @@ def made_by_functions(name: str) -> bool:
         "ClosingRadius",
         "Design",
         "Motion",
+        "PathCertificate",
         "Proof",
         "Relabeled",
         "Study",

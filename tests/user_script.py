@@ -97,6 +97,10 @@ def designs(task: rp.Task) -> rp.Design:
     closes: rp.ClosingRadius | None = proof.closes
     assert closes is not None
     print(bool(proof), proof.leaf_margin)
+    own: rp.PathCertificate = rp.path_certificate(
+        design.inverse, rp.circle(task, q0, 0.1), q0
+    )
+    print(own.shrinks, own.words)
     return again
 
 

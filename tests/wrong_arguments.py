@@ -39,6 +39,7 @@ RESULTS = {
     "ClosingRadius",
     "Design",
     "Motion",
+    "PathCertificate",
     "Proof",
     "Robot",
     "Waypoints",
@@ -191,6 +192,7 @@ def right_calls(folder: Path) -> list[Call]:
         "prove": {
             "what": design, "margin": 0.1, "limit_margin": -1.0, "seconds": 0.2, "progress": False,
         },
+        "path_certificate": {"inverse": inverse, "path": path, "q0": q0},
         "read_waypoints": {"file": waypoint_file},
         "Recording": {
             "task": task, "joints": near, "poses": None, "times": np.arange(30),

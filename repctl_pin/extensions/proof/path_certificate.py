@@ -1,0 +1,135 @@
+"""Certificate of one closed path: it can be shrunk to its start through paths that J_V lets close.
+
+On a leaf, Φ = (f, h) is a local diffeomorphism where J_V is regular, so a sheet of poses that is
+swept from the start has one lift. The cone from the start pose to the path is such a sheet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...arguments import require_type, vector
+from ...errors import InputError, SingularityError
+from ...motion import follow
+from ...paths import ClosedPath
+from ...strategies.repeatable import RepeatableInverse
+
+_RAYS, _STEPS = 120, 4
+"""Number of rays of the cone, and of steps of the motion from one to the next."""
+
+_SAME = 1e-6
+"""Difference, rad or m, up to which two configurations are one."""
+
+
+@dataclass(frozen=True)
+class PathCertificate:
+    """Result of :func:`path_certificate`; ``bool`` of it is :attr:`shrinks`.
+
+    Attributes
+    ----------
+    shrinks : bool
+        True if every ray's end is on the motion along the path, which then closes.
+    gap : float
+        Largest joint difference between end and start of the motion, rad or m; nan if it stops.
+    mismatch : float
+        Largest joint difference between a ray's end and the motion, rad or m; nan if a ray or the
+        motion stops.
+    at : float
+        Share of the path at which the first ray stops, or misses the motion the most.
+    reason : str
+        Why the path is not shrunk; empty if it is.
+
+    Examples
+    --------
+    >>> found = rp.path_certificate(design.inverse, path, q0)
+    >>> bool(found), found.gap < 1e-6
+    (True, True)
+    """
+
+    shrinks: bool
+    gap: float
+    mismatch: float
+    at: float
+    reason: str
+
+    def __bool__(self) -> bool:
+        return self.shrinks
+
+    def __repr__(self) -> str:
+        return f"<PathCertificate: {self.words}>"
+
+    @property
+    def words(self) -> str:
+        """Whether the path closes, and why or why not, in words."""
+        if self.shrinks:
+            return (
+                "the path can be shrunk to its start, so it closes: checked, not proved"
+            )
+        return f"the path need not close: {self.reason}"
+
+
+def path_certificate(
+    inverse: RepeatableInverse, path: ClosedPath, q0: ArrayLike
+) -> PathCertificate:
+    """Check whether a closed path can be shrunk to its start, and so closes.
+
+    Each pose x(s) of the path is reached along the straight line from the start pose x₀,
+    ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, with a rotation about one axis, on the leaf of q0. If J_V is
+    regular on all these rays, and each ends on the motion along x(s), the motion closes: paths
+    ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are checked at 120 poses, so this
+    is no proof. Paths around the base, or around a singularity, are not shrunk.
+
+    Parameters
+    ----------
+    inverse
+        Repeatable inverse, such as ``design.inverse``.
+    path
+        Closed path.
+    q0 : (n,) array
+        Configuration at the beginning of the path, rad (m for prismatic joints).
+
+    Returns
+    -------
+    PathCertificate
+
+    Raises
+    ------
+    InputError
+        If q0 is not at the beginning of the path.
+
+    Examples
+    --------
+    >>> rp.path_certificate(design.inverse, path, q0).words
+    'the path can be shrunk to its start, so it closes: checked, not proved'
+    """
+    require_type(
+        inverse, RepeatableInverse, "inverse", "a repeatable inverse: design.inverse"
+    )
+    require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
+    q0 = vector(q0, inverse.task.n, "q0")
+    shares = np.arange(_RAYS + 1) / _RAYS
+    try:
+        motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS)
+    except SingularityError as error:
+        why = f"the motion stops at a singularity ({error})"
+        return PathCertificate(False, np.nan, np.nan, 0.0, why)
+    along = motion.q[::_STEPS]
+    gap = float(np.abs(along[-1] - along[0]).max())
+    ends = np.empty_like(along)
+    for k, s in enumerate(shares):
+        try:
+            ends[k] = inverse.solve(path.placement(s % 1.0), along[0])
+        except InputError as error:
+            why = f"the straight line to {s:.0%} of it stops ({error})"
+            return PathCertificate(False, gap, np.nan, float(s), why)
+    away = np.abs(ends - along).max(axis=1)
+    worst = int(away.argmax())
+    mismatch, at = float(away[worst]), float(shares[worst])
+    if mismatch <= _SAME:
+        return PathCertificate(True, gap, mismatch, at, "")
+    where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
+    why = f"{where} from the motion, so something singular is inside the path, such as the base"
+    return PathCertificate(False, gap, mismatch, at, why)
