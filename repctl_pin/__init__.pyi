@@ -22,6 +22,10 @@ from .extensions.cells.nearest_function import (
 )
 from .extensions.cells.sector import Sector as Sector
 from .extensions.proof.certify import prove as prove
+from .extensions.proof.path_certificate import (
+    PathCertificate as PathCertificate,
+)
+from .extensions.proof.path_certificate import path_certificate as path_certificate
 from .extensions.recordings.audit import Audit as Audit
 from .extensions.recordings.audit import audit as audit
 from .extensions.recordings.recording import Recording as Recording

@@ -37,8 +37,6 @@ class PathCertificate:
     mismatch : float
         Largest joint difference between a ray's end and the motion, rad or m; nan if a ray or the
         motion stops.
-    at : float
-        Share of the path at which the first ray stops, or misses the motion the most.
     reason : str
         Why the path is not shrunk; empty if it is.
 
@@ -52,7 +50,6 @@ class PathCertificate:
     shrinks: bool
     gap: float
     mismatch: float
-    at: float
     reason: str
 
     def __bool__(self) -> bool:
@@ -115,7 +112,7 @@ def path_certificate(
         motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS)
     except SingularityError as error:
         why = f"the motion stops at a singularity ({error})"
-        return PathCertificate(False, np.nan, np.nan, 0.0, why)
+        return PathCertificate(False, np.nan, np.nan, why)
     along = motion.q[::_STEPS]
     gap = float(np.abs(along[-1] - along[0]).max())
     ends = np.empty_like(along)
@@ -124,12 +121,12 @@ def path_certificate(
             ends[k] = inverse.solve(path.placement(s % 1.0), along[0])
         except InputError as error:
             why = f"the straight line to {s:.0%} of it stops ({error})"
-            return PathCertificate(False, gap, np.nan, float(s), why)
+            return PathCertificate(False, gap, np.nan, why)
     away = np.abs(ends - along).max(axis=1)
     worst = int(away.argmax())
     mismatch, at = float(away[worst]), float(shares[worst])
     if mismatch <= _SAME:
-        return PathCertificate(True, gap, mismatch, at, "")
+        return PathCertificate(True, gap, mismatch, "")
     where = f"the straight line to {at:.0%} of it ends {mismatch:.2g} {inverse.task.unit} away"
     why = f"{where} from the motion, so something singular is inside the path, such as the base"
-    return PathCertificate(False, gap, mismatch, at, why)
+    return PathCertificate(False, gap, mismatch, why)
