@@ -30,7 +30,7 @@ def test_a_circle_shrinks_and_so_do_the_motions_along_it(name: str) -> None:
     inverse, problem = inverse_around(name)
     task, q0, path = problem.task, problem.start, problem.cycle
     found = rp.path_certificate(inverse, path, q0)
-    assert found and not found.reason and found.gap < 1e-7 and found.mismatch < 1e-6
+    assert found and not found.reason and found.gap < 1e-9 and found.mismatch < 1e-9
     assert "it closes: checked, not proved" in found.words
     pose, radius = task.placement(q0), 0.04
     for share in (0.25, 0.5, 1.0):
@@ -112,5 +112,7 @@ def test_wrong_arguments_are_named() -> None:
         )  # type: ignore[arg-type]
     with pytest.raises(rp.InputError, match="path"):
         rp.path_certificate(inverse, "circle", problem.start)  # type: ignore[arg-type]
+    with pytest.raises(rp.InputError, match="start"):
+        rp.path_certificate(inverse, problem.cycle, problem.start + 0.1)
     with pytest.raises(rp.InputError, match="q0"):
         rp.path_certificate(inverse, problem.cycle, [0.0])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ...arguments import require_type, vector
 from ...errors import InputError, SingularityError
-from ...motion import follow
+from ...motion import LeafLock, follow
 from ...paths import ClosedPath
 from ...strategies.repeatable import RepeatableInverse
 
@@ -107,9 +107,22 @@ def path_certificate(
     )
     require_type(path, ClosedPath, "path", "a closed path, such as rp.circle(task, q0)")
     q0 = vector(q0, inverse.task.n, "q0")
+    off = np.abs(inverse.task.error(q0, path.placement(0.0))).max()
+    if off > _SAME:
+        raise InputError(
+            f"q0 is {off:.2g} m or rad off the start of the path",
+            remedy="reach it with rp.solve_ik, or let the path begin at q0",
+        )
     shares = np.arange(_RAYS + 1) / _RAYS
     try:
-        motion = follow(inverse, path, q0, cycles=1, steps=_RAYS * _STEPS)
+        motion = follow(
+            inverse,
+            path,
+            q0,
+            cycles=1,
+            steps=_RAYS * _STEPS,
+            integrator=LeafLock(2),
+        )
     except SingularityError as error:
         why = f"the motion stops at a singularity ({error})"
         return PathCertificate(False, np.nan, np.nan, why)
