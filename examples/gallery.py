@@ -53,13 +53,11 @@ def one_arm(name: str, path: str | None = None) -> str:
     return study_page(rp.study(rp.Problem(name, path=path)))
 
 
-def both_arms() -> str:
-    """Make the page of both arms of baxter, each on a separate circle."""
-    from two_arms import both_arms_page, study_both
+def two_hands() -> str:
+    """Make the page of both hands of talos, each on a separate circle."""
+    from two_arms import HANDS, study_both
 
-    return both_arms_page(
-        study_both(rp.Robot.load("baxter"), ("left_gripper", "right_gripper"))
-    )
+    return study_page(study_both(rp.Robot.load("talos"), HANDS))
 
 
 def audit() -> str:
@@ -73,7 +71,7 @@ GALLERY: dict[str, Callable[[], str]] = {
     "panda": lambda: one_arm("panda"),
     "my_arm": lambda: one_arm(str(Path(__file__).parent / "my_arm.urdf")),
     "talos": lambda: one_arm("talos"),
-    "baxter": both_arms,
+    "two_hands": two_hands,
     "ppr": lambda: one_arm("ppr", "circle:0.4"),
     "planar7r": lambda: one_arm("planar7r"),
     "audit": audit,
