@@ -158,6 +158,13 @@ class ClosingRadius:
         return size
 
 
+def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
+    """Whether a repeatable inverse's configuration is on another leaf, or its pose is too far."""
+    if not inverse.same_leaf(q, closes.start):
+        return True
+    return not closes.contains(inverse.task.placement(q))
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class Proof:

@@ -288,18 +288,22 @@ def test_around_a_path_that_closes_others_close(panda_design: rp.Design) -> None
     assert np.abs(before - after).max() < 1e-9 and share < 1
 
 
-def test_a_motion_knows_its_share_beyond_the_radius() -> None:
+@pytest.fixture(scope="module")
+def planar() -> rp.Design:
+    """A proved design of the planar arm."""
     task = rp.Robot.load("planar3r").task("tool", "xy")
-    q = np.array([0.3, 0.8, 0.8])
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(q, 0.6), degree=2
-    )
-    closes = rp.prove(design, seconds=5).closes
+    region = rp.Box(np.array([0.3, 0.8, 0.8]), 0.6)
+    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, region, degree=2)
+    return replace(design, proof=rp.prove(design, seconds=5))
+
+
+def test_a_motion_knows_its_share_beyond_the_radius(planar: rp.Design) -> None:
+    task, q, closes = planar.task, planar.region.center, planar.proof.closes
     assert closes.around == "start"
     shares = []
     for radius in (0.4, 0.8, 1.6):  # of circles through the start, in closing radii
         path = rp.circle(task, q, radius * closes.metres)
-        motion = rp.follow(design.inverse, path, q, cycles=1, steps=100)
+        motion = rp.follow(planar.inverse, path, q, cycles=1, steps=100)
         assert motion.beyond_closing_radius is None
         motion = replace(motion, closing_radius=closes)
         away = np.linalg.norm(task.positions(motion.q) - closes.positions[0], axis=1)
@@ -308,18 +312,13 @@ def test_a_motion_knows_its_share_beyond_the_radius() -> None:
     assert shares[0] == 0 < shares[1] < shares[2] < 1
 
 
-def test_a_governor_knows_when_its_arm_is_beyond_the_radius() -> None:
+def test_a_governor_knows_when_its_arm_is_beyond_the_radius(planar: rp.Design) -> None:
     """By pose, and wherever the arm is if it is on another leaf than the proved one."""
-    task = rp.Robot.load("planar3r").task("tool", "xy")
-    q = np.array([0.3, 0.8, 0.8])
-    design = rp.nearest_repeatable(
-        rp.Pseudoinverse(task), None, rp.Box(q, 0.6), degree=2
-    )
-    closes = rp.prove(design, seconds=5).closes
+    task, q, closes = planar.task, planar.region.center, planar.proof.closes
     limits = rp.Limits(acceleration=50.0)
 
     def governor(radius: rp.ClosingRadius | None) -> rp.Governor:
-        return rp.Governor(design.inverse, 0.01, limits, closes=radius)
+        return rp.Governor(planar.inverse, 0.01, limits, closes=radius)
 
     moving, here = governor(closes), task.placement(q)
     moving.start(q)
@@ -335,8 +334,8 @@ def test_a_governor_knows_when_its_arm_is_beyond_the_radius() -> None:
         assert away == pytest.approx(share * closes.metres, abs=1e-6)
     assert seen == {True, False}
     beside = q + 0.01 * rp.redundancy.nullspace(task.jacobian(q))[:, 0]
-    assert design.inverse.same_leaf(q, moving.q)
-    assert not design.inverse.same_leaf(q, beside)
+    assert planar.inverse.same_leaf(q, moving.q)
+    assert not planar.inverse.same_leaf(q, beside)
     moving.start(beside)
     assert closes.contains(task.placement(beside)) and moving.beyond_closing_radius
     none = governor(None)

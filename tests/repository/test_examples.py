@@ -129,7 +129,7 @@ def test_two_arms(run: Run) -> None:
     assert names == "gripper_left_base_link + gripper_right_base_link, 16 joints:"
     found = re.findall(r"J⁺ (\S+), nearest repeatable (\S+)", drifts)[0]
     creeping, closed = map(float, found)
-    assert creeping > 1 and closed < 1e-9
+    assert creeping > 1 and closed < 1e-10
 
 
 @pytest.mark.slow  # its cells print the same by default, in test_notebooks.py

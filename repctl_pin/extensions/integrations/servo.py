@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, positive, shown
+from ...certificate import beyond
 from ...design.design_result import Design
 from ...errors import InputError, SingularityError
 from ...motion.limits import Limits, joint_limits
@@ -247,9 +248,7 @@ class Servo:
         """True if the command is beyond the closing radius of the design's certificate."""
         if not self._closes or self.command is None:
             return False
-        if not self._inverse.same_leaf(self.command, self._closes.start):
-            return True
-        return not self._closes.contains(self.task.placement(self.command))
+        return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
         """Describe what stops the arm before the target."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_numbers, positive, require_type, row, shown
-from ...certificate import ClosingRadius
+from ...certificate import ClosingRadius, beyond
 from ...errors import InputError
 from ...model.chain_formulas import Placement, as_placement
 from ...model.several_frames import one_frame
@@ -206,11 +206,7 @@ class Governor:
 
         Nothing is wrong there, but a loop that goes there is not proved to close. The radius is
         that of one leaf: on another one, every pose is beyond it."""
-        if not self._closes:
-            return None
-        if not self._inverse.same_leaf(self.q, self._closes.start):
-            return True
-        return not self._closes.contains(self._task.placement(self.q))
+        return beyond(self._closes, self._inverse, self.q) if self._closes else None
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.

@@ -6,7 +6,8 @@ import { tone } from "./dom.js";
 const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
-const OUTLINE = 1.6; // px, of a ghost
+const OUTLINE = 1.6; // px, of a ghost, at least
+const OUTLINE_SHARE = 1 / 500; // of the height of a pane, at least
 const OF_ARM = 1, OF_GHOST = 2; // bits of the stencil: where the arm is seen, and where its ghost is
 
 export class ArmView {
@@ -267,9 +268,10 @@ function outlined(options) {
   const T = MeshCat.THREE;
   PIXEL.value = PIXEL.value || new T.Vector2(0.002, 0.002);
   return new T.ShaderMaterial({
-    ...options, side: T.DoubleSide, uniforms: { color: { value: new T.Color() }, pixel: PIXEL, wide: { value: OUTLINE } },
-    vertexShader: `uniform vec2 pixel; uniform float wide;
+    ...options, side: T.DoubleSide, uniforms: { color: { value: new T.Color() }, pixel: PIXEL, least: { value: OUTLINE }, share: { value: OUTLINE_SHARE } },
+    vertexShader: `uniform vec2 pixel; uniform float least; uniform float share;
       void main() {
+        float wide = max(least, 2.0 * share / pixel.y);
         gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
         vec2 way = (projectionMatrix * vec4(normalMatrix * normal, 0.0)).xy / pixel;
         gl_Position.xy += wide * gl_Position.w * pixel * way / max(length(way), 1e-9);
