@@ -519,7 +519,7 @@ static double shorten(const Arm *arm, double x[], const double x_task[], const d
   for (int i = 0; i < N; i++) {
     const double back = x[i] - x_task[i], size = fabs(back);
     const double room = back > 0.0 ? most[i] - x_task[i] : most[i] + x_task[i];
-    if (size > 1e-15 && room / size < share) share = room / size;
+    if (size > 1e-12 && room / size < share) share = room / size;
   }
   if (!(share > 0.0)) share = 0.0;
   for (int i = 0; i < N; i++) {

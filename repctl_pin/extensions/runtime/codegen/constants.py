@@ -10,7 +10,6 @@ import numpy as np
 
 from .text import integer, row
 
-
 _TYPES = {"frame": "Arm"}
 """Types of the members that do not bear their type's name."""
 
