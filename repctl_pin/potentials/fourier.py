@@ -13,7 +13,7 @@ from ..arguments import Array, as_configurations, as_int, flag, per_joint
 from ..errors import InputError
 from ..native import PART, filled_struct
 from .basis import PotentialBasis, as_joint_indices
-from .maps import coefficients
+from .maps import Potentials, coefficients
 
 _MAX_SIZE = 20_000
 
@@ -133,7 +133,7 @@ class Fourier(PotentialBasis):
         )
 
 
-class FourierMap:
+class FourierMap(Potentials):
     """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,)."""
 
     def __init__(self, waves: Array, A: Array) -> None:
@@ -144,13 +144,6 @@ class FourierMap:
         """Evaluate h(q): (r,)."""
         phase = self.waves @ q
         return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        phase = self.waves @ q
-        return self.waves.T @ (
-            np.cos(phase)[:, None] * self.sines - np.sin(phase)[:, None] * self.cosines
-        )
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""

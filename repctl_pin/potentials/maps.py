@@ -84,7 +84,7 @@ def coefficients(A: ArrayLike, size: int) -> Array:
     return A
 
 
-class SumMap:
+class SumMap(Potentials):
     """Sum of several maps of r potentials each: ``h = h_a + h_b + …``"""
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
@@ -93,10 +93,6 @@ class SumMap:
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         return np.sum([part.value(q) for part in self.maps], axis=0)
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        return np.sum([part.gradient(q) for part in self.maps], axis=0)
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
@@ -115,7 +111,7 @@ class CurvedSumMap(SumMap):
         return np.sum([part.hessian(q) for part in self._curved], axis=0)
 
 
-class PartialMap:
+class PartialMap(Potentials):
     """Potentials of selected joints, ``h(q) = h_part(q[variables])``; other joints have no effect.
 
     Parameters
@@ -138,13 +134,6 @@ class PartialMap:
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
         return self.part.value(q[self.variables])
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        inner = self.part.gradient(q[self.variables])
-        V = np.zeros((self.n, inner.shape[1]))
-        V[self.variables] = inner
-        return V
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
