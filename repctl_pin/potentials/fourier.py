@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, as_configurations, as_int, flag, per_joint
 from ..errors import InputError
 from ..native import PART, filled_struct
-from .basis import PotentialBasis, as_joint_indices
-from .maps import Potentials, coefficients
+from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 
 _MAX_SIZE = 20_000
 
@@ -160,14 +159,14 @@ class FourierMap(Potentials):
         )  # (N / 2, r)
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
-    def _native_part(self, joints: Sequence[int]) -> Any:
+    def _native_part(self) -> Any:
         """Create the struct :data:`PART` of the series; waves without coefficients are left out."""
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()
         weight = np.stack([self.sines[used], self.cosines[used]], axis=-1)
-        sizes = {"kind": _FOURIER_SERIES, "k": len(joints), "count": len(weight)}
+        sizes = {"kind": _FOURIER_SERIES, "k": self.n, "count": len(weight)}
         reals = {"wave": self.waves[used], "weight": weight}
-        return filled_struct(PART, {"joint": joints}, reals, sizes)[0]
+        return filled_struct(PART, {"joint": range(self.n)}, reals, sizes)[0]
 
 
 def _sum(k: NDArray[np.int_]) -> str:
