@@ -13,13 +13,13 @@ from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
-from .lines import Span, fitted, with_options, wrapped
+from .lines import COLUMNS, Span, fitted, with_options, wrapped
 from .motion_summary import MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
 
-ROWS, COLUMNS = 24, 80
-"""Size of the terminal into which the answer fits."""
+ROWS = 24
+"""Number of rows of the terminal into which the answer fits."""
 
 _NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
