@@ -108,7 +108,7 @@ def add_options(parser: Parser) -> None:
         "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
     )
     add("--allow-violations", action="store_true", help=anyway)
-    add("--json", action="store_true", help="print JSON instead of text")
+    parser.json()
 
 
 def run(options: Options) -> int:
