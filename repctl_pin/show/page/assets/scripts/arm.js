@@ -124,16 +124,13 @@ export class ArmView {
   handOff() { const { frame, base, first, f } = this.now; return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f)); }
 
   // The corners of that part, as it stands.
-  partCorners() {
-    return this.part.flatMap((k) => { const { matrix } = this.moving[k]; this.moving[k].updateMatrix(); return this.corners[k].map((c) => c.clone().applyMatrix4(matrix)); });
-  }
+  partCorners() { return this.part.flatMap((k) => this.corners[k].map((c) => this.placed(k, c))); }
+
+  // A point of body k, now.
+  placed(k, point) { this.moving[k].updateMatrix(); return point.clone().applyMatrix4(this.moving[k].matrix); }
 
   // The place on that part which is off most in the end, now; the elbow where there is no part.
-  partSpot() {
-    const spot = new MeshCat.THREE.Vector3(), corners = this.partCorners();
-    corners.forEach((p, i) => { spot.addScaledVector(p, this.weights[i]); });
-    return corners.length ? spot : this.point("elbow", 0, this.now.frame);
-  }
+  partSpot() { return this.spot ? this.placed(this.spot.k, this.spot.point) : this.point("elbow", 0, this.now.frame); }
 
   // Where the joint is that breaks its limit, now.
   mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
@@ -257,9 +254,12 @@ export function referenceOf(arms) {
 // Point at the part of these bodies in all arms from now on.
 export function pointAt(arms, isPart) {
   for (const arm of arms) arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
-  const { before, after } = displaced(arms), ways = after.map((p, i) => p.distanceTo(before[i])), most = Math.max(...ways);
-  const shares = ways.map((way) => (most > SAME ? (way / most) ** 4 : 1)), all = shares.reduce((sum, v) => sum + v, 0);
-  for (const arm of arms) arm.weights = shares.map((v) => v / all);
+  const { arm: worst, before, after } = displaced(arms), ways = after.map((p, i) => p.distanceTo(before[i])), most = Math.max(...ways);
+  const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c])), [k] = corners[ways.indexOf(most)] || [];
+  const point = new MeshCat.THREE.Vector3();
+  let all = 0;
+  corners.forEach(([body, c], i) => { if (body === k) { const weight = most > SAME ? (ways[i] / most) ** 4 : 1; point.addScaledVector(c, weight); all += weight; } });
+  for (const arm of arms) arm.spot = all ? { k, point: point.clone().divideScalar(all) } : null;
 }
 
 // The arm that is off most after all cycles, and where the corners of its part are before and after them.

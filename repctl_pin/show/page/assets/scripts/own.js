@@ -7,14 +7,15 @@ import { Chain, Law, pieces, stepped } from "./law.js";
 import { inMetres } from "./numbers.js";
 import { computed, drawnAt } from "./run.js";
 import { answer } from "./sentence.js";
-import { Trail } from "./traces.js";
+import { dots, Trail } from "./traces.js";
 
 const CYCLES = 10;
 const POINTS = 40; // of a loop, as it is kept
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
 const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
-const HOW = ["The dashed line closes the loop."];
+const HOW = ["The dotted line closes the loop."];
+const DOTS = 200; // of that line, at most
 const RACE = 4; // times the joint speed at the start, or times the limit at the study's speed, at which it stops
 const FLAT = 0.35; // part of the smallest sine between the rows of J at the start, below which it stops
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
@@ -75,9 +76,7 @@ export class Own {
     arms.forEach((arm) => { arm.use({ data: { ...arm.study.run.data, broken: null }, motion: new Float64Array(2 * (arm.stride + 6)), frames: 2, perCycle: 1 }); arm.notice.textContent = ""; });
     this.player.clear();
     this.lead.shown = arms.map((arm) => {
-      const group = arm.traces, line = new T.Line(new T.BufferGeometry(), new T.LineDashedMaterial({ color: arm.data.color, dashSize: 0.02 * this.extent, gapSize: 0.012 * this.extent }));
-      line.geometry.setAttribute("position", new T.Float32BufferAttribute(6, 3)).setAttribute("lineDistance", new T.Float32BufferAttribute(2, 1));
-      line.frustumCulled = false;
+      const group = arm.traces, line = dots(new T.BufferGeometry().setAttribute("position", new T.Float32BufferAttribute(3 * DOTS, 3)), arm.data.color);
       group.add(line);
       if (chain.proved) group.add(disc(home, normal, chain.proved));
       return { line, tip: new Trail(group, arm.data.color), elbow: new Trail(group, arm.data.color) };
@@ -193,13 +192,14 @@ export class Own {
 
   // Draw both arms where they have been led; the ghost is the last of them.
   draw() {
-    const { lead, chain, arms } = this, T = MeshCat.THREE;
+    const { lead, chain, arms } = this;
     arms.forEach((arm, k) => {
       drawnAt(chain, arm, lead.qs.at(-1), arm.run, 0);
       drawnAt(chain, arm, lead.qs[k], arm.run, 1);
-      const { geometry } = lead.shown[k].line, from = new T.Vector3(...lead.hand), to = new T.Vector3(...chain.home);
-      geometry.attributes.position.copyArray([...from.toArray(), ...to.toArray()]).needsUpdate = true;
-      geometry.attributes.lineDistance.copyArray([0, from.distanceTo(to)]).needsUpdate = true;
+      const { geometry } = lead.shown[k].line, count = Math.min(DOTS, Math.floor(gap(lead.hand, chain.home) / (0.018 * this.extent)));
+      for (let i = 0; i < count; i++) geometry.attributes.position.setXYZ(i, ...lead.hand.map((v, c) => v + ((i + 0.5) / count) * (chain.home[c] - v)));
+      geometry.setDrawRange(0, count);
+      geometry.attributes.position.needsUpdate = true;
     });
     const beyond = this.beyond(lead.trail);
     if (lead.why !== lead.said || beyond !== lead.beyond) {
@@ -256,7 +256,7 @@ export class Own {
     if (result.cycles < CYCLES) sentence.push([` In cycle ${result.cycles + 1} an arm comes to a singularity.`, "bad"]);
     notes.push(...this.said());
     this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1)] : notes, `your loop, ${inMetres(this.length)} long`);
-    byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more from the start";
+    byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
   }
 
