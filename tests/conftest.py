@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import shlex
+import shutil
 import sys
 import tempfile
 import time
@@ -53,6 +55,7 @@ def pytest_collection(session: pytest.Session) -> None:
     ready = Path(tempfile.gettempdir(), f"compiled-{worker['testrunuid']}")
     ready.mkdir(exist_ok=True)
     (ready / str(number)).touch()
+    atexit.register(shutil.rmtree, ready, ignore_errors=True)
     end = time.monotonic() + 60
     while len(list(ready.iterdir())) < count and time.monotonic() < end:
         time.sleep(0.05)
