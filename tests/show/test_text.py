@@ -140,6 +140,11 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
             "0 under the repeatable one.",
         ),
         (
+            [replace(USUAL, part="arm 3"), CLOSED],
+            BACK + "Arm 3 is not: 32 cm off under the usual control, "
+            "0 under the repeatable one.",
+        ),
+        (
             [replace(USUAL, part="link 3"), CLOSED],
             BACK + "Link 3 of the arm is not: 32 cm off under the usual control, "
             "0 under the repeatable one.",

@@ -157,7 +157,7 @@ def _drifted(
     summaries: Sequence[MotionSummary], worst: MotionSummary
 ) -> tuple[str, str, list[Span]]:
     """Write which part or joint is off, the verb, and by how much it is off under each."""
-    subject = f"{worst.part} of the arm"
+    subject = worst.part if worst.part[:4] == "arm " else f"{worst.part} of the arm"
     if not any(letter.isdigit() for letter in worst.part):
         subject = f"the {worst.part}"
     if worst.off >= SMALL:
