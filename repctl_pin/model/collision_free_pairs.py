@@ -66,13 +66,7 @@ class CollisionFreePairs:
         between them, or the search takes too many boxes.
         """
         ends = self._shapes.collisionPairs[pair]
-        one, other = (self._carriers(body) for body in (ends.first, ends.second))
-        ways = [(one - other, ends.first), (other - one, ends.second)]
-        reach = {
-            j: r
-            for way, body in ways
-            for j, r in self._reach(sorted(way), body).items()
-        }
+        reach = self.reach(ends.first, ends.second)
         moving = np.array(sorted(reach), np.intp) - 1
         low = self._low[moving]
         high = self._high[moving]
@@ -81,6 +75,18 @@ class CollisionFreePairs:
         return self._free(
             pair, moving, low, high, np.array([reach[j] for j in sorted(reach)])
         )
+
+    def reach(self, body: int, other: int | None) -> dict[int, float]:
+        """Bound how far the points of a body move against another one, m, per rad or m of a joint.
+
+        ``other`` is None for a body that stands still. Returns the bounds by joint id.
+        """
+        one = self._carriers(body)
+        if other is None:
+            return self._reach(sorted(one), body)
+        beyond = self._carriers(other)
+        found = self._reach(sorted(one - beyond), body)
+        return found | self._reach(sorted(beyond - one), other)
 
     def _free(
         self, pair: int, moving: NDArray[np.intp], low: Array, high: Array, reach: Array

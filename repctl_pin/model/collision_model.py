@@ -138,6 +138,36 @@ class _CollisionModel:
             which[k] = last if found[k] < np.inf else -1
         return found, which
 
+    def reach(self) -> Array:
+        """Bound how far the two bodies of each pair move against each other: (P, N), m per rad or m.
+
+        A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because it is
+        1-Lipschitz in the points of its bodies.
+        """
+        reach = np.zeros((len(self.pairs), self._model.nq))
+        for row, (a, b) in zip(reach, self.pairs.tolist(), strict=True):
+            for joint, far in self._ways.reach(a, b if b < self._own else None).items():
+                row[joint - 1] = far
+        return reach
+
+    def kept(self, distance: float) -> Array:
+        """Return the distance that each pair keeps: (P,), m; 0 where collisions only are checked."""
+        return np.where(self._only_contact, 0.0, distance)
+
+    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
+
+        They are those of the hulls. Where the hulls of a pair that is checked for collisions only
+        overlap, it is that of the exact shapes.
+        """
+        with self._lock:
+            self._move(q)
+            found = [self._apart(k) for k in pairs.tolist()]
+            for i, k in enumerate(pairs.tolist()):
+                if found[i] <= 0 and self._only_contact[k]:
+                    found[i] = self._full_distance(k, q)
+        return np.array(found)
+
     def names(self, pair: int) -> Pair:
         """Return the names of the two links of a pair, given by its index."""
         a, b = self.pairs[pair].tolist()
@@ -352,11 +382,11 @@ class _CollisionModel:
     def _never_colliding(self, task: Task, asked: _Mask) -> _Mask:
         """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
         never = np.zeros(len(self.pairs), bool)
-        pairs = CollisionFreePairs(
+        self._ways = CollisionFreePairs(
             self._model, task.robot.joints, self._shapes, self._full_distance
         )
         for k in np.flatnonzero(asked).tolist():
-            never[k] = pairs.proved(k)
+            never[k] = self._ways.proved(k)
         return never
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
