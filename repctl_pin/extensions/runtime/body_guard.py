@@ -29,6 +29,9 @@ _STOP = 1e-3
 """Distance beyond the kept one at which the samples of a plan stay, m. The bounds between samples
 use it up, so that an arm that was stopped can leave."""
 
+_START = 1e-4
+"""The same at a start, m."""
+
 _NOISE = 5e-6
 """Error of a measured distance that is allowed on the way, m: a plan from rest to rest that leads
 away is not refused for it."""
@@ -36,7 +39,10 @@ away is not refused for it."""
 _ANCHORS = 12
 """Number of configurations whose distances are remembered."""
 
-_MOST = 200
+_AT_ONCE = 3
+"""Maximum number of them that a plan replaces."""
+
+_MOST = 100
 """Maximum number of distances measured in a tick; a plan that needs more is not allowed."""
 
 
@@ -93,19 +99,33 @@ class BodyGuard:
         q = q if self._drive is None else self._drive.joints(q)
         found = self._model.some_distances(q, np.arange(len(self._reach)))
         worst = int(np.argmin(found - self._kept))
-        if found[worst] < self._kept[worst] or found[worst] <= 0:
-            one, other = self._model.names(worst)
-            raise InputError(
-                f"the start is too near to a collision: {one} and {other} are "
-                f"{max(found[worst], 0):.3g} m apart, and body_distance = {self._distance:g} m "
-                "is to be kept",
-                remedy="start farther away, or use a smaller body_distance",
-            )
+        if found[worst] < self._kept[worst] + _START:
+            self._refuse_start(worst, 1e3 * max(float(found[worst]), 0.0))
         self._rest = np.minimum(self._kept + _STOP, found)
         self._anchors = np.repeat(q[None], _ANCHORS, axis=0)
         self._bounds = np.repeat(found[None], _ANCHORS, axis=0)
         self._next = 0
         self.nearest = None
+
+    def keeps(self, Q: Array) -> bool:
+        """Tell whether all distances are kept along samples Q (K, n) of another motion."""
+        S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
+        for k in range(0, max(len(Q) - 1, 1), ROOM - 1):
+            self._left = ROOM * len(self._reach)
+            if not self.allows(Q[k : k + ROOM], S[k : k + ROOM]):
+                return False
+        return True
+
+    def _refuse_start(self, pair: int, apart: float) -> None:
+        one, other = self._model.names(pair)
+        asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
+        if self._kept[pair]:
+            remedy += ", or use a smaller body_distance"
+        raise InputError(
+            f"the start is too near to a collision: {one} and {other} are {apart:.3g} mm apart, "
+            f"and {asked:.3g} mm are required",
+            remedy=remedy,
+        )
 
     def begin_tick(self) -> None:
         """Allow a new number of distances to be measured."""
@@ -152,7 +172,7 @@ class BodyGuard:
             exact[k, which] = True
             apart = np.abs(Q - Q[k]) @ reach[which].T
             lower[:, which] = np.maximum(lower[:, which], found - apart)
-            self._remember(Q[k], pairs, lower[k])
+        self._remember(Q, pairs, lower, np.flatnonzero(exact.any(axis=1))[::-1])
         if not failed.any():
             return True
         worst = int(np.argmin(np.where(failed, lower - kept, np.inf)))
@@ -173,12 +193,16 @@ class BodyGuard:
         known: Array = (self._bounds[:, pairs] - apart).max(axis=1)
         return known
 
-    def _remember(self, q: Array, pairs: NDArray[np.intp], lower: Array) -> None:
-        """Remember the bounds at q; those of other pairs follow from the remembered ones."""
-        bounds = self._known(q[None], np.arange(len(self._reach)))[0]
-        bounds[pairs] = np.maximum(bounds[pairs], lower)
-        self._anchors[self._next], self._bounds[self._next] = q, bounds
-        self._next = (self._next + 1) % _ANCHORS
+    def _remember(
+        self, Q: Array, pairs: NDArray[np.intp], lower: Array, measured: NDArray[np.intp]
+    ) -> None:
+        """Remember the bounds at some samples; those of other pairs follow from remembered ones."""
+        some = measured[:: max(1, len(measured) // _AT_ONCE)][:_AT_ONCE]
+        bounds = self._known(Q[some], np.arange(len(self._reach)))
+        bounds[:, pairs] = np.maximum(bounds[:, pairs], lower[some])
+        at = (self._next + np.arange(len(some))) % _ANCHORS
+        self._anchors[at], self._bounds[at] = Q[some], bounds
+        self._next = (self._next + len(some)) % _ANCHORS
 
 
 def _bodies_of(bodies: Bodies, task: Task) -> Bodies:

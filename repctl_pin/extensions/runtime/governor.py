@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers, positive, require_type, row, shown
+from ...arguments import Array, as_configurations, as_numbers, positive, require_type, row, shown
 from ...certificate import ClosingRadius, beyond
 from ...errors import InputError
 from ...model.bodies import Bodies
@@ -234,6 +234,19 @@ class Governor:
         if self._guard is None or not self._on or self._said is not Status.BODIES:
             return None
         return self._guard.nearest
+
+    def keeps_distance(self, Q: ArrayLike) -> bool:
+        """Tell whether the bodies keep their distance on a motion that the governor does not make.
+
+        Parameters
+        ----------
+        Q : (K, n) array
+            Its configurations; between two of them the joints move on a straight line. The answer
+            can be no where the distance is kept by less than 1 mm, or where they are far apart.
+        """
+        self._check_started()
+        Q = as_configurations(Q, self._task.n, repr(self._task))
+        return self._guard is None or self._guard.keeps(Q)
 
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
