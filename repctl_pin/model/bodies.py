@@ -113,11 +113,10 @@ class Bodies:
     def __init__(
         self, task: Task, *, surroundings: str | Path | None = None
     ) -> None:
-        self.task = require_type(
-            task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
-        )
+        require_type(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
         if surroundings is not None:
-            self.task = _beside(task, surroundings)
+            task = _beside(task, surroundings)
+        self.task = task
         _, self._drive = task.bodies_model()
         model = self._model = _model_of(task)
         self.pairs = model.measured
