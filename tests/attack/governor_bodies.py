@@ -109,7 +109,7 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
     )  # fmt: skip
     governor.start(q0)
     home, said, times = task.placement(q0), Counter(), []
-    least, contact, checks, stops, stuck, blocked, done = np.inf, np.inf, 0, 0, 0, 0, 0
+    least, contact, checks, stops, asked, stuck, blocked, done = np.inf, np.inf, *6 * [0]
     Q = [q0] * 4
     worst, limits = np.zeros(3), (task.velocity_limit, 8.0, 2000.0)
 
@@ -160,13 +160,14 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
             stops += blocked == 1 and before == 0
             before = blocked
             if blocked >= 400:
+                asked += 1
                 stuck += not leaves()
                 blocked = 0
                 break
     spent = 1e6 * np.array(times)
     return {
         "ticks": done, "checks": checks, "least mm": 1e3 * least, "contact mm": 1e3 * contact,
-        "stops": int(stops), "stuck": stuck, "pairs": len(full.pairs),
+        "stops": int(stops), "asked to leave": asked, "stuck": stuck, "pairs": len(full.pairs),
         "mean us": spent.mean(), "per mille us": np.percentile(spent, 99.9),
         "worst us": spent.max(), "limits": worst.max(), **said,
     }  # fmt: skip
