@@ -110,10 +110,10 @@ class Bodies:
     True
     """
 
-    def __init__(
-        self, task: Task, *, surroundings: str | Path | None = None
-    ) -> None:
-        require_type(task, Task, "task", "a task, such as rp.Robot.load('panda').task()")
+    def __init__(self, task: Task, *, surroundings: str | Path | None = None) -> None:
+        require_type(
+            task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
+        )
         if surroundings is not None:
             task = _beside(task, surroundings)
         self.task = task

@@ -139,7 +139,7 @@ class _CollisionModel:
         return found, which
 
     def reach(self) -> Array:
-        """Bound how far the two bodies of each pair move against each other: (P, N), m per rad or m.
+        """Bound how far the bodies of each pair move against each other: (P, N), m per rad or m.
 
         A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because it is
         1-Lipschitz in the points of its bodies.
@@ -151,7 +151,7 @@ class _CollisionModel:
         return reach
 
     def kept(self, distance: float) -> Array:
-        """Return the distance that each pair keeps: (P,), m; 0 where collisions only are checked."""
+        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""
         return np.where(self._only_contact, 0.0, distance)
 
     def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:

@@ -89,9 +89,7 @@ def start_of(task: rp.Task, bodies: rp.Bodies) -> np.ndarray:
 def near(place: pin.SE3, size: float, rng: np.random.Generator) -> pin.SE3:
     """Displace and turn a placement at random."""
     turn = pin.exp3(0.4 * rng.normal(size=3))
-    return pin.SE3(
-        turn @ place.rotation, place.translation + size * rng.normal(size=3)
-    )
+    return pin.SE3(turn @ place.rotation, place.translation + size * rng.normal(size=3))
 
 
 def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
@@ -109,7 +107,11 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
     )  # fmt: skip
     governor.start(q0)
     home, said, times = task.placement(q0), Counter(), []
-    least, contact, checks, stops, asked, stuck, blocked, done = np.inf, np.inf, *6 * [0]
+    least, contact, checks, stops, asked, stuck, blocked, done = (
+        np.inf,
+        np.inf,
+        *6 * [0],
+    )
     Q = [q0] * 4
     worst, limits = np.zeros(3), (task.velocity_limit, 8.0, 2000.0)
 

@@ -446,7 +446,9 @@ def test_a_clutch_moves_the_arm_with_the_hand_and_stops_it(bench: Bench) -> None
         q = bench.run(1 / RATE)
         if k == 0:
             assert (q == Q0).all()
-    moved = bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    moved = (
+        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    )
     assert 0.05 < moved[0] <= 0.1 and abs(moved[1]) < 1e-3
     bench.run(0.5)
     assert servo.at_rest and servo.reason == "the last hand pose is more than 0.1 s old"

@@ -1,4 +1,4 @@
-"""A governor that keeps a distance between bodies: always, between its samples, and it can leave."""
+"""A governor that keeps a distance between bodies, also between its samples, and can leave them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import pytest
 from controls import control
 
 import repctl_pin as rp
-from repctl_pin.model.collision_model import collision_model
 
 DT, A, J, D = 0.002, 6.0, 400.0, 0.02
 Q0 = np.array([0.3, 0.8, 0.8])
@@ -33,9 +32,7 @@ POST = """<robot name="w"><link name="room"/><link name="{name}"><collision><geo
 def task(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
     """Planar arm of three cylinders beside a wire of 1 mm."""
     folder = tmp_path_factory.mktemp("arm")
-    links = "".join(
-        LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3)
-    )
+    links = "".join(LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3))
     (folder / "arm.urdf").write_text(
         f'<robot name="arm"><link name="l0"/>{links}{TOOL}</robot>'
     )
@@ -71,7 +68,9 @@ def test_the_distance_is_kept_between_samples_and_the_arm_leaves(
     rng, Q, stops = np.random.default_rng(2), [Q0] * 4, set()
     for k in range(12):
         twist = rng.normal(size=6) * [1, 1, 0, 0, 0, 0] if k % 3 == 0 else None
-        target = None if k % 3 == 0 else beyond(task, *rng.normal(size=2) * 0.2 + [0, 0.1])
+        target = (
+            None if k % 3 == 0 else beyond(task, *rng.normal(size=2) * 0.2 + [0, 0.1])
+        )
         for _ in range(200):
             q, status = governor.step(target, twist)
             Q.append(q)
@@ -101,6 +100,7 @@ def test_an_arm_that_was_stopped_leaves(task: rp.Task, dt: float) -> None:
     for _ in range(round(0.8 / dt)):
         q, status = governor.step(twist=[0, 0.3, 0, 0, 0, 0])
     assert status is rp.Status.BODIES
+    assert D + 0.0009 < rp.Bodies(task).nearest(q).distance < D + 0.003
     stopped = task.placement(q).translation
     for _ in range(round(1.5 / dt)):
         q, _ = governor.step(twist=[0, -0.3, 0, 0, 0, 0])
@@ -116,8 +116,9 @@ def test_a_distance_changes_no_faster_than_its_bound(task: rp.Task) -> None:
     slid = rp.Robot.load(sliding, surroundings=path.with_name("post.urdf"))
     rng = np.random.default_rng(0)
     for own in (task, slid.task("tool", "xy")):
-        model = collision_model(own)
-        reach, every = model.reach(), np.arange(len(model.pairs))
+        guard = governed(own, bodies=rp.Bodies(own))._guard
+        model, reach = guard._model, guard._reach
+        every = np.arange(len(reach))
         largest = 0.0
         for _ in range(60):
             q = rng.uniform(own.lower, own.upper)
@@ -192,7 +193,9 @@ def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
     now = walled.nearest(Q0).distance
     governor = rp.Governor(inverse, DT, LIMITS, bodies=walled, body_distance=now + 1e-6)
-    with pytest.raises(rp.InputError, match=r"l3 and wall are \d+\.?\d* mm apart, and"):
+    with pytest.raises(
+        rp.InputError, match=r"l3 and wall are \d+\.?\d* mm from each other, and"
+    ):
         governor.start(Q0)
     with pytest.raises(rp.InputError, match="has not started"):
         governor.step(twist=np.zeros(6))

@@ -171,5 +171,7 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
     x = found[3:] if len(found) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
     norm = float(np.linalg.norm(x))
     if not np.isfinite(found).all() or not abs(norm - 1) <= _UNIT:
-        raise InputError(f"parameter {name}: it must be finite, its quaternion of norm 1")
+        raise InputError(
+            f"parameter {name}: it must be finite, its quaternion of norm 1"
+        )
     return pin.SE3(pin.Quaternion(x / norm).matrix(), found[:3])

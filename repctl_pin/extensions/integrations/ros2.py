@@ -30,8 +30,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ...arguments import Array
 from ...design.design_result import Design
 from ...errors import InputError, unknown
-from ...motion.limits import Limits
 from ...model.bodies import Bodies
+from ...motion.limits import Limits
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
 from ..runtime.clutch import Clutch
@@ -160,8 +160,15 @@ class _ArmNode(Node):
         def on_request(request: Any, response: Any) -> Any:
             leaf, base = self.servo.current_leaf, self.servo.base
             asked = request.ik_request
-            own = {"names": self._names, "base": base, "leaf": leaf}
-            return answer(F, asked, response, tool=self.servo.tool, **own)
+            return answer(
+                F,
+                asked,
+                response,
+                names=self._names,
+                base=base,
+                leaf=leaf,
+                tool=self.servo.tool,
+            )
 
         self.create_service(GetPositionIK, "compute_ik", on_request)
 

@@ -13,10 +13,10 @@ from ...arguments import Array, positive, shown
 from ...certificate import beyond
 from ...design.design_result import Design
 from ...errors import InputError, SingularityError
-from ...motion.limits import Limits, joint_limits
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
 from ...model.tool import require_pose, rigid
+from ...motion.limits import Limits, joint_limits
 from ..cells.cell_design import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status

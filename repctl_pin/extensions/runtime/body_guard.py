@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, positive, require_type
+from ...arguments import Array, require_type
 from ...errors import InputError
 from ...model.bodies import Bodies
 from ...model.task import Task
@@ -66,7 +66,7 @@ class BodyGuard:
 
     def __init__(self, bodies: Bodies, task: Task, distance: float) -> None:
         self._bodies = _bodies_of(bodies, task)
-        self._distance = positive(distance, "body_distance", "m", zero=True)
+        self._distance = distance
         self.nearest: tuple[str, str] | None = None
         self._connect()
 
@@ -116,14 +116,14 @@ class BodyGuard:
                 return False
         return True
 
-    def _refuse_start(self, pair: int, apart: float) -> None:
+    def _refuse_start(self, pair: int, distance: float) -> None:
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
         if self._kept[pair]:
             remedy += ", or use a smaller body_distance"
         raise InputError(
-            f"the start is too near to a collision: {one} and {other} are {apart:.3g} mm apart, "
-            f"and {asked:.3g} mm are required",
+            f"the start is too near to a collision: {one} and {other} are {distance:.3g} mm "
+            f"from each other, and {asked:.3g} mm are required",
             remedy=remedy,
         )
 
@@ -170,8 +170,8 @@ class BodyGuard:
                 break
             found = self._model.some_distances(Q[k], pairs[which])
             exact[k, which] = True
-            apart = np.abs(Q - Q[k]) @ reach[which].T
-            lower[:, which] = np.maximum(lower[:, which], found - apart)
+            moved = np.abs(Q - Q[k]) @ reach[which].T
+            lower[:, which] = np.maximum(lower[:, which], found - moved)
         self._remember(Q, pairs, lower, np.flatnonzero(exact.any(axis=1))[::-1])
         if not failed.any():
             return True
@@ -182,19 +182,23 @@ class BodyGuard:
     def _undecided(self, Q: Array, S: Array) -> NDArray[np.intp]:
         """Find the pairs whose distances no remembered configuration shows to be kept."""
         low, high = Q.min(axis=0), Q.max(axis=0)
-        apart = np.maximum(high - self._anchors, self._anchors - low)
-        lower = (self._bounds - apart @ self._reach.T).max(axis=0)
+        moved = np.maximum(high - self._anchors, self._anchors - low)
+        lower = (self._bounds - moved @ self._reach.T).max(axis=0)
         way = (np.diff(S, axis=0).max(axis=0, initial=0.0) @ self._reach.T) / 2
         return np.flatnonzero(~(lower >= self._kept + np.maximum(way, _STOP)))
 
     def _known(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
         """Bound distances from below at all samples by the remembered ones: (K, P)."""
-        apart = np.abs(Q[:, None] - self._anchors) @ self._reach[pairs].T
-        known: Array = (self._bounds[:, pairs] - apart).max(axis=1)
+        moved = np.abs(Q[:, None] - self._anchors) @ self._reach[pairs].T
+        known: Array = (self._bounds[:, pairs] - moved).max(axis=1)
         return known
 
     def _remember(
-        self, Q: Array, pairs: NDArray[np.intp], lower: Array, measured: NDArray[np.intp]
+        self,
+        Q: Array,
+        pairs: NDArray[np.intp],
+        lower: Array,
+        measured: NDArray[np.intp],
     ) -> None:
         """Remember the bounds at some samples; those of other pairs follow from remembered ones."""
         some = measured[:: max(1, len(measured) // _AT_ONCE)][:_AT_ONCE]

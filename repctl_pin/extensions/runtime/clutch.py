@@ -8,7 +8,12 @@ from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_numbers, positive, shown
 from ...errors import InputError
-from ...model.chain_formulas import Placement, as_placement, is_rotation, require_rotation
+from ...model.chain_formulas import (
+    Placement,
+    as_placement,
+    is_rotation,
+    require_rotation,
+)
 
 _TURN = 2 * np.pi
 
@@ -111,7 +116,9 @@ class Clutch:
         size = float(np.linalg.norm(angle))
         last = float(np.linalg.norm(self._angle))
         axis = angle / size if size > 1e-6 else self._angle / max(last, 1e-300)
-        turns = np.round((self._angle @ axis - size) / _TURN) if last > np.pi / 2 else 0.0
+        turns = (
+            np.round((self._angle @ axis - size) / _TURN) if last > np.pi / 2 else 0.0
+        )
         self._angle = angle + _TURN * turns * axis
         return self._angle
 

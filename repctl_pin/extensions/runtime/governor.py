@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_configurations, as_numbers, positive, require_type, row, shown
+from ...arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    positive,
+    require_type,
+    row,
+    shown,
+)
 from ...certificate import ClosingRadius, beyond
 from ...errors import InputError
 from ...model.bodies import Bodies
@@ -158,7 +166,8 @@ class Governor:
         if closes is not None:
             require_type(closes, ClosingRadius, "closes", "design.proof.closes")
         self._closes = closes
-        self._guard = None if bodies is None else BodyGuard(bodies, task, body_distance)
+        kept = positive(body_distance, "body_distance", "m", zero=True)
+        self._guard = None if bodies is None else BodyGuard(bodies, task, kept)
         native = required_library("a governor")
         self._on = False
         self._state = np.zeros(native.governor_bytes(), np.uint8)
@@ -194,8 +203,8 @@ class Governor:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; its connection to C is made again."""
-        own = ("_arm", "_call", "_address", "_target", "_twist", "_begin", "_native")
-        own += ("_ask", "_samples", "_ways", "_error")
+        connected = "arm call address target twist begin native ask samples ways error"
+        own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}
         return kept | {"_state": self._state.copy(), "_q": self._q.copy()}
 
@@ -333,7 +342,7 @@ class Governor:
         return self._guarded_step(self._guard, given)
 
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
-        """Step with bodies; an error of the guard is raised after the tick, whose plan it refused."""
+        """Step with bodies; an error of the guard is raised after its tick."""
         guard.begin_tick()
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)
@@ -343,7 +352,7 @@ class Governor:
         return self._q.copy(), self._said
 
     def _allows(self, count: int) -> int:
-        """Tell C whether the bodies allow the plan of which it wrote so many samples."""
+        """Tell C whether the bodies allow the plan of which it wrote the samples."""
         try:
             assert self._guard is not None
             return int(self._guard.allows(self._samples[:count], self._ways[:count]))
