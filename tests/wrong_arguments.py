@@ -384,6 +384,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Governor, "keeps_distance"): {"Q": q0[None]},
         (rp.Clutch, "engage"): {"hand": target, "at": target},
         (rp.Clutch, "target"): {"hand": target},
+        (rp.Clutch, "release"): {},
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Design, "spectral_cost"): {},
