@@ -57,7 +57,7 @@ def body_reach(
 
 
 def _stroke(joint: Joint) -> float:
-    """Bound the position of a prismatic joint, m; infinite for a mimic joint: its leader moves it."""
+    """Bound the position of a prismatic joint, m; infinite for a mimic joint."""
     if joint.mimic is not None:
         return float(np.inf)
     return max(abs(joint.lower), abs(joint.upper))

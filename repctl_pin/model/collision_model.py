@@ -140,7 +140,7 @@ class _CollisionModel:
         return found, which
 
     def reach(self) -> Array:
-        """Bound how far each joint moves the bodies of each pair, see :func:`body_reach`: (P, N)."""
+        """Bound how far each joint moves the bodies of a pair, see :func:`body_reach`: (P, N)."""
         shapes = [body.measured for body in self._bodies]
         return body_reach(
             self._model, self._joints, self._joint, self._place, shapes, self.pairs
