@@ -217,11 +217,7 @@ class Robot(Mechanism):
         ]
         around = None
         if surroundings is not None:
-            beside = Path(
-                os.path.expanduser(str(file_name(surroundings, "surroundings")))
-            )
-            near = default_package_dirs(beside)
-            around = check_surroundings(read_urdf(beside, [*own, *near]))
+            around, near = read_surroundings(surroundings, own)
             folders += near
         description = read_urdf(path, folders, data)
         if found:
@@ -526,3 +522,12 @@ def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def read_surroundings(
+    path: str | Path, package_dirs: Sequence[str]
+) -> tuple[Description, Sequence[str]]:
+    """Read the URDF of surroundings; return it, and the folders beside it that have its meshes."""
+    beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
+    near = default_package_dirs(beside)
+    return check_surroundings(read_urdf(beside, [*package_dirs, *near])), near
