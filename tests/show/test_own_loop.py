@@ -272,6 +272,36 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert errors(driver) == []
 
 
+_OPENING = """
+const { own } = repctl, { clock, rings: [ring] } = own, seen = [];
+const look = () => { own.place(); seen.push([clock.time, getComputedStyle(ring.firstChild).display !== "none", ring.classList.contains("pulse")]); };
+clock.open(); look();
+clock.pass(3.1); for (let k = 0; k < clock.cycles; k++) clock.pass(0.51); look();
+clock.pass(3.1); clock.pass(0.3 * clock.seconds); look();
+clock.play(false); clock.seek(clock.cycles);
+return seen;
+"""  # noqa: E501
+
+
+def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) -> None:
+    """While it opens, not while the hand goes round; and the callouts point at one place of both
+    arms, where the drift is."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    beginning, walked, running = driver.execute_script(_OPENING)
+    assert beginning == [2, True, False] and walked == [2, True, True]
+    assert 0.2 < running[0] < 1 and not running[1]
+    spots, elbows = np.array(
+        driver.execute_script(
+            "return ['spot', 'elbow'].map((what) => repctl.own.arms.map((arm) => (what === 'spot' "
+            "? arm.partSpot() : arm.point('elbow', 0, arm.now.frame)).toArray()))"
+        )
+    )
+    assert np.linalg.norm(spots[0, :2] - spots[1, :2]) > 0.03  # links of 1 m
+    assert np.linalg.norm((spots - elbows)[:, :2], axis=1).max() < 0.15
+    assert errors(driver) == []
+
+
 _SHIFTS = """
 window.shifts = [];
 new PerformanceObserver((list) => shifts.push(...list.getEntries().map(({ value }) => value)))

@@ -43,7 +43,7 @@ export class Own {
   }
 
   ring(frame, k) {
-    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me: draw a loop");
+    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me", element("i", {}, ": draw a loop"));
     const ring = element("button", { class: "ring", type: "button", "aria-label": "Drag me: lead the hand by the pointer, or by the arrow keys and Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
     if (k) ring.tabIndex = -1;
     ring.addEventListener("pointerdown", (event) => {
