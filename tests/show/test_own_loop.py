@@ -17,6 +17,7 @@ from browser import asleep, errors, open_page, schemes, wait_until_drawn
 from page_file import read
 
 import repctl_pin as rp
+from repctl_pin.motion import unresolved
 
 LAW = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "law.js"
 NODE = shutil.which("node")
@@ -397,6 +398,33 @@ def test_the_proved_radius_is_drawn_and_said(
     driver.execute_script("repctl.own.leave(); repctl.own.take(0, null)")
     assert "Within the pale disc" in driver.execute_script(notes)
     driver.execute_script("repctl.own.leave()")
+    assert errors(driver) == []
+
+
+def test_a_drift_that_is_no_number_is_not_shown(
+    driver: Any, page: Path, study: rp.Study
+) -> None:
+    """A loop to 1 mm from the end of the arm's reach, as a study says of it; not one to 1 cm."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    home = np.array(driver.execute_script("return repctl.own.chain.home"))
+    angle, plain = np.arctan2(home[1], home[0]), rp.Pseudoinverse(study.task)
+    for far, state in ((2.99, "own"), (2.999, "study")):
+        corners = [
+            [far * np.cos(angle), far * np.sin(angle), home[2]],
+            [
+                0.999 * far * np.cos(angle + 0.3),
+                0.999 * far * np.sin(angle + 0.3),
+                home[2],
+            ],
+        ]
+        points = np.round([home, *corners, home], 4)
+        path = rp.waypoints(points, study.task.placement(study.q0).rotation)
+        motion = rp.follow(plain, path, study.q0, cycles=10, steps=100)
+        assert bool(unresolved(plain, motion)) == (state == "study")
+        driver.execute_script("repctl.own.open(arguments[0])", points.tolist())
+        assert driver.execute_script("return repctl.own.state") == state
+    assert "singularity on your loop; its drift is not a number" in said(driver)
     assert errors(driver) == []
 
 
