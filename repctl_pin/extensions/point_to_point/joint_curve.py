@@ -73,7 +73,7 @@ def cut(curve: PPoly, begin: float, end: float) -> PPoly:
 
 
 def joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
-    """Join curves q(a) to one, q(s), on which each has a length, m; return also the s of the joints.
+    """Join curves q(a) to one, q(s), on which each has a length, m; return also s at their ends.
 
     s is scaled such that it grows as the joints move, on average.
     """

@@ -57,22 +57,27 @@ class Line:
         Length of the way of the position, m; of a rotation, 0.1 m per rad.
     turns : bool
         True if the line is a rotation, with a constant position.
+    ends : (2, k) array or None
+        Coordinates at both ends of a line in the cell's coordinates.
     """
 
     kind: Literal["tool", "cell"]
     at: Curve
     length: float
     turns: bool
+    ends: Array | None = None
 
     @classmethod
-    def of(cls, kind: Literal["tool", "cell"], at: Curve) -> Line:
+    def of(
+        cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None
+    ) -> Line:
         """Create a line, and measure its length."""
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
         steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
         turned = _PER_RADIAN * float(steps.sum())
         turns = moved < _TURNS * turned
-        return cls(kind, at, turned if turns else moved, turns)
+        return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
         """Evaluate v and ω (3,) at an end, m and rad per metre; exact on a line of the tool."""
@@ -109,15 +114,19 @@ def cell_line(F: InverseFunction | ToolFunction, start: Array, end: Array) -> Li
 
     A cell is a box in u, hence convex: the whole line lies in it.
     """
-    tool = tool_of(F)
-    X = np.stack([start, end]) @ np.linalg.inv(tool)
+    X = np.stack([start, end]) @ np.linalg.inv(tool_of(F))
     U, _ = F.cell.coordinates(X[:, :3, 3], X[:, :3, :3])
+    return Line.of("cell", lambda a: _placed(F, _between(U, a)), U)
 
-    def at(a: Array) -> Array:
-        u = (1 - a)[:, None] * U[0] + a[:, None] * U[1]
-        return homogeneous(*F.cell.placements(u)) @ tool
 
-    return Line.of("cell", at)
+def _between(U: Array, a: Array) -> Array:
+    """Interpolate between two coordinates U (2, k): (K, k) for a (K,)."""
+    return np.asarray((1 - a)[:, None] * U[0] + a[:, None] * U[1])
+
+
+def _placed(F: InverseFunction | ToolFunction, U: Array) -> Array:
+    """Convert coordinates U (K, k) of the cell to poses (K, 4, 4) of the tool."""
+    return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
 
 def tool_of(F: InverseFunction | ToolFunction) -> Array:
@@ -130,10 +139,11 @@ def tool_of(F: InverseFunction | ToolFunction) -> Array:
 class Blend:
     """Curve that leaves one line before a pose and joins the next line after it.
 
-    With the shares α and β of a bend, see :meth:`.Bend.shares`, and the rotation R₁ and position
-    p₁ of the pose in between,
+    With the shares α and β of a bend, see :meth:`.Bend.shares`, and the pose x₁ in between,
 
-    ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``.
+    ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``;
+
+    between two lines in the cell's coordinates, ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
 
     Attributes
     ----------
@@ -151,7 +161,9 @@ class Blend:
     cut_out: float
 
 
-def blend_of(into: Line, out: Line, radius: float) -> Blend | None:
+def blend_of(
+    F: InverseFunction | ToolFunction, into: Line, out: Line, radius: float
+) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
     The blend begins and ends where an arc of the radius would, m, on at most half of each line. If
@@ -170,12 +182,16 @@ def blend_of(into: Line, out: Line, radius: float) -> Blend | None:
     cut_in, cut_out = cut / into.length, cut / out.length
     if max(cut_in, cut_out) > 0.5:
         return None
-    middle = out.at(np.zeros(1))[0]
+    u_in, u_out, x_1 = into.ends, out.ends, into.at(np.ones(1))[0]
 
     def at(a: Array) -> Array:
         alpha, beta = bend.shares(a)
-        X, Y = into.at(1 - alpha * cut_in), out.at(beta * cut_out)
-        R = X[:, :3, :3] @ middle[:3, :3].T @ Y[:, :3, :3]
-        return homogeneous(X[:, :3, 3] - middle[:3, 3] + Y[:, :3, 3], R)
+        before, after = 1 - alpha * cut_in, beta * cut_out
+        if u_in is not None and u_out is not None:
+            u = _between(u_in, before) - u_in[1] + _between(u_out, after)
+            return _placed(F, u)
+        X, Y = into.at(before), out.at(after)
+        R = X[:, :3, :3] @ x_1[:3, :3].T @ Y[:, :3, :3]
+        return homogeneous(X[:, :3, 3] - x_1[:3, 3] + Y[:, :3, 3], R)
 
     return Blend(at, bend.length(cut), cut_in, cut_out)

@@ -5,25 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...arguments import MOST_STEPS, Array, as_numbers, positive, read_only, require_type
+from ...arguments import (
+    MOST_STEPS,
+    Array,
+    as_numbers,
+    positive,
+    read_only,
+    require_type,
+)
 from ...errors import InputError
-from ...model.chain_formulas import Placement
+from ...model.chain_formulas import Placement, as_placements
+from ...model.task import Task
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import Limits, joint_limits
-from ...model.task import Task
 from ...motion.timed_motion import TimedMotion
+from ..cells.cell_arguments import stacked
 from ..cells.function import InverseFunction
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
 from ..timing.profile import Segment
 from .parts import parts_of
-
-_Function = InverseFunction | ToolFunction
 
 _MOMENT = 1e-3
 """Maximum half-width, s, of the central differences that give q̈."""
@@ -184,8 +191,10 @@ def motion_between(
     >>> rp.motion_between(F, poses, rp.Limits(acceleration=5.0, jerk=100.0)).lines
     ('tool',)
     """
-    require_type(F, _Function, "F", "a function of a cell, such as design.function")
-    X = homogeneous(*as_poses(F.task, poses))
+    if not isinstance(F, ToolFunction):
+        what = "a function of a cell, such as design.function"
+        require_type(F, InverseFunction, "F", what)
+    X = homogeneous(*_poses(F.task, poses))
     names = [f"pose {k}" for k in range(len(X))]
     return between(F, X, limits, names, blend=blend, rate=rate, progress=progress)
 
@@ -252,6 +261,14 @@ def between(
     )
 
 
+def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
+    """Convert poses to positions (P, 3), m, and rotations (P, 3, 3)."""
+    if isinstance(poses, np.ndarray) and poses.shape[1:] in ((4, 4), (7,)):
+        return as_poses(task, poses)
+    what = "a list of placements, or a (P, 4, 4) or (P, 7) array"
+    return stacked(task, as_placements(poses, "pose", what), "pose")
+
+
 def _configurations(
     F: InverseFunction | ToolFunction, X: Array, names: Sequence[str]
 ) -> Array:
@@ -270,7 +287,9 @@ def _configurations(
     return np.array(Q)
 
 
-def _looked_at(task: Task, t: Array, q: Array, qdot: Array, rests: Array) -> JointMotion:
+def _looked_at(
+    task: Task, t: Array, q: Array, qdot: Array, rests: Array
+) -> JointMotion:
     """Select points of a motion at which limits and bodies are checked; all rests are among them.
 
     ``rests`` are the rows at rest.

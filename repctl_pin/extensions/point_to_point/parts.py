@@ -121,7 +121,12 @@ def _line_between(
     F: InverseFunction | ToolFunction, start: Array, end: Array, first: str, second: str
 ) -> tuple[Line, PPoly]:
     """Choose the line between two poses (4, 4), which have names, and fit the joints along it."""
-    ends = (end[None, :3, 3], end[None, :3, :3], start[None, :3, 3], start[None, :3, :3])
+    ends = (
+        end[None, :3, 3],
+        end[None, :3, :3],
+        start[None, :3, 3],
+        start[None, :3, :3],
+    )
     if np.linalg.norm(F.cell.errors(*ends)) < _SAME:
         raise InputError(f"{second} is equal to {first}; remove one of them")
     for line in (tool_line(F.cell, start, end), cell_line(F, start, end)):
@@ -142,7 +147,7 @@ def _blend(
     F: InverseFunction | ToolFunction, into: Line, out: Line, radius: float
 ) -> tuple[Blend, PPoly | None] | None:
     """Blend two lines, and fit the joints along the blend; None where the arm must rest."""
-    blend = blend_of(into, out, radius)
+    blend = blend_of(F, into, out, radius)
     if blend is None or not blend.length:
         return None if blend is None else (blend, None)
     curve = joints_along(F, blend.at)

@@ -330,7 +330,7 @@ def _path_of(curve: Any) -> Any:
     """Make the path of toppra from a curve q(s)."""
     from toppra.interpolator import AbstractGeometricPath
 
-    class Path(AbstractGeometricPath):  # type: ignore[misc]
+    class Path(AbstractGeometricPath):
         dof = curve.c.shape[2]
         path_interval = curve.x[[0, -1]]
 
