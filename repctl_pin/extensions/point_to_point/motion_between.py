@@ -32,9 +32,6 @@ from ..cells.tool_function import ToolFunction
 from ..timing.profile import Segment
 from .parts import parts_of
 
-_MOMENT = 1e-3
-"""Maximum half-width, s, of the central differences that give q̈."""
-
 _LOOKED_AT = 50
 """Number of points per line at which limit margins and body distances are evaluated."""
 
@@ -48,8 +45,8 @@ class MotionBetween(TimedMotion):
     """Motion through poses of a cell, from rest to rest: result of :func:`motion_between`.
 
     It is a :class:`TimedMotion`: :func:`write_motion` writes it, :class:`Run` runs it with a feed
-    override. The first and the last sample are at rest. ``motion`` holds its configurations at
-    fewer points, with their limit margins and body distances.
+    override. The first and the last sample are at rest, and the derivatives are exact. ``motion``
+    holds its configurations at fewer points, with their limit margins and body distances.
 
     Attributes
     ----------
@@ -231,11 +228,9 @@ def between(
         )
     course = _Course(tuple(segments), rows / rate)
     t = np.arange(rows[-1] + 1) / rate
-    q, qdot, *_ = course.derivatives(t)
-    h = min(_MOMENT, 1 / rate)
-    qddot = (course.derivatives(t + h)[1] - course.derivatives(t - h)[1]) / (2 * h)
+    q, qdot, qddot, _ = course.derivatives(t)
     rests = [0, *(part.last for part in parts)]
-    q[rows], qdot[rows] = ends[rests], 0.0
+    q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
     times = [np.zeros(1)]
     for part, segment, ends_at in zip(parts, segments, pairwise(t[rows]), strict=True):
         share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]
