@@ -30,8 +30,8 @@ _STAGES = 48
 _CHECKED = np.linspace(0.0, 1.0, 33)
 """Points at which limits are checked between two stages, as fractions of the time."""
 
-_ROUNDING = 1e-6
-"""Part of the limits that is left free for rounding."""
+_ROUNDING = 2e-5
+"""Part of the limits that is left free for what lies between the points that are checked."""
 
 
 @dataclass(frozen=True, eq=False)
