@@ -4,7 +4,6 @@ from .certificate import ClosingRadius as ClosingRadius
 from .certificate import Proof as Proof
 from .design import Design as Design
 from .design import SingularRegionError as SingularRegionError
-from .design.compare import compare as compare
 from .design.nearest import nearest_repeatable as nearest_repeatable
 from .errors import InputError as InputError
 from .errors import RepctlError as RepctlError

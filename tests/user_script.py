@@ -82,9 +82,7 @@ def designs(task: rp.Task) -> rp.Design:
     print(control.solve(task.placement(q0), q0, leaf=[0.0]), control.batch([q0, q0]))
     fast: rp.RepeatableInverse = control
     print(fast.velocities([q0], [[0.1, 0.0]]), rp.export_c(control, "c", name="arm"))
-    print(
-        rp.compare(design, design), rp.save(design, "d.json"), rp.load("d.json", task)
-    )
+    print(rp.save(design, "d.json"), rp.load("d.json", task))
     again: rp.Design = rp.load_design("d.json", task)
     spring = rp.LeafImpedance(
         again.inverse, stiffness=(1000.0, 50.0), observer_limit=[5, 5, 2]

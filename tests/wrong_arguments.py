@@ -154,7 +154,6 @@ def right_calls(folder: Path) -> list[Call]:
             "task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0,
             "rotation": "fixed",
         },
-        "compare": {"first": design, "others": design},
         "drift_per_area": {"strategy": control, "q": q0},
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
         "follow": {

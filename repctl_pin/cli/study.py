@@ -73,10 +73,7 @@ def add_options(parser: Parser) -> None:
     )
     full = "print all strategies, quantities and settings"
     add("--full", action="store_true", help=full)
-    add("--json", action="store_true", help="print JSON instead of the table")
-    add(
-        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
-    )
+    parser.json("the table", quiet=True)
 
 
 def run(options: Options) -> int:

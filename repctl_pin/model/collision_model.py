@@ -24,7 +24,6 @@ from .body_shapes import (
     transform,
 )
 from .catalogue import disabled_pairs
-from .collision_free_pairs import CollisionFreePairs
 from .model import fixed_placements, link_frames, origin
 from .shapes import find_mesh
 from .task import Task
@@ -240,29 +239,6 @@ class _CollisionModel:
             return True
         return collide(one, self._transform(a), other, self._transform(b))
 
-    def _full_distance(self, k: int, q: Array) -> float:
-        """Bound the distance of pair k from below at q (N,), m; 0 in a collision.
-
-        It is the distance of the hulls or, where they overlap, that of the exact shapes.
-        """
-        self._move(q)
-        distance = self._apart(k)
-        if distance > 0 or self._collide(k):
-            return max(distance, 0.0)
-        (a, b), result = self._both[k], coal.DistanceResult()
-        one = self._bodies[a].exact
-        other = self._bodies[b].exact
-        return float(
-            coal.distance(
-                one,
-                self._transform(a),
-                other,
-                self._transform(b),
-                self._request,
-                result,
-            )
-        )
-
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s."""
         if k >= self._own:
@@ -346,18 +322,7 @@ class _CollisionModel:
         left_out = fused | always
         self.measured = self.named(~only_contact & ~left_out)
         self.only_contact = self.named(only_contact & ~left_out)
-        kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
-        self._measure(self.pairs[kept], only_contact[kept])
-
-    def _never_colliding(self, task: Task, asked: _Mask) -> _Mask:
-        """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
-        never = np.zeros(len(self.pairs), bool)
-        pairs = CollisionFreePairs(
-            self._model, task.robot.joints, self._shapes, self._full_distance
-        )
-        for k in np.flatnonzero(asked).tolist():
-            never[k] = pairs.proved(k)
-        return never
+        self._measure(self.pairs[~left_out], only_contact[~left_out])
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.

@@ -19,7 +19,6 @@ from ..studies.study_maps import StudyMaps
 from ..studies.study_result import Study
 from .page.html import render
 from .page.snapshot import still_figure
-from .page.summaries import study_headline
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
 from .plots.designs import cost_against_degree, joint_map, maps_that_vary
@@ -27,7 +26,7 @@ from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
 from .text.answer import displacement_cells
-from .text.headline import names_of
+from .text.headline import names_of, study_headline
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 
@@ -82,7 +81,6 @@ def report_page(
         title=title,
         caption=f"{study.task.frame}, {study.task.kind} task, {study.path.name}",
         headline=study_headline(study),
-        summary=captions.summary(study),
         # the page's own heading is this page's already
         animation=(animation or study_page(study)).replace(
             "<body>", '<body class="inside">', 1
