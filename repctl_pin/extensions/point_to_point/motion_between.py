@@ -139,7 +139,7 @@ class _Course:
 
 def motion_between(
     F: InverseFunction | ToolFunction,
-    poses: Sequence[Placement] | Array,
+    poses: Sequence[Placement] | ArrayLike,
     limits: Limits,
     *,
     blend: float = 0.0,

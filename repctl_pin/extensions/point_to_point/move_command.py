@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
-
-import numpy as np
+from math import isfinite
+from typing import TYPE_CHECKING, Any
 
 import repctl_pin as rp
 
@@ -14,15 +13,11 @@ from ...cli.options import Parser
 from ...cli.terminal import in_percent, progress, report
 from ...errors import InputError
 from ...files import write_whole
-from ...motion.csv_file import csv_text
-from ...motion.joint_motion import JointMotion, refuse_violations
-from ...motion.write_motion import yaml_text
-from ...paths.waypoint_file import read_waypoints
 from ...show.text.lines import fitted
 from ...show.text.numbers import counted, number
-from ...studies.study_result import bodies_dict
-from ..cells.targets import homogeneous
-from .motion_between import between
+
+if TYPE_CHECKING:
+    from ...motion.joint_motion import JointMotion
 
 HELP = (
     "move through poses of a saved cell, from rest to rest: at each pose, the joints are always "
@@ -62,14 +57,16 @@ def add_options(parser: Parser) -> None:
         action="store_true",
         help="write --csv and --yaml even if bodies collide",
     )
-    add("--json", action="store_true", help="print JSON instead of text")
-    add(
-        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
-    )
+    parser.json(quiet=True)
 
 
 def run(options: Options) -> int:
     """Time the motion, evaluate it, and write it."""
+    from ...motion.csv_file import csv_text
+    from ...motion.joint_motion import refuse_violations
+    from ...motion.write_motion import yaml_text
+    from .motion_between import between
+
     say = progress(options.quiet or options.json)
     if options.csv is not None and options.csv == options.yaml:
         raise InputError("--csv and --yaml name the same file; give each another name")
@@ -80,19 +77,12 @@ def run(options: Options) -> int:
             remedy="make one with repctl cell",
         )
     limits = options.asked_limits()
-    table = read_waypoints(options.through)
-    if table.times is not None:
-        raise InputError(
-            f"{options.through} has times, but the limits determine them; remove that column"
-        )
-    R = table.rotations
-    if R is None:
-        R = np.tile(design.cell.placement.rotation, (len(table.points), 1, 1))
+    X, names = _poses(options.through, design.cell)
     moved = between(
         design.function,
-        homogeneous(table.points, R),
+        X,
         limits,
-        [f"line {line}" for line in table.lines],
+        names,
         blend=options.blend,
         rate=options.rate,
         progress=in_percent(say),
@@ -115,8 +105,28 @@ def run(options: Options) -> int:
     )
 
 
+def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
+    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines."""
+    import numpy as np
+
+    from ...paths.waypoint_file import read_waypoints
+    from ..cells.targets import homogeneous
+
+    table = read_waypoints(file)
+    if table.times is not None:
+        raise InputError(
+            f"{file} has times, but the limits determine them; remove that column"
+        )
+    R = table.rotations
+    if R is None:
+        R = np.tile(cell.placement.rotation, (len(table.points), 1, 1))
+    return homogeneous(table.points, R), [f"line {line}" for line in table.lines]
+
+
 def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
     """Convert the motion's figures to plain Python types, for JSON output."""
+    from ...studies.study_result import bodies_dict
+
     return {
         **motion.task.as_dict(),
         "joints": moved.joints,
@@ -144,7 +154,7 @@ def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
     cell = len(moved.lines) - tool
     yield f"lines           {tool} of the tool, {cell} in the coordinates of the cell"
     margin = result["limit_margin"]
-    yield f"limit margin    {number(margin) if np.isfinite(margin) else 'no limits'}"
+    yield f"limit margin    {number(margin) if isfinite(margin) else 'no limits'}"
     if distance is not None:
         links = " and ".join(result["nearest_bodies"]["links"])
         least = (
