@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...arguments import Array
-from ..cells.function import InverseFunction
-from ..cells.tool_function import ToolFunction
-from .lines import Curve, tool_of
+from .lines import Curve, Function, tool_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -32,7 +30,7 @@ _INSIDE = np.linspace(0.0, 1.0, 2001)
 """Points at which poses are tested to lie in the cell."""
 
 
-def joints_along(F: InverseFunction | ToolFunction, at: Curve) -> PPoly | None:
+def joints_along(F: Function, at: Curve) -> PPoly | None:
     """Fit ``q(a) = F(x(a))``, a from 0 to 1, to 2e-13.
 
     Returns None if the curve of poses leaves the cell, or F does not exist or is not smooth along

@@ -19,6 +19,9 @@ from ..cells.rotations import exp3, log3
 from ..cells.targets import homogeneous
 from ..cells.tool_function import ToolFunction
 
+Function = InverseFunction | ToolFunction
+"""Function of a cell, or that of another tool."""
+
 Curve = Callable[[Array], Array]
 """Function of a (K,) that returns poses: homogeneous matrices (K, 4, 4)."""
 
@@ -109,7 +112,7 @@ def tool_line(cell: Cell, start: Array, end: Array) -> Line:
     return Line.of("tool", at)
 
 
-def cell_line(F: InverseFunction | ToolFunction, start: Array, end: Array) -> Line:
+def cell_line(F: Function, start: Array, end: Array) -> Line:
     """Create the line between two poses (4, 4) that is straight in the cell's coordinates u.
 
     A cell is a box in u, hence convex: the whole line lies in it.
@@ -124,12 +127,12 @@ def _between(U: Array, a: Array) -> Array:
     return np.asarray((1 - a)[:, None] * U[0] + a[:, None] * U[1])
 
 
-def _placed(F: InverseFunction | ToolFunction, U: Array) -> Array:
+def _placed(F: Function, U: Array) -> Array:
     """Convert coordinates U (K, k) of the cell to poses (K, 4, 4) of the tool."""
     return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
 
-def tool_of(F: InverseFunction | ToolFunction) -> Array:
+def tool_of(F: Function) -> Array:
     """Return the placement (4, 4) of the tool in the frame that the cell is of."""
     return F.tool.homogeneous if isinstance(F, ToolFunction) else np.eye(4)
 
@@ -161,9 +164,7 @@ class Blend:
     cut_out: float
 
 
-def blend_of(
-    F: InverseFunction | ToolFunction, into: Line, out: Line, radius: float
-) -> Blend | None:
+def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet; None where the arm must rest.
 
     The blend begins and ends where an arc of the radius would, m, on at most half of each line. If

@@ -30,6 +30,7 @@ from ..cells.function import InverseFunction
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
 from ..timing.profile import Segment
+from .lines import Function
 from .parts import parts_of
 
 _LOOKED_AT = 50
@@ -111,16 +112,6 @@ class _Course:
     segments: tuple[Segment, ...]
     begins: Array
 
-    def phase(self) -> dict[str, Array]:
-        """Return the length of the joint path from the start up to every stage, and ṡ there."""
-        lengths = np.cumsum([0.0] + [one.s[-1] for one in self.segments])
-        factors = np.diff(self.begins) / [one.t[-1] for one in self.segments]
-        s, v = [], []
-        for one, begin, factor in zip(self.segments, lengths, factors, strict=False):
-            s.append(begin + one.s)
-            v.append(one.speed / factor)
-        return {"length": np.concatenate(s), "speed": np.concatenate(v)}
-
     def derivatives(self, t: Array) -> Array:
         """Evaluate q and its first three derivatives (4, T, n) at times (T,)."""
         last = len(self.segments) - 1
@@ -197,7 +188,7 @@ def motion_between(
 
 
 def between(
-    F: InverseFunction | ToolFunction,
+    F: Function,
     X: Array,
     limits: Limits,
     names: Sequence[str],
@@ -219,22 +210,23 @@ def between(
         segment, duration = part.timed(kept)
         segments.append(segment)
         durations.append(duration)
+    if not sum(durations) * rate < _MOST_SAMPLES:
+        raise InputError(
+            f"{sum(durations):.3g} s at {rate:g} samples per second exceed "
+            f"{_MOST_SAMPLES:,} samples; lower the rate"
+        )
     samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
     rows = np.concatenate([[0], np.cumsum(samples)])
-    if rows[-1] >= _MOST_SAMPLES:
-        raise InputError(
-            f"{rows[-1] / rate:.3g} s at {rate:g} samples per second exceed {_MOST_SAMPLES:,} "
-            "samples; lower the rate"
-        )
     course = _Course(tuple(segments), rows / rate)
     t = np.arange(rows[-1] + 1) / rate
     q, qdot, qddot, _ = course.derivatives(t)
     rests = [0, *(part.last for part in parts)]
     q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
-    times = [np.zeros(1)]
+    passed = [np.zeros(1)]
     for part, segment, ends_at in zip(parts, segments, pairwise(t[rows]), strict=True):
         share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]
-        times.append(ends_at[0] + share * (ends_at[1] - ends_at[0]))
+        passed.append(ends_at[0] + share * (ends_at[1] - ends_at[0]))
+    times = np.concatenate(passed)
     return MotionBetween(
         joints=F.task.robot_joints,
         t=t,
@@ -242,16 +234,17 @@ def between(
         qdot=qdot,
         qddot=qddot,
         starts=t[[0, -1]],
-        **course.phase(),
+        length=np.insert(np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)), 0, 0.0),
+        speed=np.linalg.norm(qdot, axis=1),
         velocity=kept.velocity,
         acceleration=kept.acceleration,
         jerk=kept.jerk,
         stops=len(rests) - 2,
-        motion=_looked_at(F.task, t, q, qdot, rows),
+        motion=_looked_at(F.task, course, times),
         trajectory=course,
         poses=X,
         lines=tuple(line.kind for line in lines),
-        times=np.concatenate(times),
+        times=times,
         rests=tuple(rests),
     )
 
@@ -264,9 +257,7 @@ def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
     return stacked(task, as_placements(poses, "pose", what), "pose")
 
 
-def _configurations(
-    F: InverseFunction | ToolFunction, X: Array, names: Sequence[str]
-) -> Array:
+def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
     """Evaluate F at poses X (P, 4, 4), each as a call of F does: (P, n)."""
     if len(X) < 2:
         count = "only one" if len(X) else "none"
@@ -282,16 +273,13 @@ def _configurations(
     return np.array(Q)
 
 
-def _looked_at(
-    task: Task, t: Array, q: Array, qdot: Array, rests: Array
-) -> JointMotion:
-    """Select points of a motion at which limits and bodies are checked; all rests are among them.
+def _looked_at(task: Task, course: _Course, times: Array) -> JointMotion:
+    """Evaluate the motion at the points at which limits and bodies are checked.
 
-    ``rests`` are the rows at rest.
+    ``times`` are those of the poses.
     """
-    steps = [
-        np.linspace(begin, end, min(end - begin, _LOOKED_AT) + 1).astype(int)
-        for begin, end in pairwise(rests)
-    ]
-    rows = np.unique(np.concatenate(steps))
-    return JointMotion(task, t[rows], q[rows], qdot[rows], 1, len(rows) - 1)
+    share = np.arange(_LOOKED_AT) / _LOOKED_AT
+    t = times[:-1, None] + np.diff(times)[:, None] * share
+    t = np.append(t, times[-1])
+    q, qdot, *_ = course.derivatives(t)
+    return JointMotion(task, t, q, qdot, 1, len(t) - 1)

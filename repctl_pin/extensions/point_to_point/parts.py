@@ -12,11 +12,9 @@ import numpy as np
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion.limits import JointLimits
-from ..cells.function import InverseFunction
-from ..cells.tool_function import ToolFunction
 from ..timing.profile import Segment, fastest_along, most_used
 from .joint_curve import cut, joined, joints_along
-from .lines import Blend, Line, blend_of, cell_line, tool_line
+from .lines import Blend, Function, Line, blend_of, cell_line, tool_line
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -73,7 +71,7 @@ class Part:
 
 
 def parts_of(
-    F: InverseFunction | ToolFunction, X: Array, names: Sequence[str], radius: float
+    F: Function, X: Array, names: Sequence[str], radius: float
 ) -> tuple[list[Line], list[Part]]:
     """Choose the lines between poses X (P, 4, 4), and join those that blend to parts.
 
@@ -118,7 +116,7 @@ def _part(
 
 
 def _line_between(
-    F: InverseFunction | ToolFunction, start: Array, end: Array, first: str, second: str
+    F: Function, start: Array, end: Array, first: str, second: str
 ) -> tuple[Line, PPoly]:
     """Choose the line between two poses (4, 4), which have names, and fit the joints along it."""
     ends = (
@@ -144,7 +142,7 @@ def _line_between(
 
 
 def _blend(
-    F: InverseFunction | ToolFunction, into: Line, out: Line, radius: float
+    F: Function, into: Line, out: Line, radius: float
 ) -> tuple[Blend, PPoly | None] | None:
     """Blend two lines, and fit the joints along the blend; None where the arm must rest."""
     blend = blend_of(F, into, out, radius)
