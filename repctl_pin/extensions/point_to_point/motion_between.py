@@ -15,6 +15,7 @@ from ...arguments import (
     MOST_STEPS,
     Array,
     as_numbers,
+    flag_or_function,
     positive,
     read_only,
     require_type,
@@ -25,6 +26,7 @@ from ...model.task import Task
 from ...motion.joint_motion import JointMotion
 from ...motion.limits import Limits, joint_limits
 from ...motion.timed_motion import TimedMotion
+from ...progress import reporter
 from ..cells.cell_arguments import stacked
 from ..cells.function import InverseFunction
 from ..cells.targets import as_poses, homogeneous
@@ -51,8 +53,19 @@ class MotionBetween(TimedMotion):
 
     Attributes
     ----------
+    t : (T,) array
+        Time, s, from 0.
+    q, qdot, qddot : (T, n) arrays
+        Positions, velocities and accelerations, rad or m.
+    starts : (2,) array
+        Times of the start and the end, s.
+    length, speed : (T,) arrays
+        Length of the joint path from the start, and its rate, rad or m, and per s.
+    velocity, acceleration, jerk : (n,) arrays
+        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it is
+        not limited.
     poses : (P, 4, 4) array
-        The poses.
+        The poses, homogeneous matrices with positions in m.
     lines : tuple of str
         The line from each pose to the next, P − 1: ``tool`` for the straight line of the tool,
         ``cell`` for the straight line in the cell's coordinates.
@@ -135,7 +148,7 @@ def motion_between(
     *,
     blend: float = 0.0,
     rate: float = 1000.0,
-    progress: Callable[[str, float], None] | None = None,
+    progress: bool | Callable[[str, float], None] = False,
 ) -> MotionBetween:
     """Time a motion through poses of a cell, as quickly as the limits allow.
 
@@ -159,7 +172,7 @@ def motion_between(
     rate
         Samples per second, Hz. The time between two rests is a whole number of samples.
     progress
-        Function of a step's name and the fraction that is done.
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
 
     Returns
     -------
@@ -179,6 +192,12 @@ def motion_between(
     >>> rp.motion_between(F, poses, rp.Limits(acceleration=5.0, jerk=100.0)).lines
     ('tool',)
     """
+    progress = flag_or_function(
+        progress,
+        "progress",
+        "a function of what is being done and the share that is done",
+        2,
+    )
     if not isinstance(F, ToolFunction):
         what = "a function of a cell, such as design.function"
         require_type(F, InverseFunction, "F", what)
@@ -195,21 +214,21 @@ def between(
     *,
     blend: float,
     rate: float,
-    progress: Callable[[str, float], None] | None,
+    progress: bool | Callable[[str, float], None],
 ) -> MotionBetween:
     """Time a motion through poses X (P, 4, 4) that have names; see :func:`motion_between`."""
     kept = joint_limits(F.task, limits)
     blend = positive(blend, "blend", "m", zero=True)
     rate = positive(rate, "rate", "samples per second")
-    say = progress or (lambda step, fraction: None)
     ends = _configurations(F, X, names)
     lines, parts = parts_of(F, X, names, blend)
     segments, durations = [], []
-    for k, part in enumerate(parts):
-        say("timing the motion", k / len(parts))
-        segment, duration = part.timed(kept)
-        segments.append(segment)
-        durations.append(duration)
+    with reporter(progress) as report:
+        for k, part in enumerate(parts):
+            report("timing the motion", k / len(parts))
+            segment, duration = part.timed(kept)
+            segments.append(segment)
+            durations.append(duration)
     if not sum(durations) * rate < _MOST_SAMPLES:
         raise InputError(
             f"{sum(durations):.3g} s at {rate:g} samples per second exceed "
