@@ -41,6 +41,9 @@ _NEAR = 1e-4
 _GENTLEST, _SHARPEST = 1e-3, np.pi - 1e-3
 """Range of the angle of a corner, rad, that can be blended."""
 
+_LEAST_CUT = 1e-6
+"""Minimum length that a blend replaces of a line, m."""
+
 _STRAIGHT = 1e-9
 """Difference between the velocities of two lines, per metre, up to which they are one line."""
 
@@ -181,7 +184,7 @@ def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
         return None
     bend, cut = Bend.of(float(phi)), radius * np.tan(phi / 2)
     cut_in, cut_out = cut / into.length, cut / out.length
-    if max(cut_in, cut_out) > 0.5:
+    if cut < _LEAST_CUT or max(cut_in, cut_out) > 0.5:
         return None
     u_in, u_out, x_1 = into.ends, out.ends, into.at(np.ones(1))[0]
 
