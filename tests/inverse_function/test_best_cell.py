@@ -12,6 +12,7 @@ from commands import refused, told
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.cell_map import sections
+from repctl_pin.extensions.cells.cell_plots import map_figure
 from repctl_pin.progress import silent
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -47,6 +48,7 @@ def test_a_box_with_the_tool_down_fits_and_has_a_function(panda_pose: rp.Task) -
     assert found.coverage == 1
 
 
+@pytest.mark.slow
 def test_the_tool_points_where_it_was_asked_to(panda_pose: rp.Task) -> None:
     place = rp.best_cell(panda_pose, 0.1, orientation="forward", yaw=0.5)
     axis = place.cell.placement.rotation[:, 2]
@@ -55,6 +57,7 @@ def test_the_tool_points_where_it_was_asked_to(panda_pose: rp.Task) -> None:
     assert np.allclose(given.cell.placement.rotation, place.cell.placement.rotation)
 
 
+@pytest.mark.slow
 def test_the_place_is_near_the_one_wanted(panda_pose: rp.Task) -> None:
     at = np.array([0.5, 0.1, 0.3])
     place = rp.best_cell(panda_pose, 0.2, orientation="down", at=at)
@@ -62,6 +65,7 @@ def test_the_place_is_near_the_one_wanted(panda_pose: rp.Task) -> None:
     assert np.linalg.norm(place.cell.placement.translation - at) < 0.05
 
 
+@pytest.mark.slow
 def test_a_box_that_is_too_large_shrinks_with_the_reason(panda_pose: rp.Task) -> None:
     place = rp.best_cell(panda_pose, (1.2, 1.2, 0.8), orientation="down")
     assert 0.1 < place.factor < 1
@@ -120,8 +124,18 @@ def test_a_map_shows_where_the_box_works(tmp_path: Path) -> None:
     assert ring.sum() > 100 and (cut.share[ring] == 1).mean() > 0.97
     assert np.isnan(cut.extra[cut.share < 1]).all()
     assert (cut.extra[cut.share == 1] >= 0).all()
-    labels = [ax.get_xlabel() for ax in place.figure().axes]
+    labels = [ax.get_xlabel() for ax in map_figure(place, [cut]).axes]
     assert "x of the middle (m)" in labels
+
+
+def test_a_planar_box_near_a_place_shrinks_with_the_reason(tmp_path: Path) -> None:
+    """Closed form: the corners of the largest box lie within the sum of the lengths."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    place = rp.best_cell(task, (2.0, 1.2))
+    assert 0.5 < place.factor < 1 and "corner" in place.reason
+    assert np.allclose(place.cell.half_width, place.factor * np.array([1.0, 0.6]))
+    near = rp.best_cell(task, 0.2, at=[0.6, -0.5, 0.0])
+    assert np.linalg.norm(near.cell.placement.translation - [0.6, -0.5, 0]) < 0.02
 
 
 def test_a_planar_arm_has_the_box_within_its_reach(tmp_path: Path) -> None:

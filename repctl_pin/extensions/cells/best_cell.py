@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from .reference import rays
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DRAWN = 2048
+_DRAWN = 4096
 """Number of random configurations that are turned to the orientation."""
 
 _PARENTS, _CHILDREN = 16, 6
@@ -133,10 +134,12 @@ def best_cell(
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
     A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. Among such
-    middles, those with the box above z = 0 of the base come first, then those with the largest
-    limit margin, then those with the shortest ways; with ``at``, the nearest one. The function over
-    the box is then designed by :func:`nearest_inverse_function`.
+    inside the joint limits, and no bodies collide in the middle and at the corners. The middles
+    that are tried are random configurations, turned to the orientation, and others beside the best
+    of them. The largest box is taken. Among equal ones, those above z = 0 of the base come first,
+    then those with the largest limit margin, up to 0.3 rad or m, then those with the shortest ways;
+    with ``at``, the nearest one. Boxes shrink by tenths of the size. The function over the box is
+    then designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -305,8 +308,14 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     if best is None:
         return None
     cell, own, q = best
-    others = [c for c in searched(desired, cell) if _fits(c)]
-    return cell, chosen([own, *others], task.reference), q
+    candidates = [own]
+    with suppress(InputError):  # it draws other configurations, which may all fail
+        candidates += [
+            c
+            for c in searched(desired, cell)
+            if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
+        ]
+    return cell, chosen(candidates, task.reference), q
 
 
 def _apart(Q: Array) -> Iterator[int]:

@@ -136,7 +136,8 @@ def _extra_speed(box: Cell, found: Grown) -> Array:
     J = placed(box.task, found.ends.reshape(-1, n))[2]
     G, N, _ = bases(J, np.zeros((K * C, n, box.task.r)))
     along = box.widths > 0
-    least = (G[:, :, along] * box.widths[along]).reshape(K, -1)
-    free = np.swapaxes(N, 1, 2) @ moved.reshape(K * C, n, -1)  # the self-motion in it
-    ratio = (free.reshape(K, -1) ** 2).sum(axis=1) / (least**2).sum(axis=1)
+    usual = (G[:, :, along] * box.widths[along]).reshape(K, C, n, box.k)
+    self_motion = np.swapaxes(N, 1, 2) @ moved.reshape(K * C, n, box.k)
+    own = self_motion.reshape(K, C, box.task.r, box.k)
+    ratio = (own**2).sum(axis=(1, 2, 3)) / (usual**2).sum(axis=(1, 2, 3))
     return np.asarray(np.sqrt(1 + ratio) - 1)

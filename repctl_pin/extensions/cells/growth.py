@@ -18,7 +18,7 @@ STEPS = 10
 """Number of sizes through which a box grows; the last one is its own."""
 
 _LONGEST, _ITERATIONS, _REACHED = 0.4, 40, 1e-9
-_NEAR = 0.1
+_NEAR = 0.3
 """Task error, as a share of a step, below which a step counts as made."""
 
 _PUSH, _ROOM = 0.3, 0.1
