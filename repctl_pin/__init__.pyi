@@ -4,7 +4,6 @@ from .certificate import ClosingRadius as ClosingRadius
 from .certificate import Proof as Proof
 from .design import Design as Design
 from .design import SingularRegionError as SingularRegionError
-from .design.compare import compare as compare
 from .design.nearest import nearest_repeatable as nearest_repeatable
 from .errors import InputError as InputError
 from .errors import RepctlError as RepctlError
@@ -31,6 +30,7 @@ from .extensions.recordings.audit import audit as audit
 from .extensions.recordings.recording import Recording as Recording
 from .extensions.recordings.relabel import Relabeled as Relabeled
 from .extensions.recordings.relabel import relabel as relabel
+from .extensions.runtime.clutch import Clutch as Clutch
 from .extensions.runtime.codegen.export import export_c as export_c
 from .extensions.runtime.governor import Governor as Governor
 from .extensions.runtime.governor import Status as Status

@@ -35,14 +35,14 @@ and ends at path speed. With it, the motion goes from rest to rest in the
 shortest time within these accelerations and the speed limits of the URDF; all
 cycles but the first and last are alike."""
 
-OWN = ("repeatable", "pseudoinverse", "inertia")
+_OWN = ("repeatable", "pseudoinverse", "inertia")
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.what()
     add = parser.add_argument
-    names = f"in place of a design: {', '.join(OWN)}, or a registered one (default {OWN[0]})"
+    names = f"in place of a design: {', '.join(_OWN)}, or a registered one (default {_OWN[0]})"
     add("--strategy", metavar="NAME", help=names)
     add(
         "--potentials",
@@ -108,7 +108,7 @@ def add_options(parser: Parser) -> None:
         "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
     )
     add("--allow-violations", action="store_true", help=anyway)
-    add("--json", action="store_true", help="print JSON instead of text")
+    parser.json()
 
 
 def run(options: Options) -> int:
@@ -349,7 +349,7 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     from ..plugins import plugin
     from ..strategies import Strategy
 
-    strategy = plugin("strategies", name, known=OWN)(task)
+    strategy = plugin("strategies", name, known=_OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
             f"{name} makes an object without a task or a velocity(q, ẋ)",

@@ -174,11 +174,14 @@ class Options(argparse.Namespace):
     def asked_path(self) -> Any:
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
-        A single path is that of the first frame; the others hold still.
+        A single path is that of the first frame, and the others hold still; a file names the frames
+        that move.
         """
         path = getattr(self, "path", None)
         frames, paths = _listed(self.frame), _listed(path)
         if path is None or len(frames) < 2:
+            return path
+        if len(paths) == 1 and ".csv" in path.lower():
             return path
         if len(paths) == 1:
             paths += ["hold"] * (len(frames) - 1)

@@ -184,3 +184,11 @@ class Parser(argparse.ArgumentParser):
         """Add --weight, which selects the inverse to check or to approximate."""
         what = "joint weights: inertia, limits or w1,w2,… (default 1)"
         self.add_argument("--weight", metavar="M", help=what)
+
+    def json(self, instead: str = "text", *, quiet: bool = False) -> None:
+        """Add --json, which replaces ``instead``, and --quiet."""
+        add = self.add_argument
+        add("--json", action="store_true", help=f"print JSON instead of {instead}")
+        if quiet:
+            only = "print only errors, and the JSON of --json"
+            add("--quiet", action="store_true", help=only)

@@ -26,6 +26,9 @@ STAGES = 450
 _LEAST_STAGES = 50
 """Minimum number of stages (grid points of the profile) between two stops."""
 
+_BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
+"""Points at which limits are checked between two stages, as fractions of the time."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -71,20 +74,11 @@ class Segment:
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
 
-        They are checked at the stages and halfway between them, that of jerk not at all.
+        They are checked at both ends of every interval between stages and halfway through its time;
+        that of jerk is not checked.
         """
-        u = (self.speed[1:] ** 2 - self.speed[:-1] ** 2) / (2 * np.diff(self.s))
-        factor = 1.0
-        for share in (0.0, 0.5, 1.0):
-            s = self.s[:-1] + share * np.diff(self.s)
-            x = (1 - share) * self.speed[:-1] ** 2 + share * self.speed[
-                1:
-            ] ** 2  # linear in s
-            slope, bend = self.curve(s, 1), self.curve(s, 2)
-            qdot = slope * np.sqrt(x)[:, None]
-            qddot = bend * x[:, None] + slope * u[:, None]
-            factor = max(factor, most_used(limits, self.curve(s), qdot, qddot))
-        return factor
+        t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
+        return most_used(limits, *self.derivatives(t)[:3])
 
 
 def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
@@ -169,19 +163,6 @@ class Profile:
             np.concatenate([x + run.s for x, run in zip(lengths, runs, strict=False)]),
             np.concatenate([run.speed for run in runs]),
         )
-
-    def positions(self, clock: Array) -> Array:
-        """Evaluate the configurations (T, n) at times (T,); at rest outside the profile."""
-        which = np.clip(
-            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
-        )
-        Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
-        for j in np.unique(which):
-            rows = which == j
-            run = self.runs[j]
-            s, *_ = run.law(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
-            Q[rows] = run.curve(s)
-        return Q
 
     def derivatives(self, clock: Array) -> Array:
         """Evaluate q and its first three derivatives (4, T, n) at times (T,).

@@ -259,7 +259,7 @@ def _sampled(
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
     back, before, q, after, beyond = (
-        profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2)
+        profile.derivatives((clock + k * moment) / factor)[0] for k in range(-2, 3)
     )
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)

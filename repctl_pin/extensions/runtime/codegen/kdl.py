@@ -14,7 +14,8 @@ def kdl_header(
 ) -> str:
     """Write the C++ header with a velocity solver and a position solver for Orocos KDL.
 
-    The position solver evaluates F if ``control`` is a cell function; otherwise it iterates.
+    The position solver evaluates F if ``control`` is a cell function; otherwise it iterates. For a
+    task of several frames, the header says that there are none: a chain of KDL has one tip.
 
     Parameters
     ----------
@@ -28,6 +29,8 @@ def kdl_header(
         Configuration near which the solvers compare the user's KDL chain with the arm.
     """
     task = control.task
+    if len(task.frames) > 1:
+        return filled("frames_kdl.hpp", name, {"about": about})
     solver = (
         "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
     )
