@@ -15,8 +15,6 @@ import numpy as np
 import pytest
 from mutants import NATIVE, source
 
-from repctl_pin.extensions.proof import chain as chains
-
 LEVELLED = ("cell_bounds", "arm_gradients")
 
 
@@ -65,29 +63,29 @@ def at(values: np.ndarray) -> ctypes.c_void_p:
 # ---- chains ------------------------------------------------------------------------------------
 
 
-def screws(library: ctypes.CDLL, chain: chains.Chain, theta: np.ndarray) -> Any:
+def screws(library: ctypes.CDLL, chain: Any, theta: np.ndarray) -> Any:
     """Joint screws (P, 6), and the origin of the last joint (3,), at θ (P,)."""
     xi, tip, theta = np.zeros((len(theta), 6)), np.zeros(3), np.array(theta, float)
-    made = chains.chain_struct(chain)
+    made = chain.struct()
     library.screws(ctypes.byref(made), at(theta), at(xi), at(tip))
     return xi, tip
 
 
-def columns(library: ctypes.CDLL, chain: chains.Chain, theta: np.ndarray) -> Any:
+def columns(library: ctypes.CDLL, chain: Any, theta: np.ndarray) -> Any:
     """J (N, 6) and its slopes (n, N, 6) at θ (P,)."""
     N, n = chain.N, chain.n
     J, dJ, on = np.zeros((N, 6)), np.zeros((n, N, 6)), np.zeros((n, N), np.int8)
-    made, theta = chains.chain_struct(chain), np.array(theta, float)
+    made, theta = chain.struct(), np.array(theta, float)
     library.columns(ctypes.byref(made), at(theta), 0, 6, at(J), at(dJ), at(on))
     return J, dJ
 
 
 def remainders(
-    library: ctypes.CDLL, chain: chains.Chain, theta: np.ndarray, eta: np.ndarray
+    library: ctypes.CDLL, chain: Any, theta: np.ndarray, eta: np.ndarray
 ) -> Any:
     """Bounds of the remainders of the columns of J in boxes θ ± η (P,): (N,) and (N,)."""
     linear, angular = np.zeros((2, chain.N))
-    made = chains.chain_struct(chain)
+    made = chain.struct()
     theta, eta = np.array(theta, float), np.array(eta, float)
     library.remainders_of(
         ctypes.byref(made), at(theta), at(eta), at(linear), at(angular)

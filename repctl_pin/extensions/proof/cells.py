@@ -33,7 +33,7 @@ from ..cells.chart import Chart
 from ..cells.monomials import Monomials
 from ..cells.sector import Sector
 from .cell_poses import Poses
-from .chain import FREE, Chain, chain_of, chain_struct, relative_rounding, tool_reach
+from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .chart_bounds import Polynomials
 from .taylor import ORDER, basis, space_of
 
@@ -118,7 +118,7 @@ class CellProof:
     def see_from(self, chain: Chain) -> None:
         """Choose the middle link, in whose frame the screws are expressed."""
         self.chain = chain
-        self._chain = chain_struct(chain)
+        self._chain = chain.struct()
         self._cell, self._arrays = self._cell_struct()
 
     def _tightness(self, chain: Chain) -> float:

@@ -81,11 +81,6 @@ class Chain:
         return self.S.shape[1]
 
     @property
-    def loose(self) -> NDArray[np.bool_]:
-        """True for the columns (N,) of the rotations that a position task leaves free."""
-        return np.asarray(self.S[self.level].any(axis=0))
-
-    @property
     def reach(self) -> Array:
         """Bound on the distance of each joint from the origin (P,), m, with prismatic joints at 0.
 
@@ -111,6 +106,22 @@ class Chain:
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
         shift = np.asarray(half * ahead, float)
         return replace(self, middle=middle, shift=shift)
+
+    def struct(self) -> Any:
+        """Create the struct :data:`CHAIN`."""
+        row, column = np.nonzero(self.S)
+        ints = {
+            "revolute": self.revolute,
+            "level": self.level,
+            "first": np.searchsorted(row, np.arange(len(self.S) + 1)),
+            "column": column,
+        }
+        reals = {
+            name: getattr(self, name) for name in ("R", "p", "a", "shift", "reach")
+        }
+        reals |= {"o": self.o, "S": self.S[row, column]}
+        sizes = {"P": len(self.S), "k": self.middle, "n": self.n, "N": self.N}
+        return filled_struct(CHAIN, ints, reals, sizes)[0]
 
 
 def chain_of(task: Task) -> Chain:
@@ -208,18 +219,3 @@ def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
     columns = np.abs(chain.S).sum(axis=0).max()
     swing = 1 + 2 * eta.sum()
     return np.repeat([columns * (1 + L) * swing, columns * swing], 3)
-
-
-def chain_struct(chain: Chain) -> Any:
-    """Create the struct :data:`CHAIN` of a chain."""
-    row, column = np.nonzero(chain.S)
-    ints = {
-        "revolute": chain.revolute,
-        "level": chain.level,
-        "first": np.searchsorted(row, np.arange(len(chain.S) + 1)),
-        "column": column,
-    }
-    reals = {name: getattr(chain, name) for name in ("R", "p", "a", "shift", "reach")}
-    reals |= {"o": chain.o, "S": chain.S[row, column]}
-    sizes = {"P": len(chain.S), "k": chain.middle, "n": chain.n, "N": chain.N}
-    return filled_struct(CHAIN, ints, reals, sizes)[0]

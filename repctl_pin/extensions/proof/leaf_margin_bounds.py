@@ -19,7 +19,6 @@ from ...potentials.basis import Potentials
 from ...regions.box import Box
 from .chain import (
     Chain,
-    chain_struct,
     chains_of,
     frame_change,
     frames_of,
@@ -131,7 +130,7 @@ class LeafMarginProblem:
         sizes |= {"Z": len(parts.Z), "F": len(parts.kind), "F3": len(parts.third)}
         scalars = sizes | {"eps": self.eps, "beta": self.beta}
         made, _ = filled_struct(PROBLEM, ints | {"third": parts.third}, reals, scalars)
-        point(made, "frame", [chain_struct(chain) for chain in self.chains])
+        point(made, "frame", [chain.struct() for chain in self.chains])
         return made
 
     def _arm_angles(self, Q: Array, half: Array) -> Array | None:
