@@ -32,6 +32,7 @@ from .extensions.recordings.audit import audit as audit
 from .extensions.recordings.recording import Recording as Recording
 from .extensions.recordings.relabel import Relabeled as Relabeled
 from .extensions.recordings.relabel import relabel as relabel
+from .extensions.runtime.clutch import Clutch as Clutch
 from .extensions.runtime.codegen.export import export_c as export_c
 from .extensions.runtime.governor import Governor as Governor
 from .extensions.runtime.governor import Status as Status

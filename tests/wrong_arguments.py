@@ -236,12 +236,13 @@ def right_calls(folder: Path) -> list[Call]:
         "Run": {"timed": timed, "q": timed.q[0]},
         "Governor": {
             "inverse": inverse, "dt": 0.01, "limits": limits, "margin": 0.1,
-            "closes": rp.prove(design, closes=0.001).closes,
+            "closes": rp.prove(design, closes=0.001).closes, "bodies": None, "body_distance": 0.02,
         },
         "motion_between": {
             "F": found.function, "poses": between, "limits": limits, "blend": 0.005,
             "rate": 100.0, "progress": False,
         },
+        "Clutch": {"scale": 0.5, "rotation_scale": 0.5, "axes": np.eye(3)},
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
             "q_now": q0 + 0.05, "motion": motion, "limits": limits, "to": "nearest",
@@ -262,7 +263,7 @@ def right_calls(folder: Path) -> list[Call]:
             "reference": (0.0, 1.0, 0.0),
             "singular": (1.0, 0.0, 0.0),
         },
-        "Bodies": {"task": task},
+        "Bodies": {"task": task, "surroundings": None},
         "Viewer": {"task": task, "names": ["J⁺"], "path": path, "start": q0, "port": 0},
         "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "half_angle": 0.0},
         "Sector": {
@@ -385,6 +386,10 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Governor, "start"): {"q": q0},
+        (rp.Governor, "keeps_distance"): {"Q": q0[None]},
+        (rp.Clutch, "engage"): {"hand": target, "at": target},
+        (rp.Clutch, "target"): {"hand": target},
+        (rp.Clutch, "release"): {},
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Design, "spectral_cost"): {},
@@ -437,7 +442,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Relabeled, "save"): {"file": folder / "again.npz"},
     }
     things = [
-        cell, found, found.function, found.inverse, rp.Bodies(arm), angle,
+        cell, found, found.function, found.inverse, rp.Bodies(arm), angle, rp.Clutch(),
         viewer, recording, relabeled,
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,

@@ -87,7 +87,10 @@ def test_what_cannot_be_is_refused_by_name(panda: rp.Robot) -> None:
 
 
 def test_the_command_places_the_box(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    blank_pictures: None,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     options = "--task xy --size 0.3,0.3 --degree 2 --held-out 64"
