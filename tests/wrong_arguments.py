@@ -238,11 +238,11 @@ def right_calls(folder: Path) -> list[Call]:
             "inverse": inverse, "dt": 0.01, "limits": limits, "margin": 0.1,
             "closes": rp.prove(design, closes=0.001).closes, "bodies": None, "body_distance": 0.02,
         },
+        "Clutch": {"scale": 0.5, "rotation_scale": 0.5, "axes": np.eye(3)},
         "motion_between": {
             "F": found.function, "poses": between, "limits": limits, "blend": 0.005,
             "rate": 100.0, "progress": False,
         },
-        "Clutch": {"scale": 0.5, "rotation_scale": 0.5, "axes": np.eye(3)},
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
             "q_now": q0 + 0.05, "motion": motion, "limits": limits, "to": "nearest",
