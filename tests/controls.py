@@ -109,6 +109,12 @@ def control(
     )
 
 
+def target_at(task: rp.Task, q: np.ndarray, turn: Any = None) -> Any:
+    """The placement at q, of several frames all of them; each turned, about the base."""
+    placed = [x if turn is None else turn * x for x in task.placements(q)]
+    return placed[0] if len(placed) == 1 else placed
+
+
 def _start(task: rp.Task) -> np.ndarray:
     """A configuration away from singularities."""
     rng = np.random.default_rng(7)
@@ -133,6 +139,19 @@ def _panda(kind: str = "pose") -> rp.Task:
 def _with_base() -> rp.Task:
     return rp.Robot.load("talos", base="torso_2_link").task(
         "wrist_left_ft_tool_link", "position"
+    )
+
+
+def _both_hands() -> rp.Task:
+    """A tray: the left hand's position and axis, and the right hand relative to it."""
+    left, right = "gripper_left_base_link", "gripper_right_base_link"
+    return rp.Robot.load("talos").task([(left, "axis"), (right, "pose", left)])
+
+
+def _elbow_and_hand() -> rp.Task:
+    """Two frames on one chain, one of them moved by three joints alone."""
+    return rp.Robot.load("panda").task(
+        [("panda_link4", "xy"), ("panda_link8", "position")]
     )
 
 
@@ -198,6 +217,8 @@ CONTROLS: dict[str, Callable[[Path], tuple[rp.RepeatableInverse, np.ndarray]]] =
     "random axes and slides": lambda folder: _polynomial(
         spatial_task(6, folder, seed=2), 2
     ),
+    "both hands of talos, degree 2": lambda _: _polynomial(_both_hands(), 2),
+    "elbow and hand of panda": lambda _: _polynomial(_elbow_and_hand(), 2),
     "random axes, axis task": lambda folder: _polynomial(
         spatial_task(7, folder, kind="axis", seed=5), 3
     ),

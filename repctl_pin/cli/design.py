@@ -122,10 +122,7 @@ def add_options(parser: Parser) -> None:
         metavar="FOLDER",
         help="folder of design.png and design.json (default repctl-out/ROBOT)",
     )
-    add("--json", action="store_true", help="print JSON instead of the table")
-    add(
-        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
-    )
+    parser.json("the table", quiet=True)
 
 
 def run(options: Options) -> int:

@@ -98,7 +98,11 @@ CLOSING = _struct(ints="count", doubles="square chord", pointers="p R")
 CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
 
-GOVERNOR_CALL = _struct(pointers="arm state limits target twist q result", doubles="dt")
+GOVERNOR_CALL = _struct(
+    ints="room",
+    doubles="dt",
+    pointers="arm state limits target twist q result samples ways allows",
+)
 """The struct GovernorCall of governor_calls.c: the arguments of one governor."""
 
 TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains result")

@@ -15,7 +15,7 @@ static void put_column(const Arm *arm, const double R[9], const double v[3], con
     column[3] = R[0] * omega[0] + R[3] * omega[1] + R[6] * omega[2];
     column[4] = R[1] * omega[0] + R[4] * omega[1] + R[7] * omega[2];
   }
-  UNROLLED for (int k = 0; k < M; k++) {
+  UNROLLED for (int k = 0; k < ROWS; k++) {
     const double entry = arm->kind == POSITION ? v[arm->rows[k]] : column[k];
     if (!arm->coupled)
       J[k][j] = entry;
@@ -24,10 +24,10 @@ static void put_column(const Arm *arm, const double R[9], const double v[3], con
   }
 }
 
-/* Position, rotation, and J (M, N) unless it is NULL, at q; of one frame. */
+/* Position, rotation, and J (ROWS, N) unless it is NULL, at q; of one frame. */
 static void place_frame(const Arm *arm, const double q[], double p_out[3], double R_out[9], double J[][N]) {
   static const double none[3] = {0.0, 0.0, 0.0};
-  double p[3], R[9], z[JOINTS][3], o[JOINTS][3];
+  double p[3], R[9], z[MOST_JOINTS][3], o[MOST_JOINTS][3];
   for (int i = 0; i < 9; i++) R[i] = arm->R[i];
   for (int i = 0; i < 3; i++) p[i] = arm->p[i];
   UNROLLED for (int j = 0; j < JOINTS; j++) {
@@ -55,7 +55,7 @@ static void place_frame(const Arm *arm, const double q[], double p_out[3], doubl
   for (int i = 0; i < 9; i++) R_out[i] = R[i];
   for (int i = 0; i < 3; i++) p_out[i] = p[i];
   if (!J) return;
-  for (int k = 0; k < M && arm->coupled; k++)
+  for (int k = 0; k < ROWS && arm->coupled; k++)
     for (int i = 0; i < N; i++) J[k][i] = 0.0;
   UNROLLED for (int j = 0; j < JOINTS; j++) {
     const double *a = z[j], x = p[0] - o[j][0], y = p[1] - o[j][1], w = p[2] - o[j][2];
@@ -160,7 +160,7 @@ static void axis_turn(const double R[9], const double goal[9], double e[2]) {
 
 /* e = (p* - p, log(R* R^T)), or its rows of the task; for AXIS, the shortest rotation of the tool's axis. */
 static void frame_error(const Arm *arm, const double p[3], const double R[9], const Pose *target, double e[]) {
-  for (int i = 0; i < M && i < 3; i++) {
+  for (int i = 0; i < ROWS && i < 3; i++) {
     const int row = arm->kind == POSITION ? arm->rows[i] : i;
     e[i] = target->p[row] - p[row];
   }
@@ -195,7 +195,7 @@ SHARED int usable(const Arm *arm, const Pose *target) {
 
 /* b <- b + dt xdot, with xdot of the frame's twist (v, omega). */
 static void add_frame_rate(const Arm *arm, const double R[9], const double twist[6], double dt, double b[]) {
-  for (int i = 0; i < M; i++) {
+  for (int i = 0; i < ROWS; i++) {
     double rate = twist[arm->kind == POSITION ? arm->rows[i] : i];
     if (arm->kind == AXIS && i > 2) rate = R[i - 3] * twist[3] + R[i] * twist[4] + R[i + 3] * twist[5];
     b[i] += dt * rate;
@@ -519,7 +519,7 @@ static double shorten(const Arm *arm, double x[], const double x_task[], const d
   for (int i = 0; i < N; i++) {
     const double back = x[i] - x_task[i], size = fabs(back);
     const double room = back > 0.0 ? most[i] - x_task[i] : most[i] + x_task[i];
-    if (size > 1e-15 && room / size < share) share = room / size;
+    if (size > 1e-12 && room / size < share) share = room / size;
   }
   if (!(share > 0.0)) share = 0.0;
   for (int i = 0; i < N; i++) {

@@ -1,9 +1,9 @@
 /* An arm as tables: chain, potentials, limits, design region; and the functions on them.
 
    The library and every exported file share this text. In the library the sizes are read from the tables; an exported
-   file defines EXPORTED, the sizes N, M, JOINTS, FRAMES, MOST_N, TERMS and WIDTH as numbers, SHARED and EXPORT as static, the
-   types Pose, Options and Report as those of its header, and its tables as constants. So N - M is written for r, and
-   names here do not end as those of an exported header do. */
+   file defines EXPORTED, the sizes N, M, FRAMES, MOST_N, MOST_JOINTS, TERMS and WIDTH as numbers, and of a single frame
+   ROWS and JOINTS, too; SHARED and EXPORT as static, the types Pose, Options and Report as those of its header, and its
+   tables as constants. So N - M is written for r, and names here do not end as those of an exported header do. */
 
 #ifndef REPCTL_ARM_H
 #define REPCTL_ARM_H
@@ -14,7 +14,9 @@
 #define SHARED /* a function that several files of the library call */
 #define N (arm->n)
 #define M (arm->m)
+#define ROWS (arm->m) /* of one frame: M, if it is the only one */
 #define JOINTS (arm->joints)
+#define MOST_JOINTS (arm->joints)
 #define FRAMES (arm->frames)
 #define MOST_N 64 /* joints of an arm in structs */
 #define TERMS (part->count)
@@ -36,9 +38,8 @@ typedef struct {
 typedef struct {
   double damping, slowed; /* lambda used, 0 if none; factor of the speed limits, 1 if none */
 } Report;
-#endif
-
-#if defined(EXPORTED) && defined(__GNUC__) && !defined(__clang__)
+#define UNROLLED
+#elif FRAMES == 1 && defined(__GNUC__) && !defined(__clang__)
 #define UNROLLED _Pragma("GCC unroll 16")
 #else
 #define UNROLLED

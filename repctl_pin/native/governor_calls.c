@@ -6,25 +6,30 @@
 #include "governor.h"
 #include "torque.h"
 
+enum { BODIES = LIMIT + 1 }; /* status: the bodies do not allow a plan */
+
 typedef struct {
+  int room; /* samples of a plan, at most */
   double dt;
   const Arm *arm;
   Governor *state;         /* governor_bytes() */
   const double *limits;    /* 3 N + 1: velocity, acceleration, jerk; margin */
-  const double *target;    /* 16: [R p; 0 1] by rows */
-  const double *twist, *q; /* 6, N: where it begins */
+  const double *target;    /* 16 FRAMES: [R p; 0 1] by rows */
+  const double *twist, *q; /* 6 FRAMES, N: where it begins */
   double *result;          /* N */
+  double *samples, *ways;  /* room N: of a plan, and the ways of the joints up to them */
+  int (*allows)(int count);
 } GovernorCall;
 
 EXPORT long governor_bytes(void) { return (long)sizeof(Governor); }
 
-static Pose pose_of(const double *rows) {
-  Pose pose;
-  for (int i = 0; i < 3; i++) {
-    for (int k = 0; k < 3; k++) pose.R[3 * i + k] = rows[4 * i + k];
-    pose.p[i] = rows[4 * i + 3];
-  }
-  return pose;
+static void read_poses(const Arm *arm, const double *rows, Pose pose[]) {
+  for (int f = 0; f < FRAMES; f++)
+    for (int i = 0; i < 3; i++) {
+      const double *row = rows + 16 * f + 4 * i;
+      for (int k = 0; k < 3; k++) pose[f].R[3 * i + k] = row[k];
+      pose[f].p[i] = row[3];
+    }
 }
 
 EXPORT int call_governor_start(const GovernorCall *call) {
@@ -39,31 +44,64 @@ EXPORT int call_governor_start(const GovernorCall *call) {
   return govern_from(arm, call->state, call->q, call->dt, &limits);
 }
 
+/* Sample a plan, from the present joints to rest, and ask whether it is allowed. */
+static int ask(void *guard, const Plan *plan) {
+  const GovernorCall *call = (const GovernorCall *)guard;
+  const Arm *arm = call->arm;
+  const long ticks = (long)ceil(plan->time / call->dt), stride = (ticks - 1) / (call->room - 1) + 1;
+  double q[MOST_N], way[MOST_N];
+  int count = 0;
+  for (int i = 0; i < N; i++) {
+    q[i] = call->state->history[2][i];
+    way[i] = 0.0;
+  }
+  for (long k = 0; k <= ticks; k++) {
+    double next[MOST_N];
+    plan_at(arm, plan, (double)k * call->dt, next);
+    for (int i = 0; i < N && k > 0; i++) {
+      way[i] += fabs(next[i] - q[i]);
+      q[i] = next[i];
+    }
+    if (k % stride != 0 && k != ticks) continue;
+    for (int i = 0; i < N; i++) {
+      call->samples[count * N + i] = q[i];
+      call->ways[count * N + i] = way[i];
+    }
+    count++;
+  }
+  return call->allows(count) == 1 ? OK : BODIES;
+}
+
 /* bits of given: 1 target, 2 twist */
 EXPORT int call_governor_step(const GovernorCall *call, int given) {
-  const Pose target = pose_of(call->target);
-  return govern(call->arm, call->state, given & 1 ? &target : NULL, given & 2 ? call->twist : NULL, call->result);
+  const Arm *arm = call->arm;
+  Pose target[FRAMES];
+  read_poses(arm, call->target, target);
+  call->state->allows = call->allows ? ask : NULL;
+  call->state->guard = (void *)call;
+  return govern(arm, call->state, given & 1 ? target : NULL, given & 2 ? call->twist : NULL, call->result);
 }
 
 typedef struct {
   const Arm *arm;
   const double *q, *qdot, *inertia, *bias; /* N, N, N N, N */
-  const double *target, *twist, *leaf;     /* 16, 6, N - M */
+  const double *target, *twist, *leaf;     /* 16 FRAMES, 6 FRAMES, N - M */
   const double *gains;                     /* M + N + 4: stiffness, observer_limit, the numbers */
   double *result;                          /* N */
 } TorqueCall;
 
 EXPORT int call_torque(const TorqueCall *call, int twist, double dt, double *observer) {
   const Arm *arm = call->arm;
-  const Pose target = pose_of(call->target);
   const double *numbers = call->gains + M + N;
+  Pose target[FRAMES];
   Gains gains;
+  read_poses(arm, call->target, target);
   for (int i = 0; i < M; i++) gains.stiffness[i] = call->gains[i];
   for (int i = 0; i < N; i++) gains.observer_limit[i] = call->gains[M + i];
   gains.damping = numbers[0];
   gains.leaf_frequency = numbers[1];
   gains.leaf_damping = numbers[2];
   gains.observer_rate = numbers[3];
-  return joint_torques(arm, call->q, call->qdot, call->inertia, call->bias, &target, twist ? call->twist : NULL,
+  return joint_torques(arm, call->q, call->qdot, call->inertia, call->bias, target, twist ? call->twist : NULL,
                      call->leaf, &gains, dt, observer, call->result);
 }

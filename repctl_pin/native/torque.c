@@ -28,15 +28,15 @@ static void multiply(const Arm *arm, double A[][N], const double x[], double y[]
   }
 }
 
-/* Evaluate J_V and h at q, and where the frame is. */
-static void evaluate(const Arm *arm, const double q[], double p[3], double R[9], double A[][N], double h[]) {
+/* Evaluate J_V and h at q, and where the frames are. */
+static void evaluate(const Arm *arm, const double q[], double p[], double R[], double A[][N], double h[]) {
   place(arm, q, p, R, A);
   potentials(arm, q, p, R, A, h, A + M);
 }
 
 /* Evaluate J_V' qdot, the rate of J_V times qdot, by a central difference along qdot. */
 static void curvature(const Arm *arm, const double q[], const double qdot[], double bent[]) {
-  double A[N][N], there[N], ends[2][N], p[3], R[9], h[N], speed = 0.0, step;
+  double A[N][N], there[N], ends[2][N], p[3 * FRAMES], R[9 * FRAMES], h[N], speed = 0.0, step;
   for (int i = 0; i < N; i++) {
     bent[i] = 0.0;
     speed += qdot[i] * qdot[i];
@@ -101,13 +101,13 @@ static void pull_hand(const Arm *arm, double L[][N], double J[][N], const Gains 
 SHARED int joint_torques(const Arm *arm, const double q[], const double qdot[], const double inertia[],
                        const double bias[], const Pose *target, const double *twist, const double leaf[],
                        const Gains *gains, double dt, double *observer, double tau[]) {
-  double A[N][N], L[N][N], p[3], R[9], h[N], e[N], rates[N], lag[M];
+  double A[N][N], L[N][N], p[3 * FRAMES], R[9 * FRAMES], h[N], e[N], rates[N], lag[M];
   double x[N], d[N], force[N], opposed[N], pull[N], estimate[N], share = 1.0;
   int swap[N];
 
   if (!all_finite(q, N) || !all_finite(qdot, N) || !all_finite(inertia, N * N)) return BAD_NUMBER;
   if (!all_finite(bias, N) || !all_finite(leaf, N - M)) return BAD_NUMBER;
-  if (!(arm->kind == POSITION || rotation(target->R))) return BAD_NUMBER;
+  if (!usable(arm, target)) return BAD_NUMBER;
   if (!usable_gains(arm, gains) || !cholesky(arm, inertia, L)) return BAD_NUMBER;
   if (observer && !(all_finite(observer, N - M) && dt > 0.0 && gains->observer_rate * dt <= 1.0)) return BAD_NUMBER;
 

@@ -15,11 +15,16 @@ from ..errors import InputError
 from ..model.task import Task
 from ..tables import csv_rows, number
 from .polyline import MOST_POINTS, Waypoints, waypoints
+from .several_paths import several_paths
 from .task_path import TaskPath
 
 _POINT, _TURN, _TIME = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("time",)
+_TIMES = {"t": "time"}
 _LAYOUTS = (_POINT, _POINT + _TURN, _POINT + _TIME, _POINT + _TURN + _TIME)
 _LARGEST = 4_000_000
+
+_Line = tuple[int, list[str]]
+"""Number of a line of a file, and its cells."""
 
 
 def read_waypoints(file: str | Path) -> Waypoints:
@@ -47,8 +52,17 @@ def read_waypoints(file: str | Path) -> Waypoints:
     (4, 3)
     """
     file = file_name(file)
+    return _waypoints(file, _lines(file))
+
+
+def _lines(file: Path) -> list[_Line]:
+    """Read the lines of a file that are not empty."""
     lines = csv_rows(file, _LARGEST)
-    rows = [(line, row) for line, row in lines if any(map(str.strip, row))]
+    return [(line, row) for line, row in lines if any(map(str.strip, row))]
+
+
+def _waypoints(file: Path, rows: list[_Line]) -> Waypoints:
+    """Read the waypoints of one frame from its columns."""
     names: tuple[str, ...] = _POINT + _TURN if rows and len(rows[0][1]) == 7 else _POINT
     if rows and _is_header(rows[0][1]):
         names = _columns(rows.pop(0)[1], file)
@@ -92,46 +106,115 @@ def read_waypoints(file: str | Path) -> Waypoints:
 def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
-    Without quaternions in the file, the frame keeps its orientation at q0.
+    Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
+    frames, each has its own columns, ``left.x, left.y, left.z``: before the dot stands its name, or
+    a part of it that is in no other frame's. A frame without columns holds still; columns without a
+    dot are of the first frame.
 
     Raises
     ------
     InputError
         If the file cannot be read, or its points are not a closed path.
     """
-    table = read_waypoints(file)
-    name = Path(file).name
+    where = file_name(file)
+    spec = file + (f":blend={blend:.15g}" if blend else "")
+    made = {
+        frame: _through(_waypoints(where, rows), where.name, spec, blend)
+        for frame, rows in _by_frame(where, _lines(where)).items()
+    }  # report errors before a robot is loaded
+
+    def path_of(task: Task, q0: ArrayLike) -> TaskPath:
+        own = {_frame_of(text, task, where): path for text, path in made.items()}
+        if len(own) < len(made):
+            raise InputError(
+                f"{where}: {' and '.join(made)} are columns of one frame",
+                remedy="name each frame once",
+            )
+        path = several_paths(task, q0, [own.get(frame) for frame in task.frames])
+        return path if path.spec else replace(path, spec=spec)
+
+    return path_of
+
+
+def _through(
+    table: Waypoints, name: str, spec: str, blend: float
+) -> Callable[[Task, ArrayLike], TaskPath]:
+    """Return the function ``(task, q0) → path`` of the waypoints of one frame."""
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
     def through(rotation: ArrayLike) -> TaskPath:
         path = waypoints(
             table.points, rotation, times=table.times, blend=blend, name=name
         )
-        return replace(
-            path, spec=file + (f":blend={blend:.15g}" if blend else ""), corners=corners
-        )
+        return replace(path, spec=spec, corners=corners)
 
-    known = through(
-        np.eye(3) if table.rotations is None else table.rotations
-    )  # report errors before a robot is loaded
+    known = through(np.eye(3) if table.rotations is None else table.rotations)
     if table.rotations is not None:
         return lambda task, q0: known
     return lambda task, q0: through(task.placement(q0).rotation)
 
 
+def _by_frame(file: Path, rows: list[_Line]) -> dict[str, list[_Line]]:
+    """Split lines into those of each frame, by the text before the dot of its columns.
+
+    Columns without a dot are of the first frame, and a time is of all.
+    """
+    header = rows[0][1] if rows else []
+    cells = [_cell(cell).rpartition(".")[::2] for cell in header]
+    frames = tuple(dict.fromkeys(frame for frame, _ in cells if frame))
+    if not frames or not _is_header(header):
+        return {"": rows}
+    common = [name for frame, name in cells if not frame]
+    if not {_TIMES.get(name.lower(), name.lower()) for name in common} <= {*_TIME}:
+        raise InputError(
+            f"{file}: column {common[0]!r} names no frame, but others do",
+            remedy=f"write it as {frames[0]}.{common[0]}",
+        )
+    for line, row in rows:
+        if len(row) != len(header):
+            raise InputError(
+                f"{file}, line {line}: {len(row)} cells for {len(header)} columns"
+            )
+    found: dict[str, list[_Line]] = {}
+    for frame in frames:
+        own = [i for i, (of, _) in enumerate(cells) if of in ("", frame)]
+        names = [cells[i][1] for i in own]
+        later = [(line, [row[i] for i in own]) for line, row in rows[1:]]
+        found[frame] = [(rows[0][0], names), *later]
+    return found
+
+
+def _frame_of(text: str, task: Task, file: Path) -> str:
+    """Find the frame of a task that the columns ``text.x`` are of; the first one for no text."""
+    frames = task.frames
+    if text in frames or not text:
+        return text or frames[0]
+    meant = [frame for frame in frames if text in frame]
+    if len(meant) != 1:
+        raise InputError(
+            f"{file}: the columns {text}.x … name {'no' if not meant else 'more than one'} frame "
+            f"of {', '.join(frames)}",
+            remedy="write the name of a frame, or a part that is in no other's, before the dot",
+        )
+    return meant[0]
+
+
+def _cell(text: str) -> str:
+    """Strip a cell of the header of blanks and quotes."""
+    return text.strip("#\"' \t")
+
+
 def _is_header(row: list[str]) -> bool:
     """Test whether a line of the file is a header: words instead of numbers."""
     return all(
-        cell.lstrip("#\"' \t")[:1].isalpha() and not np.isfinite(number(cell))
-        for cell in row
+        _cell(cell)[:1].isalpha() and not np.isfinite(number(cell)) for cell in row
     )
 
 
 def _columns(row: list[str], file: Path) -> tuple[str, ...]:
     """Read the column names, in the order of the header, and check that the set is known."""
     names = tuple(
-        {"t": "time"}.get(name, name)
-        for name in (cell.strip("#\"' \t").lower() for cell in row)
+        _TIMES.get(name, name) for name in (_cell(cell).lower() for cell in row)
     )
     if not any(sorted(names) == sorted(layout) for layout in _LAYOUTS):
         if any(";" in name for name in row):

@@ -136,7 +136,7 @@ def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     """
     x_leaf = x - x_task
     left = np.where(x_leaf > 0, most - x_task, most + x_task)
-    moving = np.abs(x_leaf) > 1e-15
+    moving = np.abs(x_leaf) > 1e-12
     share = float(
         np.clip((left[moving] / np.abs(x_leaf[moving])).min(initial=1.0), 0.0, 1.0)
     )

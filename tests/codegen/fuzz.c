@@ -89,22 +89,25 @@ int main(int argc, char **argv)
     long k, torques = 0, seen[4] = {0, 0, 0, 0};
     for (k = 0; k < count; k++) {
         const int calm = uniform() < 0.5;
-        double q[ARM_N], xdot[ARM_M], twist[6], leaf[ARM_R], J[ARM_M * ARM_N], G[ARM_N * ARM_M], c[ARM_R], out[ARM_N];
-        arm_pose target, pose;
+        double q[ARM_N], xdot[ARM_M], twist[6 * ARM_FRAMES], leaf[ARM_R], J[ARM_M * ARM_N], G[ARM_N * ARM_M], c[ARM_R], out[ARM_N];
+        arm_pose target[ARM_FRAMES], pose[ARM_FRAMES];
         arm_options options;
         arm_report report;
         arm_status status;
-        int i;
+        int f, i;
         some(q, ARM_N, calm);
         if (uniform() < 0.05) memset(q, 0, sizeof q);
-        some(xdot, ARM_M, calm), some(twist, 6, calm), some(leaf, ARM_R, calm);
-        some(target.p, 3, calm), some(target.R, 9, 0);
-        if (uniform() < 0.9) turn(target.R);
+        some(xdot, ARM_M, calm), some(twist, 6 * ARM_FRAMES, calm), some(leaf, ARM_R, calm);
+        for (f = 0; f < ARM_FRAMES; f++) {
+            some(target[f].p, 3, calm), some(target[f].R, 9, 0);
+            if (uniform() < 0.9) turn(target[f].R);
+        }
 
-        memset(&pose, 0, sizeof pose);
-        mark(pose.p, 3), mark(pose.R, 9), mark(J, ARM_M * ARM_N), mark(c, ARM_R), mark(G, ARM_N * ARM_M);
-        status = arm_placement(q, &pose);
-        must(status == ARM_OK ? finite_all(q, ARM_N) : marked(pose.p, 3) && marked(pose.R, 9), "placement", k);
+        for (f = 0; f < ARM_FRAMES; f++) mark(pose[f].p, 3), mark(pose[f].R, 9);
+        mark(J, ARM_M * ARM_N), mark(c, ARM_R), mark(G, ARM_N * ARM_M);
+        status = arm_placement(q, pose);
+        for (f = 0; f < ARM_FRAMES; f++)
+            must(status == ARM_OK ? finite_all(q, ARM_N) : marked(pose[f].p, 3) && marked(pose[f].R, 9), "placement", k);
         status = arm_jacobian(q, J);
         must(status == ARM_OK ? finite_all(q, ARM_N) : marked(J, ARM_M * ARM_N), "jacobian", k);
         status = arm_leaf(q, c);
@@ -135,7 +138,7 @@ int main(int argc, char **argv)
         options.stay_inside = uniform() < 0.3;
         mark(out, ARM_N);
         report.damping = report.slowed = MARK;
-        status = arm_step(q, &target, calm ? 0.01 : hostile(), uniform() < 0.5 ? twist : NULL,
+        status = arm_step(q, target, calm ? 0.01 : hostile(), uniform() < 0.5 ? twist : NULL,
                           uniform() < 0.5 ? leaf : NULL, uniform() < 0.8 ? &options : NULL, &report, out);
         must(status == ARM_OK || (marked(out, ARM_N) && marked(&report.damping, 1)), "step", k);
         must(status != ARM_OK || (finite_all(q, ARM_N) && report.slowed <= 1.0), "step's report", k);
@@ -158,7 +161,7 @@ int main(int argc, char **argv)
             if (uniform() < 0.3) some(gains.observer_limit, ARM_N, 0), gains.observer_rate = hostile();
             mark(tau, ARM_N);
             memcpy(kept, observer, sizeof kept);
-            status = arm_torque(q, qdot, M, bias, &target, uniform() < 0.5 ? twist : NULL, leaf,
+            status = arm_torque(q, qdot, M, bias, target, uniform() < 0.5 ? twist : NULL, leaf,
                                 uniform() < 0.8 ? &gains : NULL, calm ? 0.001 : hostile(), observed ? observer : NULL,
                                 tau);
             must(status == ARM_OK ? finite_all(tau, ARM_N) && (!observed || finite_all(observer, ARM_R))

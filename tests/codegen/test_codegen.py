@@ -14,7 +14,7 @@ import pytest
 from arms import Q_PANDA, planar_urdf, spatial_urdf
 from cell_functions import cell_of
 from commands import main, refused, told
-from controls import CONTROLS, NEEDS_C, in_numpy
+from controls import CONTROLS, NEEDS_C, in_numpy, target_at
 from test_bases import Ball
 
 import repctl_pin as rp
@@ -43,9 +43,10 @@ def questions(
 ) -> Iterator:
     """Velocities and steps of every kind at one q: functions of an inverse."""
     task = inverse.task
-    xdot, twist = rng.normal(size=task.m), rng.normal(size=6)
-    target = task.placement(q + 0.05 * rng.normal(size=task.n))
-    far = pin.SE3(pin.exp3(1.2 * rng.normal(size=3)), 0.2 * rng.normal(size=3)) * target
+    xdot, twist = rng.normal(size=task.m), rng.normal(size=task.twist_size)
+    near = q + 0.05 * rng.normal(size=task.n)
+    turn = pin.SE3(pin.exp3(1.2 * rng.normal(size=3)), 0.2 * rng.normal(size=3))
+    target, far = target_at(task, near), target_at(task, near, turn)
     leaf, limit = inverse.leaf(q0), rng.uniform(0.2, 3, task.n)
     yield lambda one: one.velocity(q, xdot)
     yield lambda one: one.step(q, target, 0.01)
@@ -111,6 +112,7 @@ QUICK = (
     "talos from its torso",
     "ppr, degree 5 of some joints",
     "random axes and slides",
+    "elbow and hand of panda",
 )
 
 
@@ -304,7 +306,9 @@ def test_a_hostile_urdf_gets_into_comments_only(tmp_path: Path) -> None:
         code = re.sub(r"/\*.*?\*/", "", code, flags=re.DOTALL)
         names = re.search(r"joint_names\[\w+\] = \{(.*)\};", code)
         assert names and re.fullmatch(r'("(\w|\\\d{3})*"(, )?)*', names[1], re.ASCII)
-        texts[kind] = code.replace(names[1], "")
+        frame = re.search(r'frame = ("(?:\w|\\\d{3})*");', code, re.ASCII)
+        assert frame
+        texts[kind] = code.replace(names[1], "").replace(frame[1], "")
     assert texts["plain"] == texts["hostile"]
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "hostile",

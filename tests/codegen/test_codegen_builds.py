@@ -111,6 +111,7 @@ def exported(name: str, folder: Path, region: str | None = None) -> Path:
         "panda, axis, degree 2",
         "panda, pose, joined",
         "random axes and slides",
+        "elbow and hand of panda",
     ],
 )
 def test_it_builds_without_a_warning_and_computes_what_python_does(

@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from controls import CONTROLS, NEEDS_C, own_cache  # noqa: F401
+from controls import CONTROLS, NEEDS_C, own_cache, target_at  # noqa: F401
 from test_codegen_builds import exported, needed, run
 from test_governor_c import in_c as library
 
 import repctl_pin as rp
 
 AGREE = 1e-10
-QUICK = ("panda, axis, degree 2", "tiago, position, degree 2")
+QUICK = (
+    "panda, axis, degree 2",
+    "tiago, position, degree 2",
+    "elbow and hand of panda",
+)
 
 
 class Gains(NamedTuple):
@@ -57,7 +62,9 @@ def in_c(inverse: rp.RepeatableInverse, folder: Path) -> Callable[..., Any]:
         gains: Gains | None,
         observer: Observer | None,
     ) -> tuple[int, np.ndarray]:
-        pose = np.r_[target.translation, np.ravel(target.rotation)]
+        placed = [target] if isinstance(target, pin.SE3) else target
+        poses = [np.r_[x.translation, np.ravel(x.rotation)] for x in placed]
+        pose = np.concatenate(poses)
         packed = None
         if gains is not None:
             packed = np.r_[gains.stiffness, gains[1:5], gains.observer_limit]
@@ -140,8 +147,8 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
             A @ A.T / task.n + 0.1 * np.eye(task.n),
             *rng.normal(size=(2, task.n)),
         )
-        target = task.placement(q + 0.05 * rng.normal(size=task.n))
-        twist = rng.normal(size=6) if k % 3 else None
+        target = target_at(task, q + 0.05 * rng.normal(size=task.n))
+        twist = rng.normal(size=task.twist_size) if k % 3 else None
         leaf = inverse.leaf(q0) + 0.05 * rng.normal(size=task.r)
         observer = Observer(rng.normal(size=task.r), 1e-3) if k % 4 else None
         given = (q, qdot * (k % 9 > 0), M, b, target, twist, leaf)

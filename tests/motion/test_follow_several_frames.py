@@ -132,7 +132,7 @@ def test_a_design_of_several_frames_is_saved_and_loaded(study, tmp_path):
         rp.load_design(file, other)
 
 
-def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
+def test_what_takes_one_frame_only_says_so(hands, constant):
     task, q0 = hands
     here = task.placements(q0)[0]
     limits = rp.Limits(acceleration=5.0, jerk=50.0)
@@ -140,8 +140,6 @@ def test_what_takes_one_frame_only_says_so(hands, constant, tmp_path):
         lambda: rp.Cell(task, here, 0.1),
         lambda: rp.Sector(task, here, radius=0.1, angle="all"),
         lambda: rp.Governor(constant, 0.01, limits),
-        lambda: rp.LeafImpedance(constant),
-        lambda: rp.export_c(constant, tmp_path / "arm.c"),
         lambda: rp.Recording(task, joints=np.tile(q0, (5, 1))),
         lambda: rp.WorkspaceBox(task, q0[:3], 0.1, within=rp.Box(q0, 0.1)),
         lambda: rp.ArmAngle(task, "a", "b", "c"),

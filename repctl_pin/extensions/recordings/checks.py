@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...arguments import Array, percentage, row
 from ...errors import InputError
@@ -156,7 +157,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     d = np.linalg.lstsq(
         R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6
     )[0]
-    D = _mean_rotation(back @ R) if task.kind.turns else np.eye(3)
+    D = mean_rotation(back @ R) if task.kind.turns else np.eye(3)
     at = row(np.round(d, 3) + 0.0)
     tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
     moved = p_own + R_own @ d
@@ -192,10 +193,9 @@ def _turned(R: Array) -> str:
     return f", turned by {angle:.2g} rad" if angle > _CALIBRATED_RAD else ""
 
 
-def _mean_rotation(R: Array) -> Array:
+def mean_rotation(R: Array) -> Array:
     """Average rotations (K, 3, 3): the rotation nearest to their mean."""
-    U, _, Vt = np.linalg.svd(R.mean(axis=0))
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    return Rotation.from_matrix(R).mean().as_matrix()
 
 
 def _base_rotation(
@@ -203,7 +203,7 @@ def _base_rotation(
 ) -> Array:
     """Find the rotation B of the base, from the rotations or, if they are free, the positions."""
     if task.m == 6:
-        return _mean_rotation(R @ np.swapaxes(R_own, 1, 2))
+        return mean_rotation(R @ np.swapaxes(R_own, 1, 2))
     a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))
     U, _, Vt = np.linalg.svd(b.T @ a)
     signs = np.ones(len(rows))
@@ -227,11 +227,8 @@ def _orders(n: int) -> list[list[int]]:
 
 def _first_is_w(R: Array) -> Array:
     """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(
-        Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]
-    ).as_matrix()
+    x = Rotation.from_matrix(R).as_quat()
+    return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:

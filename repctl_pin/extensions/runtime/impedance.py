@@ -23,8 +23,8 @@ from ...arguments import (
     vector,
 )
 from ...errors import InputError
-from ...model.chain_formulas import Placement, as_placement
-from ...model.several_frames import one_frame
+from ...model.chain_formulas import Placement
+from ...model.kind import Kind
 from ...model.task import Task
 from ...strategies.native_arm import library_arm
 from ...strategies.repeatable import RepeatableInverse
@@ -104,14 +104,14 @@ class LeafImpedance:
             "inverse",
             "a repeatable inverse, such as design.inverse",
         )
-        self.task = task = one_frame(self.inverse.task, "a torque law")
+        self.task = task = self.inverse.task
         if task.coordinates is not None:
             raise InputError(
                 "torques act on the robot's own joints, but the task is in other coordinates; "
                 "design without in_coordinates()"
             )
         self.gains = Gains(
-            _stiffness(stiffness, task.m),
+            _stiffness(stiffness, task.kind),
             positive(damping, "damping", zero=True),
             positive(leaf_frequency, "leaf_frequency", "rad/s", zero=True),
             positive(leaf_damping, "leaf_damping", zero=True),
@@ -172,9 +172,9 @@ class LeafImpedance:
         q, qdot : (n,) arrays
             Joint positions and velocities, rad or m, and per second.
         target : pinocchio.SE3 or (4, 4) array
-            Desired placement of the frame.
-        twist : (6,) array, optional
-            Velocity (v, ω) of the target, base axes, m/s and rad/s; 0 by default.
+            Desired placement of the frame; of several frames, one placement per frame.
+        twist : (6,) or (6 F,) array, optional
+            Velocity (v, ω) of the target, of each frame, base axes, m/s and rad/s; 0 by default.
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
         observer : Observer, optional
@@ -188,15 +188,15 @@ class LeafImpedance:
         SingularityError
             If J_V is singular.
         """
-        n, r = self.task.n, self.task.r
+        n, r, twists = self.task.n, self.task.r, self.task.twist_size
         if not _native(q, n):
             q = vector(q, n, "q")
         if not _native(qdot, n):
             qdot = vector(qdot, n, "q̇")
         if not _native(leaf, r):
             leaf = vector(leaf, r, "leaf", "from inverse.leaf(q)")
-        if twist is not None and not _native(twist, 6):
-            twist = vector(twist, 6, "the twist (v, ω)", "m/s and rad/s")
+        if twist is not None and not _native(twist, twists):
+            twist = vector(twist, twists, "the twist (v, ω)", "m/s and rad/s")
         if observer is not None and not (
             type(observer) is Observer and len(observer.state) == r
         ):
@@ -207,7 +207,7 @@ class LeafImpedance:
         with np.errstate(over="ignore", invalid="ignore"):
             M, b = self._dynamics.own(q, qdot)
             return self._law.own(
-                q, qdot, M, b, as_placement(target), twist, leaf, observer
+                q, qdot, M, b, self.task.as_target(target), twist, leaf, observer
             )
 
 
@@ -224,14 +224,14 @@ def _native(values: ArrayLike, n: int) -> TypeGuard[Array]:
     )
 
 
-def _stiffness(given: ArrayLike, m: int) -> Array:
+def _stiffness(given: ArrayLike, kind: Kind) -> Array:
     """Convert a stiffness to an array (m,), one number per row of J.
 
     Two numbers are taken for the translations and the rotations.
     """
-    values, linear = as_numbers(given), min(3, m)
+    values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:
-        values = np.repeat(values, [linear, m - linear])
+        values = np.where(kind.linear, values[0], values[1])
     if (
         values is None
         or values.shape != (m,)
@@ -250,7 +250,7 @@ def _torque_law(
     task = inverse.task
     law = NumPyTorques(task, inverse.potentials, gains)
     arm = library_arm(task, inverse.potentials)
-    return law if arm is None else NativeTorques(arm, law, gains, (task.n, task.r))
+    return law if arm is None else NativeTorques(arm, law, gains, task)
 
 
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:

@@ -175,21 +175,22 @@ class NativeTorques:
         The same law in NumPy, which names what C refuses.
     gains
         The gains.
-    sizes
-        Numbers n of joints and r of potentials.
+    task
+        The task.
     """
 
     def __init__(
-        self, arm: Any, reference: NumPyTorques, gains: Gains, sizes: tuple[int, int]
+        self, arm: Any, reference: NumPyTorques, gains: Gains, task: Task
     ) -> None:
-        n, r = sizes
+        n, r, frames = task.n, task.r, len(task.frames)
         self._arm, self._reference = arm, reference
         damping = gains.damping, gains.leaf_frequency, gains.leaf_damping
         numbers = np.array([*damping, gains.observer_rate])
         packed = np.concatenate([gains.stiffness, gains.observer_limit, numbers])
         self._q, self._qdot, self._bias = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._inertia, self._target = np.zeros((n, n)), np.zeros((4, 4))
-        self._twist, self._leaf, self._tau = np.zeros(6), np.zeros(r), np.zeros(n)
+        self._inertia, self._target = np.zeros((n, n)), np.zeros((4 * frames, 4))
+        self._twist, self._leaf = np.zeros(task.twist_size), np.zeros(r)
+        self._tau = np.zeros(n)
         memory = {
             "q": self._q,
             "qdot": self._qdot,

@@ -13,10 +13,10 @@ from ...motion.follow import UNRESOLVED
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
 from ...paths.winding import winding_words
-from ...studies.study_result import Row
+from ...studies.study_result import Row, Study
 from .lines import Span, capital
+from .motion_summary import SMALL, TURNED, MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, percent, radians
-from .verdict import SMALL, TURNED, MotionSummary, without_shape
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
@@ -37,7 +37,6 @@ _ABOUT = {
     "path ends in the joint positions with which it began",
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
-_HANDS = {1: "the hand is", 2: "both hands are"}
 _EITHER = {1: "", 2: " under either control"}
 
 _END_NAMES = (
@@ -51,12 +50,23 @@ _END_NAMES = (
 """Words in the names of links at the ends of other branches, by what a sentence calls them."""
 
 
+def hands_are(count: int) -> str:
+    """Write the subject of a sentence on the frames of a task, with its verb."""
+    known = {1: "the hand is", 2: "both hands are"}
+    return known.get(count, f"all {count} hands are")
+
+
 @dataclass(frozen=True)
 class Headline:
     """Sentence on the drift of the arm, and notes on joint speed, limits and bodies."""
 
     sentence: tuple[Span, ...]
     notes: tuple[Span, ...]
+
+    def __str__(self) -> str:
+        sentence = "".join(span.text for span in self.sentence)
+        notes = (span.text for span in self.notes)
+        return " ".join([sentence.rstrip(" "), *notes]).replace("\u00a0", " ")
 
 
 NO_HEADLINE = Headline((), ())
@@ -93,6 +103,17 @@ def stopped_cell(row: Row) -> str:
     return "–" if row.stopped.startswith(UNRESOLVED) else "stopped"
 
 
+def study_headline(study: Study) -> Headline:
+    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    stopped = [
+        stopped_words(row.label, row.failure) for row in rows if row.motion is None
+    ]
+    found = [one for row in rows if (one := row_summary(row)) is not None]
+    cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
+    return headline_of(found, cycles, stopped, hands=len(study.task.frames))
+
+
 def headline_of(
     summaries: Sequence[MotionSummary],
     cycles: int,
@@ -122,7 +143,7 @@ def headline_of(
     whose = _EITHER.get(len(summaries), " under every control")
     if stopped and len(summaries) == 1:
         whose = f" under {_alone(summaries[0])}"
-    back = _HANDS.get(hands, f"all {hands} hands are")
+    back = hands_are(hands)
     words = lost or [Span(f"After {times} {back} back{whose}. ")]
     if all(one.back and not one.turned for one in summaries):
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"
@@ -141,7 +162,7 @@ def _drifted(
     summaries: Sequence[MotionSummary], worst: MotionSummary
 ) -> tuple[str, str, list[Span]]:
     """Write which part or joint is off, the verb, and by how much it is off under each."""
-    subject = f"{worst.part} of the arm"
+    subject = worst.part if worst.part[:4] == "arm " else f"{worst.part} of the arm"
     if not any(letter.isdigit() for letter in worst.part):
         subject = f"the {worst.part}"
     if worst.off >= SMALL:

@@ -10,6 +10,9 @@ import numpy as np
 
 from .text import integer, row
 
+_TYPES = {"frame": "Arm"}
+"""Types of the members that do not bear their type's name."""
+
 
 def constants(made: Any, kind: str, name: str) -> str:
     """Write a struct of :func:`repctl_pin.native.filled_struct` as ``static const`` C.
@@ -19,7 +22,8 @@ def constants(made: Any, kind: str, name: str) -> str:
     made
         The struct; ``made.held`` has its arrays, and the structs it points to, by member.
     kind
-        Name of its type in C; a struct that the member ``x`` points to is an ``X``.
+        Name of its type in C; a struct that the member ``x`` points to is an ``X``, a frame an
+        ``Arm``.
     name
         Name of the constant; the names of its arrays begin with it.
     """
@@ -47,7 +51,7 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
         values = row(held.ravel()) if real else integer(held.ravel())
         yield f"static const {'double' if real else 'int'} {name}[{held.size}] = {values};"
         return
-    kind, entries = member.capitalize(), []
+    kind, entries = _TYPES.get(member, member.capitalize()), []
     for k, one in enumerate(held):
         *arrays, last = _definitions(one, kind, f"{name}_{k}")
         yield from arrays

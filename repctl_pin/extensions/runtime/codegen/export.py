@@ -22,9 +22,9 @@ from ...cells.cell import Cell
 from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.sector import Sector
-from .kdl import kdl_header
+from .kdl import kdl_header, quoted
 from .source import about, region_of, write_source
-from .text import checked_name, filled, pose, row, table, value
+from .text import checked_name, filled, pose, poses, row, table, value
 from .vectors import (
     BAD_NUMBER,
     OUTSIDE,
@@ -126,6 +126,8 @@ def export_c(
         "closing": source.closing,
         "functions": functions,
         "torque": filled("torque.hpp", name, {}),
+        "names": "{" + ", ".join(map(quoted, control.task.joint_names)) + "}",
+        "frame": quoted(control.task.frame),
     }
     texts = {
         f"{name}.h": source.header,
@@ -212,8 +214,12 @@ def _vector(
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
     gain = -1.0 if vector.gain is None else vector.gain
-    entries = [row(vector.q), row(vector.xdot), pose(vector.target), value(vector.dt)]
-    for part, size in ((vector.twist, 6), (vector.leaf, task.r)):  # flag and value
+    entries = [row(vector.q), row(vector.xdot), poses(vector.target)]
+    entries.append(value(vector.dt))
+    for part, size in (
+        (vector.twist, task.twist_size),
+        (vector.leaf, task.r),
+    ):  # flag and value
         entries += [
             str(int(part is not None)),
             row(np.zeros(size) if part is None else part),
@@ -231,7 +237,8 @@ def _vector(
         f"{name.upper()}_{STATUS[said[key]]}"
         for key in ("usable", "inside", "velocity", "step", "torque")
     ]
-    entries.append(pose(said.get("placement", pin.SE3.Identity())))
+    nowhere = (pin.SE3.Identity(),) * len(task.frames)
+    entries.append(poses(said.get("placement", nowhere)))
     entries += [
         row(np.ravel(said.get("J", np.zeros((task.m, task.n))))),
         row(said.get("c", np.zeros(task.r))),

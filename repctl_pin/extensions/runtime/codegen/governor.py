@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from ....model.task import Task
 from .text import filled, pasted, row
 
@@ -14,9 +16,10 @@ _GOVERNOR = "frame_motion.c", "joint_plan.c", "target_joints.c", "governor.c"
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header.
 
-    All three are empty for a task in other joint coordinates, which has no governor in C.
+    All three are empty for a task in other joint coordinates or of several frames, which has no
+    governor.
     """
-    if task.coordinates is not None:
+    if task.coordinates is not None or len(task.frames) > 1:
         return "", "", ""
     structs, types = _structs("governor.h", name)
     parts = {
@@ -29,13 +32,14 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     return header, code, more
 
 
-def torque_code(name: str) -> tuple[str, str]:
+def torque_code(task: Task, name: str) -> tuple[str, str]:
     """Write the torque law's parts of the C header and the C source."""
     structs, types = _structs("torque.h", name)
     parts = {
         "structs": structs,
         "types": types,
         "library": pasted("torque.h", "torque.c"),
+        "stiffness": row(np.where(task.kind.linear, 1000.0, 50.0)),
     }
     header, code = (filled(f"torque.{end}", name, parts) for end in _ENDINGS[:2])
     return header, code

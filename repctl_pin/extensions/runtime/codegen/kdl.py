@@ -14,7 +14,8 @@ def kdl_header(
 ) -> str:
     """Write the C++ header with a velocity solver and a position solver for Orocos KDL.
 
-    The position solver evaluates F if ``control`` is a cell function; otherwise it iterates.
+    The position solver evaluates F if ``control`` is a cell function; otherwise it iterates. For a
+    task of several frames, the header says that there are none: a chain of KDL has one tip.
 
     Parameters
     ----------
@@ -28,12 +29,13 @@ def kdl_header(
         Configuration near which the solvers compare the user's KDL chain with the arm.
     """
     task = control.task
+    if len(task.frames) > 1:
+        return filled("frames_kdl.hpp", name, {"about": about})
     solver = (
         "kdl_function.hpp" if isinstance(control, InverseFunction) else "kdl_newton.hpp"
     )
     parts = {
         "about": about,
-        "names": "{" + ", ".join(map(_quoted, task.joint_names)) + "}",
         "start": row(start),
         "rates": _rates(task),
         "solver": filled(solver, name, {}).rstrip("\n"),
@@ -59,7 +61,7 @@ def _rates(task: Task) -> str:
     return "\n".join(lines)
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """Write a C string literal; bytes other than letters, digits and ``_`` as octal escapes."""
     return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 

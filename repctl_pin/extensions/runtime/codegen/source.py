@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -86,7 +86,7 @@ def write_source(
         "inverse",
         "a repeatable inverse, such as design.inverse",
     )
-    task = one_frame(inverse.task, "exported C")
+    task = inverse.task
     if task.r < 1:
         raise InputError(
             f"{task!r} has no redundancy, so there are no potentials to write"
@@ -111,7 +111,8 @@ def write_source(
         "n": task.n,
         "m": task.m,
         "r": task.r,
-        "joints": arm.joints,
+        "frames": arm.frames,
+        **_frame_sizes(arm),
         "terms": max(part.count for part in arm.held["part"]),
         "declared": chart + pasted("arm.h", *headers),
         "tables": constants(arm, "Arm", f"{name}_tables"),
@@ -121,7 +122,7 @@ def write_source(
     }
     governed = governor_source(task, name) if governor else ("", "", "")
     closing = _closing_source(closes, task, name)
-    torque = torque_code(name)
+    torque = torque_code(task, name)
     header = parts | {
         "torque": torque[0],
         "function": declared,
@@ -140,6 +141,14 @@ def write_source(
         governed[2],
         closing[2],
     )
+
+
+def _frame_sizes(arm: Any) -> dict[str, str | int]:
+    """Write the sizes of one frame: numbers if there is one, else members of its own struct."""
+    if arm.frames == 1:
+        return {"rows": "M", "joints": arm.joints, "most": arm.joints}
+    most = max(frame.joints for frame in arm.held["frame"])
+    return {"rows": "(arm->m)", "joints": "(arm->joints)", "most": most}
 
 
 def _function_code(function: InverseFunction, name: str) -> str:
@@ -169,6 +178,7 @@ def _closing_source(
     """
     if closes is None:
         return "", "", ""
+    one_frame(task, "a closing radius in C")
     if not closes:
         raise InputError(
             f"closes: {closes.words}",
@@ -212,7 +222,10 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
     """Write the header comment: robot, frame, task, joints, region, units, version."""
     task = control.task
     robot = task.robot
-    base = "the base" if robot.base is None else comment(robot.base)
+    placed = [
+        (comment(one.frame), comment(one.robot.base or "the base"), _MEANING[one.kind])
+        for one in task.single_tasks
+    ]
     joints = [
         f"q[{i}] {comment(name)}, {'rad' if turns else 'm'}, from {low:g} to {high:g}"
         for i, (name, turns, low, high) in enumerate(
@@ -223,8 +236,11 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
         f"Repeatable inverse of a redundant arm, written by repctl_pin {__version__}; do not edit.",
         "",
         f"robot   {comment(robot.name)} ({comment(robot.description.path.name)})",
-        f"frame   {comment(task.frame)}, placed in {base}",
-        f"task    {_MEANING[task.kind]}",
+        *(
+            line
+            for frame, base, meaning in placed
+            for line in (f"frame   {frame}, placed in {base}", f"task    {meaning}")
+        ),
         f"joints  {joints[0]}",
         *(f"        {line}" for line in joints[1:]),
         f"region  {_of(region)}",

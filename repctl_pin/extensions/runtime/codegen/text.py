@@ -81,6 +81,11 @@ def pose(placement: pin.SE3) -> str:
     return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
 
 
+def poses(placements: Iterable[pin.SE3]) -> str:
+    """Format the placements of all frames as a C initialiser."""
+    return f"{{{', '.join(map(pose, placements))}}}"
+
+
 def value(x: float) -> str:
     """Format a double, which may be infinite or nan, as a C expression."""
     if math.isnan(x):

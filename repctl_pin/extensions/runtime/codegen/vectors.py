@@ -34,7 +34,7 @@ class Vector:
 
     q: Array
     xdot: Array
-    target: pin.SE3
+    target: tuple[pin.SE3, ...]
     dt: float
     twist: Array | None
     leaf: Array | None
@@ -65,21 +65,16 @@ def vectors(
     for k, q in enumerate(Q):
         if k % 6 == 5:  # further outside
             q = q + rng.normal(size=task.n)
-        near = task.placement(q + 0.01 * rng.normal(size=task.n))
-        away = (
-            pin.SE3(
-                pin.exp3(rng.normal(size=3) * (2.0 if k % 7 == 6 else 0.01)),
-                np.zeros(3),
-            )
-            * near
-        )
+        near = task.placements(q + 0.01 * rng.normal(size=task.n))
+        turn = 2.0 if k % 7 == 6 else 0.01
+        away = tuple(_turned(x, rng.normal(size=3) * turn) for x in near)
         found.append(
             Vector(
                 q=q,
                 xdot=rng.normal(size=task.m),
                 target=away,
                 dt=_DT,
-                twist=None if k % 3 == 0 else rng.normal(size=6),
+                twist=None if k % 3 == 0 else rng.normal(size=task.twist_size),
                 leaf=None
                 if k % 4 == 0
                 else inverse.leaf(q) + 0.01 * rng.normal(size=task.r),
@@ -102,16 +97,13 @@ def vectors(
         31: ("gain", 3000.0),
         32: ("M", np.diag(-np.ones(task.n))),
     }
-    if inverse.task.kind in ("pose", "axis"):  # reflected and scaled R
-        bad |= {37: ("target", pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)))}
-        bad |= {
-            43: (
-                "target",
-                pin.SE3(
-                    (1 + 1e-5) * found[43].target.rotation, found[43].target.translation
-                ),
-            )
-        }
+    if inverse.task.kind.turns:  # reflected and scaled R
+        mirror = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
+        scaled = (
+            pin.SE3((1 + 1e-5) * x.rotation, x.translation) for x in found[43].target
+        )
+        bad |= {37: ("target", (mirror,) * len(task.frames))}
+        bad |= {43: ("target", tuple(scaled))}
     for k, (what, value) in bad.items():
         if k < len(found):
             vector = what in ("q", "xdot")
@@ -135,7 +127,7 @@ def answers(
         )
         return refused | dict.fromkeys(("qdot", "q_next", "tau"), np.zeros(task.n))
     said: dict[str, Any] = {
-        "placement": task.placement(q),
+        "placement": task.placements(q),
         "J": task.jacobian(q),
         "c": inverse.leaf(q),
         "usable": OK,
@@ -182,6 +174,11 @@ def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Arr
         lambda: law(q, qdot, M, b, vector.target, vector.twist, leaf, observer), task.n
     )
     return status, tau, np.zeros(task.r) if observer is None else observer.state
+
+
+def _turned(placement: pin.SE3, w: Array) -> pin.SE3:
+    """Turn a placement about the base's origin by a rotation vector."""
+    return pin.SE3(pin.exp3(w), np.zeros(3)) * placement
 
 
 def _inertia(rng: np.random.Generator, n: int) -> Array:

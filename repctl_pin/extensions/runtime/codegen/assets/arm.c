@@ -14,8 +14,10 @@
 #define SHARED static
 #define N ARM_N
 #define M ARM_M
+#define FRAMES ARM_FRAMES
+#define ROWS @rows
 #define JOINTS @joints
-#define FRAMES 1
+#define MOST_JOINTS @most
 #define MOST_N ARM_N
 #define TERMS @terms
 #define WIDTH (ARM_R * (ARM_N + 1))
@@ -37,18 +39,22 @@ typedef arm_report Report;
 @library
 /* ---- functions of the header --------------------------------------------------------------------------------- */
 
-arm_status arm_placement(const double q[ARM_N], arm_pose *pose)
+arm_status arm_placement(const double q[ARM_N], arm_pose pose[ARM_FRAMES])
 {
-    arm_pose there;
+    double p[3 * FRAMES], R[9 * FRAMES];
+    int f, i;
     if (!all_finite(q, N)) return ARM_BAD_NUMBER;
-    place(arm_tables, q, there.p, there.R, NULL);
-    *pose = there;
+    place(arm_tables, q, p, R, NULL);
+    for (f = 0; f < FRAMES; f++) {
+        for (i = 0; i < 3; i++) pose[f].p[i] = p[3 * f + i];
+        for (i = 0; i < 9; i++) pose[f].R[i] = R[9 * f + i];
+    }
     return ARM_OK;
 }
 
 arm_status arm_jacobian(const double q[ARM_N], double J[ARM_M * ARM_N])
 {
-    double p[3], R[9], rows[M][N];
+    double p[3 * FRAMES], R[9 * FRAMES], rows[M][N];
     int a, i;
     if (!all_finite(q, N)) return ARM_BAD_NUMBER;
     place(arm_tables, q, p, R, rows);

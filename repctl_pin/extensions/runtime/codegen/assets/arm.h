@@ -9,6 +9,7 @@ extern "C" {
 #define ARM_N @n /* joints */
 #define ARM_M @m /* task coordinates */
 #define ARM_R @r /* degree of redundancy, potentials */
+#define ARM_FRAMES @frames /* frames: placements, targets and twists are arrays of so many, one after the other */
 
 typedef enum {
     ARM_OK = 0,
@@ -46,8 +47,8 @@ typedef struct {
  * called from any number of threads. An output can be the same array as an input.
  */
 
-/* Compute the placement of the frame at q. */
-arm_status arm_placement(const double q[ARM_N], arm_pose *pose);
+/* Compute the placement of each frame at q. */
+arm_status arm_placement(const double q[ARM_N], arm_pose pose[ARM_FRAMES]);
 
 /* Compute J of xdot = J qdot, row by row. */
 arm_status arm_jacobian(const double q[ARM_N], double J[ARM_M * ARM_N]);
@@ -70,9 +71,9 @@ void arm_defaults(arm_options *options);
 /*
  * Compute the next q of a control loop: q + J_V^-1 (dt [xdot; 0] + K dt [x - f(q); c - h(q)]).
  *
- * target   placement of the target: without a twist at the end of the step, with a twist at its start
+ * target   placement of the target of each frame: without a twist at the end of the step, with a twist at its start
  * dt       duration of the step, s
- * twist    velocity (v, omega) of the target, base axes, m/s and rad/s; NULL: none
+ * twist    velocity (v, omega) of each target, base axes, m/s and rad/s; NULL: none
  * leaf     c, from arm_leaf() at the start; NULL: h is kept constant without feedback
  * options  NULL: the options of arm_defaults()
  * report   NULL: no report

@@ -43,27 +43,28 @@ int main(void)
     int k;
     for (k = 0; k < ARM_VECTORS; k++) {
         const arm_vector *v = &arm_vectors[k];
-        arm_pose pose;
+        arm_pose pose[ARM_FRAMES];
         arm_options options = v->options;
         double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N], tau[ARM_N], observer[ARM_R];
         int i;
-        if (same("placement", k, arm_placement(v->q, &pose), v->usable)) {
-            compare("p", k, pose.p, v->placement.p, 3);
-            compare("R", k, pose.R, v->placement.R, 9);
-        }
+        if (same("placement", k, arm_placement(v->q, pose), v->usable))
+            for (i = 0; i < ARM_FRAMES; i++) {
+                compare("p", k, pose[i].p, v->placement[i].p, 3);
+                compare("R", k, pose[i].R, v->placement[i].R, 9);
+            }
         if (same("jacobian", k, arm_jacobian(v->q, J), v->usable)) compare("J", k, J, v->J, ARM_M * ARM_N);
         if (same("leaf", k, arm_leaf(v->q, c), v->usable)) compare("c", k, c, v->c, ARM_R);
         same("inside", k, arm_inside(v->q), v->inside);
         if (same("velocity", k, arm_velocity(v->q, v->xdot, qdot), v->velocity))
             compare("qdot", k, qdot, v->qdot, ARM_N);
         if (same("step", k,
-                 arm_step(v->q, &v->target, v->dt, v->has_twist ? v->twist : NULL, v->has_leaf ? v->leaf : NULL,
+                 arm_step(v->q, v->target, v->dt, v->has_twist ? v->twist : NULL, v->has_leaf ? v->leaf : NULL,
                           &options, NULL, q_next),
                  v->step))
             compare("q_next", k, q_next, v->q_next, ARM_N);
         for (i = 0; i < ARM_R; i++) observer[i] = v->observer[i];
         if (same("torque", k,
-                 arm_torque(v->q, v->joint_speed, v->M, v->bias, &v->target, v->has_twist ? v->twist : NULL, v->leaf,
+                 arm_torque(v->q, v->joint_speed, v->M, v->bias, v->target, v->has_twist ? v->twist : NULL, v->leaf,
                             &v->gains, v->dt, v->has_observer ? observer : NULL, tau),
                  v->torque)) {
             compare("tau", k, tau, v->tau, ARM_N);

@@ -15,26 +15,26 @@ int main(void)
 @along};
     const double turn = 6.283185307179586, radii[2] = @radii, dt = 1e-3, period = 5.0;
     const int steps = 50000;
-    double q[ARM_N], leaf[ARM_R], twist[6] = {0.0}, drift = 0.0;
-    arm_pose target, begin;
+    double q[ARM_N], leaf[ARM_R], twist[6 * ARM_FRAMES] = {0.0}, drift = 0.0;
+    arm_pose target[ARM_FRAMES], begin[ARM_FRAMES];
     arm_options options;
-    int i, k;
+    int f, i, k;
 
     for (i = 0; i < ARM_N; i++) q[i] = start[i]; /* read the joints here */
     arm_defaults(&options);
     options.gain = 20.0; /* 1/s: errors of the task and of the leaf decay within 0.2 s */
-    if (arm_leaf(q, leaf) != ARM_OK || arm_placement(q, &begin) != ARM_OK) return 1;
+    if (arm_leaf(q, leaf) != ARM_OK || arm_placement(q, begin) != ARM_OK) return 1;
 
     for (k = 0; k < steps; k++) { /* libfranka: the body of robot.control()'s callback, dt = period.toSec() */
         const double angle = turn * k * dt / period, rate = turn / period;
         arm_status status;
-        target = begin;
+        for (f = 0; f < ARM_FRAMES; f++) target[f] = begin[f]; /* the first frame moves */
         for (i = 0; i < 3; i++) {
             const double first = radii[0] * along[0][i], second = radii[1] * along[1][i];
-            target.p[i] += first * (cos(angle) - 1.0) + second * sin(angle);
+            target[0].p[i] += first * (cos(angle) - 1.0) + second * sin(angle);
             twist[i] = rate * (second * cos(angle) - first * sin(angle));
         }
-        status = arm_step(q, &target, dt, twist, leaf, &options, NULL, q);
+        status = arm_step(q, target, dt, twist, leaf, &options, NULL, q);
         if (status != ARM_OK) return printf("step %d: status %d; stop the arm\n", k, (int)status), 2;
         /* send q here: return franka::JointPositions({q[0], q[1], ...}); */
     }

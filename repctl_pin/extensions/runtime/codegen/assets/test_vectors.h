@@ -13,10 +13,10 @@
 
 typedef struct {
     double q[ARM_N], xdot[ARM_M];
-    arm_pose target;
+    arm_pose target[ARM_FRAMES];
     double dt;
     int has_twist;
-    double twist[6];
+    double twist[6 * ARM_FRAMES];
     int has_leaf;
     double leaf[ARM_R];
     arm_options options;
@@ -25,7 +25,7 @@ typedef struct {
     int has_observer;
     double observer[ARM_R];
     arm_status usable, inside, velocity, step, torque; /* the status of placement, jacobian and leaf; of the others */
-    arm_pose placement;
+    arm_pose placement[ARM_FRAMES];
     double J[ARM_M * ARM_N], c[ARM_R], qdot[ARM_N], q_next[ARM_N], tau[ARM_N], observer_next[ARM_R];
 } arm_vector;
 

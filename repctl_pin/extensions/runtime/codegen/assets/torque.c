@@ -7,8 +7,9 @@
 
 void arm_torque_defaults(arm_gains *gains)
 {
+    static const double stiffness[ARM_M] = @stiffness;
     int i;
-    for (i = 0; i < ARM_M; i++) gains->stiffness[i] = i < 3 ? 1000.0 : 50.0;
+    for (i = 0; i < ARM_M; i++) gains->stiffness[i] = stiffness[i];
     gains->damping = 1.0;
     gains->leaf_frequency = 20.0;
     gains->leaf_damping = 1.0;

@@ -10,8 +10,8 @@ void arm_torque_defaults(arm_gains *gains);
  * M         joint-space inertia at q, symmetric, n x n: libfranka's model.mass(), kg m^2
  * bias      torques that the robot does not compensate itself: libfranka's model.coriolis(); for other robots with
  *           gravity
- * target    placement of the target now
- * twist     velocity (v, omega) of the target, base axes, m/s and rad/s; NULL: 0
+ * target    placement of the target of each frame now
+ * twist     velocity (v, omega) of each target, base axes, m/s and rad/s; NULL: 0
  * leaf      c, from arm_leaf() at the start
  * gains     NULL: those of arm_torque_defaults()
  * dt        time step, s, observer_rate dt at most 1; not used without an observer

@@ -10,11 +10,11 @@ inline Gains torque_defaults() noexcept
 }
 
 /* Compute joint torques; nullptr: no twist, default gains, no observer. */
-inline Status torque(const Joints& q, const Joints& qdot, const Inertia& M, const Joints& bias, const Pose& target,
+inline Status torque(const Joints& q, const Joints& qdot, const Inertia& M, const Joints& bias, const Poses& target,
                      const Twist* twist, const Leaf& c, const Gains* gains, double dt, Leaf* observer,
                      Joints& tau) noexcept
 {
-    return static_cast<Status>(arm_torque(q.data(), qdot.data(), M.data(), bias.data(), &target,
+    return static_cast<Status>(arm_torque(q.data(), qdot.data(), M.data(), bias.data(), first(target),
                                           twist ? twist->data() : nullptr, c.data(), gains, dt,
                                           observer ? observer->data() : nullptr, tau.data()));
 }

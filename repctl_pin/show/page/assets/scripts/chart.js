@@ -89,7 +89,8 @@ export class Chart {
     }
     draw.textAlign = "left";
     if (draw.measureText("cycle").width + 1.2 * em < pitch - group / 2) draw.fillText("cycle", INSET + 2, height - 0.25 * em);
-    if (room > 0.8 * em) haloed(draw, inMetres(scale), INSET + 2, level(scale) + (top > 1.4 * scale ? -0.3 : 0.95) * em, 0.3 * em);
+    const beside = room < 2 * em ? 0.3 : top > 1.4 * scale ? -0.3 : 0.95; // in the line, over it or under it
+    if (room > 0.8 * em) haloed(draw, inMetres(scale), INSET + 2, Math.max(level(scale) + beside * em, 0.75 * em), 0.3 * em);
     draw.strokeStyle = tone("--ink"); draw.lineWidth = 1.5;
     line(draw, at(cycle + part), 0, at(cycle + part), foot, []);
   }
