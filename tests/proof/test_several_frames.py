@@ -5,22 +5,23 @@ from __future__ import annotations
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from kernels import expanded, expansion, kernels
 from mutants import EXPANSION
 from proofs import design_of, margins, near_null_space, smallest_singular_values
+from test_closing_radius import problem_of
 from test_proof import planted
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import leaf_margin_bounds
 
 Q0 = np.array([0.1, 0.5, 0.7, 0.6, -0.5, -0.7, -0.6])
 
 
 def tree(folder: Path, axis: str = "0 0 1") -> rp.Robot:
-    """A waist and two arms of three joints; the arms' second joints turn about an axis of choice."""
+    """A waist and two arms of three joints; the second joints of the arms turn about `axis`."""
     rows = ['<link name="base"/>']
 
     def joint(name: str, parent: str, x: float, y: float, axis: str = "0 0 1") -> None:
@@ -58,12 +59,6 @@ def tasks(folder: Path) -> list[rp.Task]:
 def design_over(task: rp.Task, width: float, seed: int = 1) -> rp.Design:
     field = near_null_space(task, Q0, width, seed, rough=0.1)
     return design_of(task, field, rp.Box(Q0, width))
-
-
-def problem_of(design: rp.Design) -> leaf_margin_bounds.LeafMarginProblem:
-    return leaf_margin_bounds.leaf_margin_of(
-        design.task, design.inverse.potentials, design.region
-    )
 
 
 def test_every_box_s_bounds_hold_at_its_corners_and_inside(tmp_path: Path) -> None:
@@ -115,7 +110,7 @@ def test_no_planted_singularity_is_proved_away(seed: int, tmp_path: Path) -> Non
         assert not proof and proof.leaf_margin == 0
 
 
-def off(problem: leaf_margin_bounds.LeafMarginProblem, library: object) -> float:
+def off(problem: Any, library: object) -> float:
     """The largest relative difference of C's expansion of J_V from NumPy's."""
     h = np.full(7, 0.02)
     ours, theirs = (
