@@ -188,7 +188,9 @@ class Audit:
         name = self.log.name
         times = f"{self.returns} returns to one hand pose"
         if self.found is None:
-            return f"{name}: no hand pose is visited often enough for a verdict"
+            return (
+                f"{name}: no hand pose is visited often enough for a verdict"
+            )
         seconds, unit = self.clock
         error = f"{100 * self.error * seconds:.2g} cm per {unit}"
         name_of = self.links[self.part]
