@@ -20,6 +20,8 @@ from .extensions.cells.nearest_function import (
     nearest_inverse_function as nearest_inverse_function,
 )
 from .extensions.cells.sector import Sector as Sector
+from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
+from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove
 from .extensions.proof.path_certificate import (
     PathCertificate as PathCertificate,

@@ -116,6 +116,10 @@ def cells(task: rp.Task) -> None:
         options=rp.FitOptions(held_out=64),
     )
     function: rp.InverseFunction = found.function
+    moved: rp.MotionBetween = rp.motion_between(
+        function, poses, rp.Limits(acceleration=5.0), blend=0.01
+    )
+    print(moved.at([0.0, 0.1]), moved.rests, moved.lines)
     print(
         function(np.eye(4), leaf=[0.0]),
         function.batch(poses),

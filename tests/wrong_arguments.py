@@ -39,6 +39,7 @@ RESULTS = {
     "ClosingRadius",
     "Design",
     "Motion",
+    "MotionBetween",
     "PathCertificate",
     "Proof",
     "Robot",
@@ -131,6 +132,7 @@ def right_calls(folder: Path) -> list[Call]:
     found = rp.nearest_inverse_function(
         control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
     )
+    between = [cell.at(u) for u in ([0.0, 0.0], [0.5, 0.0], [0.5, 0.5])]
     near = q0 + np.linspace(0.01, 0.03, 30)[:, None]
     recording = rp.Recording(task, joints=near, times=np.arange(30))
     relabeled = rp.relabel(recording, design=found)
@@ -237,6 +239,10 @@ def right_calls(folder: Path) -> list[Call]:
             "closes": rp.prove(design, closes=0.001).closes, "bodies": None, "body_distance": 0.02,
         },
         "Clutch": {"scale": 0.5, "rotation_scale": 0.5, "axes": np.eye(3)},
+        "motion_between": {
+            "F": found.function, "poses": between, "limits": limits, "blend": 0.005,
+            "rate": 100.0, "progress": False,
+        },
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
             "q_now": q0 + 0.05, "motion": motion, "limits": limits, "to": "nearest",
@@ -409,6 +415,8 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
         (rp.InverseFunction, "leaves"): {"target": target},
+        (rp.MotionBetween, "at"): {"t": [0.1, 0.2]},
+        (rp.MotionBetween, "cycle"): {"k": 0},
         (rp.Viewer, "show"): {
             "configurations": q0,
             "before": [q0],
@@ -442,6 +450,7 @@ def right_calls(folder: Path) -> list[Call]:
         potentials, waves, joined,
         custom, box, tube, workspace, design, motion, study, path, rp.Run(timed), started,
         rp.audit((motion.t, motion.q), task),
+        rp.motion_between(found.function, between, limits),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
     ]  # fmt: skip
     public = {

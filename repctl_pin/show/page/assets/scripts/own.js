@@ -5,7 +5,7 @@ import { download } from "./save.js";
 import { byId, element, tone } from "./dom.js";
 import { Chain, Law, pieces, stepped } from "./law.js";
 import { inMetres } from "./numbers.js";
-import { computed, drawnAt } from "./run.js";
+import { computed, drawnAt, resolved } from "./run.js";
 import { answer } from "./sentence.js";
 import { dots, Trail } from "./traces.js";
 
@@ -43,7 +43,7 @@ export class Own {
   }
 
   ring(frame, k) {
-    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me: draw a loop");
+    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me", element("i", {}, ": draw a loop"));
     const ring = element("button", { class: "ring", type: "button", "aria-label": "Drag me: lead the hand by the pointer, or by the arrow keys and Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
     if (k) ring.tabIndex = -1;
     ring.addEventListener("pointerdown", (event) => {
@@ -238,7 +238,9 @@ export class Own {
   follow(points, cycle, also = "") {
     const { chain, laws, arms } = this, way = pieces(points, chain.speed, chain.steps), result = computed(laws, arms, way, CYCLES);
     const length = way.reduce((sum, { count, h }) => sum + count * h, 0) * chain.speed;
-    if (!result.cycles) { this.leave([["Your loop leads through a singularity, where the hand cannot go on.", "bad"]]); return; }
+    const fine = pieces(points, chain.speed, 2 * chain.steps), lost = !result.cycles ? "Your loop leads through a singularity, where the hand cannot go on."
+      : laws.every((law, k) => law.r || resolved(law, result.motions[k], fine)) ? "" : "The usual control passes close to a singularity on your loop; its drift is not a number.";
+    if (lost) { this.leave([[lost, "bad"]]); return; }
     Object.assign(this, { points, result, length, also, shape: { encloses: enclosing(points) > 0, turns: windings(chain.axis, points) }, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
@@ -351,7 +353,9 @@ export class Own {
 
   // Give sentence and notes the room of their longest words, so that nothing moves when they change.
   reserve() {
-    this.wide = this.rings[0].firstChild.offsetWidth || this.wide;
+    const [ring] = this.rings;
+    ring.classList.remove("under"); // there the words are shorter
+    this.wide = ring.firstChild.offsetWidth || this.wide;
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
     const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
