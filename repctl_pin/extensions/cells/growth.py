@@ -47,7 +47,9 @@ class Grown(NamedTuple):
     margin: Array
     ends: Array
 
-    def rows(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Grown:
+    def rows(
+        self, which: NDArray[np.intp] | NDArray[np.bool_] | list[int] | slice
+    ) -> Grown:
         """Select some of the middles."""
         return Grown(*(part[which] for part in self))
 
