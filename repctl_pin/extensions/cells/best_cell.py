@@ -111,7 +111,8 @@ class BestCell:
 
         whole = self.cell.scaled(1 / self.factor)
         with reporter(progress) as report:
-            return map_figure(self, sections(whole, report))
+            cuts = sections(whole, report)
+        return map_figure(self.cell, self.posture, self.factor, cuts)
 
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"
