@@ -124,7 +124,9 @@ def test_a_map_shows_where_the_box_works(tmp_path: Path) -> None:
     assert ring.sum() > 100 and (cut.share[ring] == 1).mean() > 0.97
     assert np.isnan(cut.extra[cut.share < 1]).all()
     assert (cut.extra[cut.share == 1] >= 0).all()
-    labels = [ax.get_xlabel() for ax in map_figure(place, [cut]).axes]
+    labels = [
+        ax.get_xlabel() for ax in map_figure(place.cell, place.posture, 1.0, [cut]).axes
+    ]
     assert "x of the middle (m)" in labels
 
 

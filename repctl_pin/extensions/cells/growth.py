@@ -47,13 +47,27 @@ class Grown(NamedTuple):
     margin: Array
     ends: Array
 
-    def rows(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Grown:
+    def rows(
+        self, which: NDArray[np.intp] | NDArray[np.bool_] | list[int] | slice
+    ) -> Grown:
         """Select some of the middles."""
-        return Grown(*(part[which] for part in self))
+        return Grown(
+            self.p[which],
+            self.Q[which],
+            self.steps[which],
+            self.margin[which],
+            self.ends[which],
+        )
 
     def joined(self, other: Grown) -> Grown:
         """Join two sets of middles."""
-        return Grown(*map(np.concatenate, zip(self, other, strict=True)))
+        return Grown(
+            np.concatenate([self.p, other.p]),
+            np.concatenate([self.Q, other.Q]),
+            np.concatenate([self.steps, other.steps]),
+            np.concatenate([self.margin, other.margin]),
+            np.concatenate([self.ends, other.ends]),
+        )
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
