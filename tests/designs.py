@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import repctl_pin as rp
-from repctl_pin.design.evaluation import Evaluation, evaluate_design
+from repctl_pin.design.evaluation import evaluate_design
 
 
 def over(design: rp.Design, region: Any, **changes: Any) -> rp.Design:
@@ -29,7 +29,7 @@ def with_potentials(
     return replace(design, **parts, **changes)
 
 
-def judged(design: rp.Design) -> Evaluation:
+def judged(design: rp.Design) -> Any:
     """Evaluate a design once more, on its held-out nodes."""
     return evaluate_design(
         design.inverse,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError
 from .body_bounds import BodyBounds
+from .body_reach import body_reach
 from .body_shapes import (
     BodyShape,
     UnusableShape,
@@ -89,6 +90,7 @@ class _CollisionModel:
         self._model, _ = task.bodies_model()
         self._data = self._model.createData()
         self._lock = Lock()
+        self._joints = task.robot.joints
         self.links: list[str] = []
         self._bodies: list[BodyShape] = []
         self._joint: list[int] = []
@@ -136,6 +138,31 @@ class _CollisionModel:
                 found[k], last = self._least(q, bounds, last, measure)
             which[k] = last if found[k] < np.inf else -1
         return found, which
+
+    def reach(self) -> Array:
+        """Bound how far each joint moves the bodies of a pair, see :func:`body_reach`: (P, N)."""
+        shapes = [body.measured for body in self._bodies]
+        return body_reach(
+            self._model, self._joints, self._joint, self._place, shapes, self.pairs
+        )
+
+    def kept(self, distance: float) -> Array:
+        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""
+        return np.where(self._only_contact, 0.0, distance)
+
+    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
+
+        They are those of the hulls. Where the hulls of a pair that is checked for collisions only
+        overlap, it is that of the exact shapes.
+        """
+        with self._lock:
+            self._move(q)
+            found = [self._apart(k) for k in pairs.tolist()]
+            for i, k in enumerate(pairs.tolist()):
+                if found[i] <= 0 and self._only_contact[k]:
+                    found[i] = self._exact_distance(k)
+        return np.array(found)
 
     def names(self, pair: int) -> Pair:
         """Return the names of the two links of a pair, given by its index."""
@@ -238,6 +265,18 @@ class _CollisionModel:
         if one.convex and other.convex:
             return True
         return collide(one, self._transform(a), other, self._transform(b))
+
+    def _exact_distance(self, k: int) -> float:
+        """Compute the distance of the exact shapes of pair k at the current placements, m.
+
+        It is 0 in a collision.
+        """
+        if self._collide(k):
+            return 0.0
+        (a, b), result = self._both[k], coal.DistanceResult()
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        here, there = self._transform(a), self._transform(b)
+        return float(coal.distance(one, here, other, there, self._request, result))
 
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s."""

@@ -31,7 +31,6 @@ _LEVELLED = (
     "cell_bounds.c",
     "arm_angle.c",
     "function_lanes.c",
-    "inverse_bounds.c",
 )
 """Files that are compiled for each level of the vector units, and these levels on x86-64."""
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .._version import __version__
+from ..design.design_map import ReportMaps
 from ..motion import Motion
-from ..studies.study_maps import StudyMaps
 from ..studies.study_result import Study
 from .page.html import render
 from .page.snapshot import still_figure
@@ -46,7 +46,7 @@ DPI = 130
 def report_page(
     study: Study,
     *,
-    maps: StudyMaps | None = None,
+    maps: ReportMaps | None = None,
     options: Mapping[str, object] | None = None,
     command: str | None = None,
     animation: str | None = None,
@@ -122,7 +122,7 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 def _figures(
-    study: Study, maps: StudyMaps | None
+    study: Study, maps: ReportMaps | None
 ) -> Iterable[tuple[str, dict[str, object]]]:
     """Yield the heading, picture and description of each figure."""
     moved = drawn(study)
@@ -146,8 +146,8 @@ def _figures(
         )
 
 
-def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
-    grid = maps.design
+def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
+    grid = maps.grid
     drawn = maps_that_vary(
         (grid.distance / grid.reference, r"distance $\|G_r - J^+\| / \|J^+\|$", None),
         (maps.defect, "defect of $J^+$ (0: repeatable)", None),

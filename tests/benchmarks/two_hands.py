@@ -10,6 +10,7 @@ chooses. The table is that of docs/how-to/two-hands.md; times are of the process
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import time
 from collections.abc import Iterator
@@ -63,7 +64,10 @@ class Found(NamedTuple):
     def cells(self) -> list[str]:
         """Format the line."""
         drifts = [f"{self.drift_1:.2f}", f"{self.drift_10:.2f}", f"{self.closed:.0e}"]
-        speeds = [f"{100 * share:+.2f} %" for share in (self.extra, self.least)]
+        speeds = [
+            "none in limits" if math.isnan(share) else f"{100 * share:+.2f} %"
+            for share in (self.extra, self.least)
+        ]
         margin = f"{self.limit_margin:.2f}"
         distance = f"{100 * self.body_distance:.1f} cm"
         time_taken = f"{self.seconds:.0f}"
@@ -81,25 +85,31 @@ def measured(robot: str, *, both: bool) -> Found:
     seconds = time.process_time() - begin
     usual = study.row("pseudoinverse").motion
     closed = study.row("repeatable").motion
-    task = study.task
-    own = rp.follow(study.design.inverse, study.path, closed.q[0], cycles=1, steps=200)
-    least = rp.least_closed_motion(task, study.path, closed.q[0], steps=200, guess=own)
-    plain = rp.follow(
-        rp.Pseudoinverse(task), study.path, closed.q[0], cycles=1, steps=200
-    )
     return Found(
         robot,
         "both hands" if both else "one hand",
-        (task.n, task.r),
+        (study.task.n, study.task.r),
         float(usual.drift[0]),
         float(usual.drift[-1]),
         float(closed.drift[-1]),
         closed.first_rms_speed / usual.first_rms_speed - 1,
-        least.rms_speed / plain.rms_speed - 1,
+        least_speed(study),
         float(closed.limit_margin.min()),
         float(closed.body_distance.min()),
         seconds,
     )
+
+
+def least_speed(study: rp.Study) -> float:
+    """Compute the extra joint speed of the least closed motion near that of the design."""
+    path, q0 = study.path, study.row("repeatable").motion.q[0]
+    own = rp.follow(study.design.inverse, path, q0, cycles=1, steps=200)
+    plain = rp.follow(rp.Pseudoinverse(study.task), path, q0, cycles=1, steps=200)
+    try:
+        least = rp.least_closed_motion(study.task, path, q0, steps=200, guess=own)
+    except rp.InputError:  # none within the joint limits
+        return math.nan
+    return least.rms_speed / plain.rms_speed - 1
 
 
 def table(robots: list[str]) -> Iterator[str]:

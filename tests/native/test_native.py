@@ -45,6 +45,12 @@ for margin in (0.3, 0.4):
     )
 
 
+@pytest.fixture(scope="module")
+def usual() -> subprocess.CompletedProcess[str]:
+    """The proofs with the library, without a warning."""
+    return proved(ROOT, "-W", "error::UserWarning")
+
+
 @NEEDS_C
 def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_sources() -> (
     None
@@ -59,7 +65,7 @@ def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_s
 
 
 def test_without_the_library_numpy_proves_the_same_and_one_warning_says_why(
-    tmp_path: Path,
+    tmp_path: Path, usual: subprocess.CompletedProcess[str]
 ) -> None:
     """Issue 38, item 2: installed where neither a compiler nor ziglang could be had."""
     shutil.copytree(
@@ -68,8 +74,8 @@ def test_without_the_library_numpy_proves_the_same_and_one_warning_says_why(
         ignore=shutil.ignore_patterns("*.so.1"),
     )
     (tmp_path / "repctl_pin" / "model" / "files").symlink_to(ROOT / "urdf")
-    without, with_library = proved(tmp_path), proved(ROOT, "-W", "error::UserWarning")
-    assert without.stdout == with_library.stdout and with_library.returncode == 0
+    without = proved(tmp_path)
+    assert without.stdout == usual.stdout and usual.returncode == 0
     said = without.stderr
     assert said.count("no native library: repctl_pin was installed without a C") == 1
     assert (
@@ -89,10 +95,12 @@ def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
     assert said.returncode == 0 and said.stderr.count("it does not load (") == 1
 
 
-def test_the_library_is_switched_off_without_a_word() -> None:
+def test_the_library_is_switched_off_without_a_word(
+    usual: subprocess.CompletedProcess[str],
+) -> None:
     off = proved(ROOT, "-W", "error::UserWarning", REPCTL_NATIVE="no")
     assert off.returncode == 0 and not off.stderr
-    assert off.stdout == proved(ROOT).stdout
+    assert off.stdout == usual.stdout
 
 
 def test_a_motion_is_the_same_without_the_library(

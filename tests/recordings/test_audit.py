@@ -153,7 +153,7 @@ def test_a_log_that_does_not_repeat_is_said_to(problems: dict[str, rp.Problem]) 
     found = rp.audit((log.t[part], log.q[part]), problems["planar3r"].task)
     assert found.verdict == "no return" and not found.creeps and not found
     assert found.visits.nearest > found.visits.tolerance
-    assert "the hand does not return" in found.summary()
+    assert "no hand pose is visited often enough" in found.summary()
     rest = np.tile(log.q[:1], (len(log.t), 1))
     assert rp.audit((log.t, rest), problems["planar3r"].task).verdict == "no return"
 

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_int, as_matrices, finite, read_only, vector
-from ...errors import InputError
+from ...errors import InputError, needed
 from ...model.bodies import bodies_of
 from ...model.chain_formulas import require_rotation
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
-from ...motion.solve_ik import random_configurations
 from ...progress import Report, reporter
 from ...strategies import Pseudoinverse
 from .cell import Cell
 from .cell_arguments import sizes
-from .growth import STEPS, Grown, grown
-from .kinematics import placed
+from .growth import STEPS, Grown, drawn, grown
 from .posture_search import Candidate, chosen, judged, searched
 from .reference import rays
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DRAWN = 4096
 """Number of random configurations that are turned to the orientation."""
@@ -86,6 +88,31 @@ class BestCell:
     margin: float
     reason: str
 
+    def figure(self, progress: bool | Report = False) -> Figure:
+        """Draw a map of the workspace: where a box of the size asked for works, and its price.
+
+        The figure has a view from above and one from the side, through the middle of the box. The
+        colour of a place is the extra joint speed of a box around it, estimated as by
+        :func:`repctl_pin.extensions.cells.cell_map.sections`. A place is grey if only a share of
+        the box fits there, and white if the middle is out of reach or bodies collide.
+
+        Parameters
+        ----------
+        progress : bool or callback
+            Show a bar, or call ``progress(step, fraction)``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        needed("matplotlib", by="a map of the workspace")
+        from .cell_map import sections
+        from .cell_plots import map_figure
+
+        whole = self.cell.scaled(1 / self.factor)
+        with reporter(progress) as report:
+            return map_figure(self, sections(whole, report))
+
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"
         cell = self.cell
@@ -107,10 +134,12 @@ def best_cell(
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
     A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. Among such
-    middles, those with the box above z = 0 of the base come first, then those with the largest
-    limit margin, then those with the shortest ways; with ``at``, the nearest one. The function over
-    the box is then designed by :func:`nearest_inverse_function`.
+    inside the joint limits, and no bodies collide in the middle and at the corners. The middles
+    that are tried are random configurations, turned to the orientation, and others beside the best
+    of them. The largest box is taken. Among equal ones, those above z = 0 of the base come first,
+    then those with the largest limit margin, up to 0.3 rad or m, then those with the shortest ways;
+    with ``at``, the nearest one. Boxes shrink by tenths of the size. The function over the box is
+    then designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -214,11 +243,7 @@ def _candidates(
     they also move towards that position, each by another share of the way. Then middles beside the
     best ones are tried.
     """
-    task = box.task
-    Q = random_configurations(task, _DRAWN, rng)
-    p = placed(task, Q)[0]
-    still = np.setdiff1d(range(3), task.rows[: min(3, task.m)])
-    p[:, still] = box.placement.translation[still]
+    p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
         p = at + np.linspace(0, 1, _DRAWN)[:, None] * (p - at)
     found = _ordered(box, grown(box, p, Q), at)
@@ -244,7 +269,8 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
     far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
     margin = np.minimum(found.margin, _ENOUGH)
-    return found.rows(np.lexsort((found.swing, -margin, below, far, -found.steps)))
+    swing = np.abs(found.ends - found.Q[:, None]).max(axis=(1, 2), initial=0.0)
+    return found.rows(np.lexsort((swing, -margin, below, far, -found.steps)))
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
@@ -282,8 +308,14 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     if best is None:
         return None
     cell, own, q = best
-    others = [c for c in searched(desired, cell) if _fits(c)]
-    return cell, chosen([own, *others], task.reference), q
+    candidates = [own]
+    with suppress(InputError):  # it draws other configurations, which may all fail
+        candidates += [
+            c
+            for c in searched(desired, cell)
+            if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
+        ]
+    return cell, chosen(candidates, task.reference), q
 
 
 def _apart(Q: Array) -> Iterator[int]:

@@ -15,7 +15,7 @@ from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError, SingularityError
 from ...model.several_frames import one_frame
-from ...native import library
+from ...native import required_library
 from ...paths.task_path import ClosedPath
 from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
@@ -88,8 +88,8 @@ def prove(
     Raises
     ------
     InputError
-        If the potentials or the region are functions of the user, of which no bounds are known, or
-        a region is given for a cell.
+        If the potentials or the region are functions of the user, of which no bounds are known, a
+        region is given for a cell, or there is no native library.
 
     Examples
     --------
@@ -127,6 +127,7 @@ def prove(
     asked, ratio, closing = _asked_radius(True if path else closes, ratio)
     if not callable(progress):
         progress = flag(progress, "progress")
+    required_library("a proof")
     with reporting.reporter(progress) as report:
         if isinstance(what, Design):
             over = what.region if region is None else region
@@ -203,8 +204,6 @@ def _of_region(
         path = design.cycle.path
     if not closing:
         return proof
-    if library() is None and radius is None:
-        return proof  # one warning has said so
     report("proving the closing radius", 0.0)
     closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
     named = proof.reason.startswith("J_V is singular between")

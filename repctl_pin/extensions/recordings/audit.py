@@ -1,11 +1,12 @@
 """Audit of a recorded joint motion: how the configurations at the visits of one hand pose differ.
 
 Creep is a steady drift: the configuration at the pose changes from visit to visit. The hand is the
-frame that the task controls.
+frame that the task controls; of several frames, all must be back.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -188,7 +189,7 @@ class Audit:
         times = f"{self.returns} returns to one hand pose"
         if self.found is None:
             return (
-                f"{name}: the hand does not return to a pose often enough for a verdict"
+                f"{name}: no hand pose is visited often enough for a verdict"
             )
         seconds, unit = self.clock
         error = f"{100 * self.error * seconds:.2g} cm per {unit}"
@@ -243,7 +244,7 @@ def audit(
     log: Any,
     robot: str | Path | Robot | Task,
     *,
-    frame: str | None = None,
+    frame: str | Sequence[Any] | None = None,
     kind: str | None = None,
     degrees: bool = False,
     tolerance: float | None = None,
@@ -265,7 +266,8 @@ def audit(
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
         Frame of the end effector and kind of task; by default the end of the arm, and the first
-        redundant kind.
+        redundant kind. Of a list of frames, as :meth:`Robot.task` takes it, all must be back at
+        once.
     degrees
         True if revolute joints are in degrees.
     tolerance : float, optional
@@ -323,7 +325,7 @@ def audit(
     return _measured(task, given, replace(visits, q=same), tuple(notes))
 
 
-def _task(robot: Any, frame: str | None, kind: str | None) -> Task:
+def _task(robot: Any, frame: Any, kind: str | None) -> Task:
     """Make the task from a robot, its frame and a kind; return a given task as it is."""
     if isinstance(robot, Task):
         if frame is not None or kind is not None:

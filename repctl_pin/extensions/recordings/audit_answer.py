@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...model.task import unit_of
-from ...show.text.headline import Headline
+from ...show.text.headline import Headline, hands_are
 from ...show.text.lines import Span, capital, fitted, wrapped
 from ...show.text.numbers import metres, number
 from ...show.text.parts import part_name
@@ -55,7 +55,8 @@ def _audit_sentence(audit: Audit) -> list[Span]:
                 f"The log does not repeat{_distance(audit)}. Nothing can be said of creep."
             )
         ]
-    returns = Span(f" The hand is back at the same pose {audit.returns} times.")
+    back = capital(hands_are(len(audit.task.frames)))
+    returns = Span(f" {back} back at the same pose {audit.returns} times.")
     return [*_verdict(audit), returns]
 
 
@@ -136,11 +137,12 @@ def audit_headline(audit: Audit) -> Headline:
 def _distance(audit: Audit) -> str:
     """Write how near the hand came to an earlier pose again, as the end of a sentence."""
     if audit.returns > 0:
-        return " often enough: the hand is back at a pose once"
+        back = hands_are(len(audit.task.frames))
+        return f" often enough: {back} back at a pose once"
     if not np.isfinite(audit.visits.nearest):
-        return ": the hand never leaves a pose and comes back"
+        return ": no pose is left and visited again"
     nearest, allowed = metres(audit.visits.nearest), metres(audit.visits.tolerance)
-    said = f": the hand comes back no nearer than {nearest} ({allowed} would count)"
+    said = f": no pose is visited again nearer than {nearest} ({allowed} would count)"
     return re.sub(r"(\d) (\w+)", "\\1\u00a0\\2", said)
 
 

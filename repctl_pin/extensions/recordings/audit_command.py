@@ -35,7 +35,10 @@ def add_options(parser: Parser) -> None:
         help="catalogue name or path to a URDF",
     )
     parser.loading()
-    add("--frame", help="link that is the hand (default: the end of the arm)")
+    add(
+        "--frame",
+        help="link that is the hand (default: the end of the arm); two hands: LEFT,RIGHT",
+    )
     add(
         "--task",
         metavar="KIND",
@@ -63,12 +66,13 @@ def run(options: Options) -> int:
     say("loading the robot")
     robot = options.load_robot()
     say("reading the log and searching for repeated poses")
+    frame, kind = options.asked_frames()
     try:
         found = rp.audit(
             options.log,
             robot,
-            frame=options.frame,
-            kind=options.task,
+            frame=frame,
+            kind=kind,
             **options.of("degrees", "tolerance"),
         )
     except InputError as error:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ...arguments import Array
 from ...files import prepare_folder, write_whole
 from ...motion.joint_motion import JointMotion
-from ...show.page.playback import Playback, TracedChain, playback_page
+from ...show.page.playback import Playback, playback_page, traced_chains
 from ...show.palette import GREY, INK, PURPLE, SKY, VERMILLION
 from ...show.plots.motions import plain, png, quiet, titled
 from .audit import Audit
@@ -71,7 +71,14 @@ def _audit_page(audit: Audit) -> str:
     motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), steps)
     label = "the recorded motion"
     track = Playback(
-        label, VERMILLION, task.to_robot(q), motion.cycles, drift, task.unit, t
+        label,
+        VERMILLION,
+        task.to_robot(q),
+        motion.cycles,
+        drift,
+        task.unit,
+        t,
+        motion=motion if len(task.frames) > 1 else None,
     )
     count = (
         f", {len(ends)} of its {audit.returns} returns"
@@ -79,7 +86,7 @@ def _audit_page(audit: Audit) -> str:
         else ""
     )
     return playback_page(
-        [TracedChain(task, audit.elbow)],
+        traced_chains(task, visits.q[0]),
         [track],
         name=f"{Path(audit.log.name).name}{count}",
         headline=audit_headline(audit),

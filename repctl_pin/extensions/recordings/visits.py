@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ...arguments import Array, read_only
+from ...model.kind import Kind
 from ...model.length import arm_length
 from ...model.task import Task
 
@@ -98,7 +100,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     one where the hand stayed longest. A path that passes a pose farther away is thus not preferred.
     If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
     poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
-    ``(p, ℓ R / √2)``, m, with up to 12 coordinates and a length ℓ that counts as much as 1 rad.
+    ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand and a length ℓ that counts as much as 1 rad.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     """
     noise = _noise_of(Q)
     length = arm_length(task, Q[0]) or 1.0
-    radian = _RADIAN * length if task.kind.turns else 0.0
+    radian = _RADIAN * length
     X = _features(task, Q, radian)
     whole = np.diff(t) <= _GAP * np.median(np.diff(t))
     steps = np.linalg.norm(np.diff(X, axis=0), axis=1) * whole
@@ -141,7 +143,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
             best = there
             chosen = int(row)
             rank = score
-    target = task.placement(Q[chosen])
+    target = task.as_target(task.placements(Q[chosen]))
     made = [_configuration(task, t, Q, one, target, noise) for one in best]
     times = np.array([float(_at(t, one.at)) for one in best])
     deviation, bias = _errors(task, made, noise, _quantum(Q))
@@ -188,15 +190,27 @@ def _quantum(Q: Array) -> Array:
 
 
 def _features(task: Task, Q: Array, radian: float) -> Array:
-    """Convert configurations to points (T, d), m, whose distances are those of the hand poses."""
-    placements = [task.placement(q) for q in Q]
-    p = np.array([M.translation for M in placements])[
-        :, [a for a in task.rows if a < 3]
-    ]
-    if not radian:
+    """Convert configurations to points (T, d), m, whose distances are those of the hand poses.
+
+    Several hands are at one pose when all of them are.
+    """
+    placements = zip(*(task.placements(q) for q in Q), strict=True)
+    kinds = [one.kind for one in task.single_tasks]
+    return np.hstack(
+        [
+            _coordinates(kind, of_frame, radian)
+            for kind, of_frame in zip(kinds, placements, strict=True)
+        ]
+    )
+
+
+def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
+    """Convert the placements of one frame to points (T, d), m."""
+    p = np.array([M.translation for M in placements])[:, kind.rows[kind.rows < 3]]
+    if not kind.turns:
         return p
     R = np.array([M.rotation for M in placements])
-    turned = R[:, :, 2] if task.kind.tool_axes else R.reshape(len(R), 9) / np.sqrt(2)
+    turned = R[:, :, 2] if kind.tool_axes else R.reshape(len(R), 9) / np.sqrt(2)
     return np.hstack([p, radian * turned])
 
 
@@ -215,9 +229,7 @@ def _tolerance(
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
-    weight = np.where(
-        np.arange(J.shape[1]) < sum(a < 3 for a in task.rows), 1.0, radian
-    )
+    weight = np.where(task.kind.linear, 1.0, radian)
     hand = float(
         np.sqrt(np.mean(np.sum((weight[:, None] * J * noise) ** 2, axis=(1, 2))))
     )

@@ -231,7 +231,7 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
     """
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:
-        values = np.where(kind.linear, *values)
+        values = np.where(kind.linear, values[0], values[1])
     if (
         values is None
         or values.shape != (m,)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,7 @@ class Segment:
     Attributes
     ----------
     curve
-        q(s), a scipy spline.
+        q(s), a scipy spline or piecewise polynomial.
     s, speed, t : (K,) arrays
         s at the stages, ṡ, and the time from the segment's start, s.
     passed : (T,) array
@@ -68,7 +68,7 @@ class Segment:
         """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
         s, *rates = self.law(t)
         v, a, j = (rate[:, None] for rate in rates)
-        q, q1, q2, q3 = _spline(self.curve, s)
+        q, q1, q2, q3 = (self.curve(s, k) for k in range(4))
         return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
     def excess(self, limits: JointLimits) -> float:
@@ -79,18 +79,6 @@ class Segment:
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
         return most_used(limits, *self.derivatives(t)[:3])
-
-
-def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
-    """Evaluate a cubic spline and its three derivatives at s: (K, n) each."""
-    i = np.clip(np.searchsorted(curve.x, s, side="right") - 1, 0, len(curve.x) - 2)
-    u, (d, c, b, a) = (s - curve.x[i])[:, None], curve.c[:, i]
-    return (
-        a + u * (b + u * (c + u * d)),
-        b + u * (2 * c + 3 * u * d),
-        2 * c + 6 * u * d,
-        6 * d,
-    )
 
 
 def most_used(
@@ -259,8 +247,26 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         If no speed is within the limits: the path is too rough, or a joint's torque limit does not
         hold the arm.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
+    grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
+    found = fastest_along(CubicSpline(s, Q, bc_type="not-a-knot"), grid, limits)
+    return replace(found, passed=found.t[::finer])
+
+
+def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
+    """Compute the time-optimal profile of a curve q(s), from rest to rest.
+
+    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages.
+
+    Raises
+    ------
+    InputError
+        As :func:`fastest` does.
+    """
     needed("toppra", by="a motion from rest to rest")
-    import toppra
     from toppra.algorithm import TOPPRA
     from toppra.constraint import (
         JointAccelerationConstraint,
@@ -269,10 +275,6 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         JointVelocityConstraintVarying,
     )
 
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
-    curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
-    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
-    grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
     velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
     if limits.tool is not None:
         velocity = JointVelocityConstraintVarying(
@@ -287,7 +289,7 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         constraints[-1].set_discretization_type(1)
     solver = TOPPRA(
         constraints,
-        curve,
+        _path_of(curve),
         grid,
         solver_wrapper="seidel",
         parametrizer="ParametrizeConstAccel",
@@ -302,7 +304,21 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         )
         raise InputError(f"no speed along this joint path is within the limits: {why}")
     t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
-    return Segment(curve.cspl, grid, speed, t, t[::finer])
+    return Segment(curve, grid, speed, t, t)
+
+
+def _path_of(curve: Any) -> Any:
+    """Make the path of toppra from a curve q(s)."""
+    from toppra.interpolator import AbstractGeometricPath
+
+    class Path(AbstractGeometricPath):
+        dof = curve.c.shape[2]
+        path_interval = curve.x[[0, -1]]
+
+        def __call__(self, s: Any, order: int = 0) -> Any:
+            return curve(s, order)
+
+    return Path()
 
 
 def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ...arguments import MOST_STEPS, Array, flag, positive, require_choice, require_type
 from ...errors import InputError
 from ...model.bodies import bodies_of
+from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
@@ -298,7 +299,7 @@ _LOOKED_AT = 101
 
 def approach(
     q_now: ArrayLike,
-    motion: Motion,
+    motion: JointMotion,
     limits: Limits,
     *,
     to: Literal["start", "nearest"] = "start",
@@ -344,7 +345,7 @@ def approach(
     True
     """
     task = require_type(
-        motion, Motion, "motion", "a motion, such as rp.follow makes"
+        motion, JointMotion, "motion", "a motion, such as rp.follow makes"
     ).task
     bodies = flag(bodies, "bodies")
     kept = joint_limits(task, limits)

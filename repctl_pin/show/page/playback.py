@@ -54,8 +54,8 @@ class Playback:
         Unit of the drift.
     t : (T + 1,) array or None
         Time, s; None if unknown.
-    motion : Motion or None
-        The motion itself, with its path and its body distances; None for a motion read from a file.
+    motion : JointMotion or None
+        The motion itself, of a task of one frame or several; None for a motion read from a file.
     """
 
     label: str
@@ -65,7 +65,7 @@ class Playback:
     drift: Array
     unit: str = "rad"
     t: Array | None = None
-    motion: Motion | None = None
+    motion: JointMotion | None = None
 
 
 @dataclass(frozen=True)

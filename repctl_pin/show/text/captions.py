@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...design.design_map import ReportMaps
 from ...motion import Motion
 from ...motion.displacement import cycle_displacements
-from ...studies.study_maps import StudyMaps
 from ...studies.study_result import Study
 from .headline import names_of
 from .numbers import displacement, number
@@ -106,17 +106,17 @@ def cycles_words(study: Study) -> str:
     )
 
 
-def maps_words(study: Study, maps: StudyMaps) -> str:
+def maps_words(study: Study, maps: ReportMaps) -> str:
     """Describe the maps over two joints, for readers who cannot see it."""
-    i, j = maps.design.joints
+    i, j = maps.grid.joints
     with np.errstate(invalid="ignore"):
-        distance = maps.design.distance / maps.design.reference
+        distance = maps.grid.distance / maps.grid.reference
     ranges = [
         f"{name} from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}"
         for name, values in (
             ("the defect of J⁺ (0 where it is repeatable)", maps.defect),
             ("the distance ‖G − J⁺‖ / ‖J⁺‖", distance),
-            ("the leaf margin", maps.design.leaf_margin),
+            ("the leaf margin", maps.grid.leaf_margin),
         )
     ]
     costs = [f"{cost:.4g} at degree {degree}" for degree, cost, _ in maps.degrees]

@@ -37,7 +37,6 @@ _ABOUT = {
     "path ends in the joint positions with which it began",
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
-_HANDS = {1: "the hand is", 2: "both hands are"}
 _EITHER = {1: "", 2: " under either control"}
 
 _END_NAMES = (
@@ -49,6 +48,12 @@ _END_NAMES = (
     ("head", {"head", "gaze", "neck", "eyes", "stereo", "xtion", "rgbd"}),
 )
 """Words in the names of links at the ends of other branches, by what a sentence calls them."""
+
+
+def hands_are(count: int) -> str:
+    """Write the subject of a sentence on the frames of a task, with its verb."""
+    known = {1: "the hand is", 2: "both hands are"}
+    return known.get(count, f"all {count} hands are")
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ def headline_of(
     whose = _EITHER.get(len(summaries), " under every control")
     if stopped and len(summaries) == 1:
         whose = f" under {_alone(summaries[0])}"
-    back = _HANDS.get(hands, f"all {hands} hands are")
+    back = hands_are(hands)
     words = lost or [Span(f"After {times} {back} back{whose}. ")]
     if all(one.back and not one.turned for one in summaries):
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"

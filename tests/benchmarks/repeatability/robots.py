@@ -124,32 +124,45 @@ def _ssik_joints(arm: str) -> tuple[list[Joint], pin.SE3]:
     return joints, pin.SE3(carried)
 
 
+_INERTIA = (
+    '<inertial><mass value="1"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+)
+
+
 def _urdf(joints: Iterable[Joint], tool: pin.SE3) -> str:
-    inertia = (
-        '<inertial><mass value="1"/>'
-        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
-    )
     parts, parent = ['<link name="base"/>'], "base"
-    for name, placement, axis, turns, low, high, speed in joints:
-        bounded = np.isfinite([low, high]).all()
-        kind = ("revolute" if bounded else "continuous") if turns else "prismatic"
-        ends = f'lower="{low:.17g}" upper="{high:.17g}" ' if bounded else ""
-        parts.append(
-            f'<link name="link_{name}">{inertia}</link><joint name="{name}" type="{kind}"><parent '
-            f'link="{parent}"/>'
-            f'<child link="link_{name}"/>{_origin(placement)}<axis xyz="{_numbers(axis)}"/>'
-            f'<limit {ends}effort="1" velocity="{speed:.17g}"/></joint>'
-        )
-        parent = f"link_{name}"
-    parts.append(
-        f'<link name="tool">{inertia}</link><joint name="to_tool" type="fixed"><parent '
-        f'link="{parent}"/>'
-        f'<child link="tool"/>{_origin(tool)}</joint>'
-    )
+    for joint in joints:
+        parts.append(joint_urdf(parent, joint))
+        parent = f"link_{joint[0]}"
+    parts.append(link_urdf(parent, "tool", tool))
     return (
         '<?xml version="1.0"?>\n<robot name="chain">\n'
         + "\n".join(parts)
         + "\n</robot>\n"
+    )
+
+
+def joint_urdf(parent: str, joint: Joint) -> str:
+    """Write a joint and its link, ``link_`` and the joint's name."""
+    name, placement, axis, turns, low, high, speed = joint
+    bounded = np.isfinite([low, high]).all()
+    kind = ("revolute" if bounded else "continuous") if turns else "prismatic"
+    ends = f'lower="{low:.17g}" upper="{high:.17g}" ' if bounded else ""
+    return (
+        f'<link name="link_{name}">{_INERTIA}</link><joint name="{name}" type="{kind}"><parent '
+        f'link="{parent}"/>'
+        f'<child link="link_{name}"/>{_origin(placement)}<axis xyz="{_numbers(axis)}"/>'
+        f'<limit {ends}effort="1" velocity="{speed:.17g}"/></joint>'
+    )
+
+
+def link_urdf(parent: str, name: str, placement: pin.SE3) -> str:
+    """Write a link that is fixed to another one."""
+    return (
+        f'<link name="{name}">{_INERTIA}</link><joint name="to_{name}" type="fixed"><parent '
+        f'link="{parent}"/>'
+        f'<child link="{name}"/>{_origin(placement)}</joint>'
     )
 
 
