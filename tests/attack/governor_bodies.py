@@ -170,7 +170,8 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
     return {
         "ticks": done, "checks": checks, "least mm": 1e3 * least, "contact mm": 1e3 * contact,
         "stops": int(stops), "asked to leave": asked, "stuck": stuck, "pairs": len(full.pairs),
-        "mean us": spent.mean(), "per mille us": np.percentile(spent, 99.9),
+        "mean us": spent.mean(),
+        "over 1 ms %": 100 * (spent > 1e3).mean(), "per mille us": np.percentile(spent, 99.9),
         "worst us": spent.max(), "limits": worst.max(), **said,
     }  # fmt: skip
 

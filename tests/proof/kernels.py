@@ -118,7 +118,8 @@ def expanded(
     done = library.expand(
         ctypes.byref(made), at(q), at(h), arms, 1, *map(at, out.values())
     )
-    assert done
+    if not done:
+        raise np.linalg.LinAlgError("J_V has no inverse")
     out["B"] = np.swapaxes(out["B"], 1, 2)[:, :N] * out["on"][:, None]
     return out
 

@@ -40,9 +40,9 @@ _LOOKED, _DEPTH = 128, 8
 """Number of best middles without collisions that are kept, and how many times as many are looked at
 for them."""
 
-_TRIED, _ALIKE = 24, 0.3
-"""Number of middles around which boxes are judged, and difference of the joints, rad or m, below
-which two middles are alike."""
+_TRIED, _ALIKE = 12, 0.3
+"""Number of middles with different joints, and at different places, around which boxes are judged;
+and difference of the joints, rad or m, below which two middles are alike."""
 
 _ENOUGH = 0.3
 """Limit margin, rad or m, above which a larger one is no longer an advantage."""
@@ -111,7 +111,8 @@ class BestCell:
 
         whole = self.cell.scaled(1 / self.factor)
         with reporter(progress) as report:
-            return map_figure(self, sections(whole, report))
+            cuts = sections(whole, report)
+        return map_figure(self.cell, self.posture, self.factor, cuts)
 
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"
@@ -252,7 +253,9 @@ def _candidates(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
             "turn the tool, or use another kind of task"
         )
-    found = _free(box, found, _LOOKED)
+    wide = found.rows([*_apart(found.p, box.half_width.max())])
+    found = _free(box, found, _LOOKED).joined(_free(box, wide, _TRIED))
+    found = _ordered(box, found, at)
     for k, width in enumerate(_WIDTHS):
         report("trying places beside the best", 0.4 + 0.4 * k / len(_WIDTHS))
         parents = _free(box, found, _PARENTS)
@@ -292,10 +295,10 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     Return the box there, the posture, and the configuration with which the middle was found.
     """
     task, desired = box.task, Pseudoinverse(box.task)
-    free = _free(box, found, _LOOKED)
+    free = _free(box, found, len(found.p))
     best: tuple[Cell, Candidate, Array] | None = None
     size = 0
-    for k in _apart(free.Q):
+    for k in [*_apart(free.Q, _ALIKE), *_apart(free.p, box.half_width.max())]:
         low, high, middle = size, int(free.steps[k]), free.steps[k]
         while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
             cell = _box_at(box, free.p[k], middle / STEPS)
@@ -318,13 +321,13 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     return cell, chosen(candidates, task.reference), q
 
 
-def _apart(Q: Array) -> Iterator[int]:
-    """Generate the first rows of Q (K, n) that are not alike to an earlier one."""
+def _apart(rows: Array, distance: float) -> Iterator[int]:
+    """Generate the first rows (K, ·) that differ by a distance from each one before."""
     taken: list[int] = []
-    for k, q in enumerate(Q):
+    for k, row in enumerate(rows):
         if len(taken) == _TRIED:
             return
-        if not taken or np.abs(Q[taken] - q).max(axis=1).min() > _ALIKE:
+        if not taken or np.abs(rows[taken] - row).max(axis=1).min() > distance:
             taken.append(k)
             yield k
 

@@ -15,7 +15,7 @@ from ...model.model import frame_id
 from ...model.task import Task
 from ...show.palette import INK, VERMILLION
 from ...show.plots.motions import titled
-from .best_cell import BestCell
+from .cell import Cell
 from .cell_design import CellDesign, Slice
 from .cell_map import Section
 
@@ -96,18 +96,22 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     return figure
 
 
-def map_figure(place: BestCell, cuts: Sequence[Section]) -> Figure:
-    """Draw the sections of a map of the workspace, with the arm and the box."""
-    cell = place.cell
+def map_figure(
+    cell: Cell, posture: Array, factor: float, cuts: Sequence[Section]
+) -> Figure:
+    """Draw the sections of a map of the workspace, with the arm at a posture (n,) in a cell.
+
+    The boxes of the map are larger than the cell by 1 / ``factor``.
+    """
     task = cell.task
-    edges = " × ".join(f"{2 * w / place.factor:.3g}" for w in cell.half_width)
+    edges = " × ".join(f"{2 * w / factor:.3g}" for w in cell.half_width)
     title = f"{task.robot.name}, {task.frame}: where a box of {edges} m works"
     figure = titled(1.5 + 4.4 * len(cuts), 4.6, title)
     panels = figure.subplots(1, len(cuts), squeeze=False)[0]
     every = 100 * np.concatenate([cut.extra.ravel() for cut in cuts])
     fits = np.isfinite(every).any()
     ends = (0.0, max(float(np.nanpercentile(every, 95)), 0.1)) if fits else (0.0, 1.0)
-    arm = _joints_of(task, place.posture)
+    arm = _joints_of(task, posture)
     for ax, cut in zip(panels, cuts, strict=True):
         i, j = cut.axes
         share = np.ma.masked_where((cut.share == 0) | (cut.share == 1), cut.share)

@@ -47,13 +47,27 @@ class Grown(NamedTuple):
     margin: Array
     ends: Array
 
-    def rows(self, which: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Grown:
+    def rows(
+        self, which: NDArray[np.intp] | NDArray[np.bool_] | list[int] | slice
+    ) -> Grown:
         """Select some of the middles."""
-        return Grown(*(part[which] for part in self))
+        return Grown(
+            self.p[which],
+            self.Q[which],
+            self.steps[which],
+            self.margin[which],
+            self.ends[which],
+        )
 
     def joined(self, other: Grown) -> Grown:
         """Join two sets of middles."""
-        return Grown(*map(np.concatenate, zip(self, other, strict=True)))
+        return Grown(
+            np.concatenate([self.p, other.p]),
+            np.concatenate([self.Q, other.Q]),
+            np.concatenate([self.steps, other.steps]),
+            np.concatenate([self.margin, other.margin]),
+            np.concatenate([self.ends, other.ends]),
+        )
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -118,14 +132,14 @@ def _reached(box: Cell, p: Array, Q: Array) -> tuple[Array, Array]:
     """
     task = box.task
     R = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))
-    room = _ROOM * np.minimum(1.0, task.upper - task.lower)
+    inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
         p_now, R_now, J = placed(task, Q)
         e = box.errors(p[on], R[on], p_now, R_now)
         G, N, _ = bases(J, np.zeros((len(Q), task.n, task.r)))
-        low = np.maximum(0.0, task.lower + room - Q)
-        back = low - np.maximum(0.0, Q - task.upper + room)
+        low = np.maximum(0.0, task.lower + inner - Q)
+        back = low - np.maximum(0.0, Q - task.upper + inner)
         free = np.einsum("Knr,Klr,Kl->Kn", N, N, back)
         return np.asarray(np.einsum("Knm,Km->Kn", G, e) + _PUSH * free)
 

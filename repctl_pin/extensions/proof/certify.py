@@ -70,7 +70,8 @@ def prove(
         Closing radius to prove: metres, or (metres, radians). By default the largest one that some
         250,000 boxes prove; False for none. A closed path: the largest
         one along it, in place of the surroundings of the start; for a tube, by default along the
-        path of the design's cycle. A function closes all paths in its cell.
+        path of the design's cycle. A function closes all paths in its cell. None is proved of
+        several frames.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
@@ -107,7 +108,6 @@ def prove(
                 f"what must be a design, such as the result of rp.nearest_repeatable, "
                 f"not a {type(what).__name__}"
             )
-    one_frame(what.task, "a proof")
     goal = None if margin is None else _share(margin)
     least = (
         None
@@ -125,6 +125,9 @@ def prove(
             )
     path = closes if isinstance(closes, ClosedPath) else None
     asked, ratio, closing = _asked_radius(True if path else closes, ratio)
+    if path or asked is not None:
+        one_frame(what.task, "a closing radius")
+    closing = closing and len(what.task.frames) == 1
     if not callable(progress):
         progress = flag(progress, "progress")
     required_library("a proof")

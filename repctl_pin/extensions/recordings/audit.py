@@ -188,9 +188,7 @@ class Audit:
         name = self.log.name
         times = f"{self.returns} returns to one hand pose"
         if self.found is None:
-            return (
-                f"{name}: no hand pose is visited often enough for a verdict"
-            )
+            return f"{name}: no hand pose is visited often enough for a verdict"
         seconds, unit = self.clock
         error = f"{100 * self.error * seconds:.2g} cm per {unit}"
         name_of = self.links[self.part]
@@ -266,8 +264,8 @@ def audit(
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
         Frame of the end effector and kind of task; by default the end of the arm, and the first
-        redundant kind. Of a list of frames, as :meth:`Robot.task` takes it, all must be back at
-        once.
+        redundant kind. If they are several, as :meth:`Robot.task` takes them, all frames must be
+        back at once.
     degrees
         True if revolute joints are in degrees.
     tolerance : float, optional
