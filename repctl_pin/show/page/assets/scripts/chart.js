@@ -76,7 +76,7 @@ export class Chart {
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(2, foot - level(off)); // a zero is seen, too
+        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(0.13 * em, foot - level(off)); // a zero is seen, too
         draw.fillStyle = arm.data.color;
         draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);

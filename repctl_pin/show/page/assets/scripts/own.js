@@ -355,7 +355,7 @@ export class Own {
   reserve() {
     const [ring] = this.rings;
     ring.classList.remove("under"); // there the words are shorter
-    this.wide = ring.firstChild.offsetWidth || this.wide;
+    this.wide = ring.firstChild.offsetWidth ? ring.offsetWidth / 2 + 4 + ring.firstChild.offsetWidth : this.wide;
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
     const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
@@ -378,9 +378,9 @@ export class Own {
     this.rings.forEach((ring, k) => {
       const { x, y } = panes.seen(k, hand), { width } = panes.place(k);
       const away = !lead && part > 0 && arms[k].point("tip", 0, arms[k].now.frame, arms[k].now.f).distanceTo(hand) > 0.02 * this.extent;
-      ring.style.transform = `translate(${x - 22}px, ${y - 22}px)`;
+      ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
       ring.classList.toggle("away", away && clock.playing);
-      const wide = 26 + this.wide, left = x + wide > width;
+      const { wide } = this, left = x + wide > width;
       ring.classList.toggle("left", left && x > wide);
       ring.classList.toggle("under", left && x <= wide);
     });
