@@ -127,8 +127,8 @@ def test_a_penalty_counts_where_its_margin_is_missed() -> None:
         assert np.allclose(other[1], gradient, rtol=0, atol=1e-12 * abs(gradient).max())
         assert np.allclose(other[2], H, rtol=0, atol=1e-9 * abs(H).max())
     Q = margins.CandidateFunction(chart, terms, a).at(edge).Q
-    distances = np.minimum(Q - cell.task.lower, cell.task.upper - Q)
-    short = np.maximum(0, np.linspace(0.5, 2.0, 5)[:, None] - margins)
+    kept = np.minimum(Q - cell.task.lower, cell.task.upper - Q)
+    short = np.maximum(0, np.linspace(0.5, 2.0, 5)[:, None] - kept)
     due = free.cost + 3.0 * (short**2).sum() / 5
     with_three = of(missed, nowhere, met, weight=3.0)[0]
     assert with_three.cost == pytest.approx(due, rel=1e-9)

@@ -313,7 +313,7 @@ def _is_of(chain: Task, task: Task) -> bool:
 
 
 def _broken(
-    played: Sequence[JointMotion], rows: Array, timed: bool, whole: Motion | None
+    played: Sequence[JointMotion], rows: Array, timed: bool, whole: JointMotion | None
 ) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
@@ -372,7 +372,7 @@ def _summary(
     violations = [
         summary.limit_violation for summary in summaries if summary.limit_violation
     ]
-    loss = None if track.motion is None else track.motion.path_loss
+    loss = track.motion.path_loss if isinstance(track.motion, Motion) else None
     worst = replace(
         summaries[0],
         hand_off=max(summary.hand_off for summary in summaries),
