@@ -338,6 +338,7 @@ def right_calls(folder: Path) -> list[Call]:
         "inside": {"lower": task.lower, "upper": task.upper},
         "jacobian": {"q": q0},
         "jacobians": {"Q": Q},
+        "twists": {"Q": Q, "Qdot": Q},
         "joint_origins": {"q": q0},
         "joints": {"values": Q},
         "leaf": {"q": q0},

@@ -26,6 +26,7 @@ from .given import (
     positive,
     proof_code,
     proved,
+    require_proofs,
     with_options,
 )
 from .options import Parser
@@ -131,6 +132,7 @@ def run(options: Options) -> int:
     say = progress(options.quiet)
     degree = options.asked_degree()
     _check(options, degree)
+    require_proofs(options.prove)
 
     from ..design.design_map import degree_curve, design_map
     from ..show.plots.designs import design_figure

@@ -274,6 +274,14 @@ def proved(design: D, say: Callable[[str], None]) -> D:
     return replace(design, proof=proof)
 
 
+def require_proofs(asked: bool) -> None:
+    """Refuse a proof that is asked for, before the work that comes first, if there can be none."""
+    if asked:
+        from ..native import required_library  # loads NumPy
+
+        required_library("a proof")
+
+
 def proof_code(proof: rp.Proof | None) -> int:
     """Return the exit code of a command: 0 if a proof was reached, or none was asked for."""
     return 0 if proof is None or proof else NOT_PROVED

@@ -16,6 +16,7 @@ from ...cli.given import (
     positive,
     proof_code,
     proved,
+    require_proofs,
 )
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, page_lines, progress, report
@@ -198,6 +199,7 @@ def run(options: Options) -> int:
         raise InputError(
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
+    require_proofs(options.prove)
     asked = _asked(options, in_percent(say))
     cell = asked.cell
     try:

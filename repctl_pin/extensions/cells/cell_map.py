@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array
+from ...arguments import Array, read_only
 from ...model.bodies import bodies_of
 from ...progress import Report
 from .cell import Cell
@@ -21,6 +21,7 @@ configurations from which each place is solved, and of rounds from the configura
 
 
 @dataclass(frozen=True, eq=False)
+@read_only
 class Section:
     """Places of a box in a plane parallel to two axes of the base.
 

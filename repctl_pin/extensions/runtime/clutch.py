@@ -33,9 +33,9 @@ class Clutch:
     Parameters
     ----------
     scale
-        Factor s of translations.
+        Factor s of translations, m per m.
     rotation_scale
-        Factor ρ of rotations; 0 holds the rotation.
+        Factor ρ of rotations, rad per rad; 0 holds the rotation.
     axes
         Rotation B (3, 3) from the tracker's axes to those of the arm's base; None for I.
 
