@@ -31,7 +31,6 @@ _DOOR = {
     "strategies.limit_weight": "LimitWeight",
     "fit_options": "FitOptions",
     "design": "Design SingularRegionError nearest_repeatable",
-    "design.compare": "compare",
     "saving": "load load_design save",
     "integrability": "bracket_defect drift_per_area",
     "integrability.repeatability": "is_repeatable",

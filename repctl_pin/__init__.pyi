@@ -4,7 +4,6 @@ from .certificate import ClosingRadius as ClosingRadius
 from .certificate import Proof as Proof
 from .design import Design as Design
 from .design import SingularRegionError as SingularRegionError
-from .design.compare import compare as compare
 from .design.nearest import nearest_repeatable as nearest_repeatable
 from .errors import InputError as InputError
 from .errors import RepctlError as RepctlError
@@ -21,6 +20,8 @@ from .extensions.cells.nearest_function import (
     nearest_inverse_function as nearest_inverse_function,
 )
 from .extensions.cells.sector import Sector as Sector
+from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
+from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove
 from .extensions.proof.path_certificate import (
     PathCertificate as PathCertificate,
@@ -31,6 +32,7 @@ from .extensions.recordings.audit import audit as audit
 from .extensions.recordings.recording import Recording as Recording
 from .extensions.recordings.relabel import Relabeled as Relabeled
 from .extensions.recordings.relabel import relabel as relabel
+from .extensions.runtime.clutch import Clutch as Clutch
 from .extensions.runtime.codegen.export import export_c as export_c
 from .extensions.runtime.governor import Governor as Governor
 from .extensions.runtime.governor import Status as Status

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import repctl_pin as rp
+from repctl_pin.design.evaluation import evaluate_design
 
 
 def over(design: rp.Design, region: Any, **changes: Any) -> rp.Design:
@@ -26,3 +27,14 @@ def with_potentials(
     )
     parts = {"inverse": inverse, "potentials": potentials, "coefficients": A}
     return replace(design, **parts, **changes)
+
+
+def judged(design: rp.Design) -> Any:
+    """Evaluate a design once more, on its held-out nodes."""
+    return evaluate_design(
+        design.inverse,
+        design.desired,
+        design.region,
+        samples=design.held_out,
+        seed=design.seed + 1,
+    )

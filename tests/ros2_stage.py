@@ -21,7 +21,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 ARM = Path(__file__).with_name("ros2_arm.py")
@@ -54,6 +54,7 @@ class Stage:
         self._node = node = rclpy.create_node("driver")
         newest = QoSProfile(depth=1)
         self._poses = node.create_publisher(PoseStamped, "target_pose", newest)
+        self._hands = node.create_publisher(PoseStamped, "hand_pose", newest)
         self._twists = node.create_publisher(TwistStamped, "target_twist", newest)
         self._clocks = node.create_publisher(Clock, "/clock", newest)
         every = QoSProfile(depth=1000)
@@ -95,9 +96,16 @@ class Stage:
 
     def call(self, service: str) -> str:
         """Call ``hold`` or ``resume``."""
-        client = self._node.create_client(Trigger, f"/repctl/{service}")
+        return self._call(Trigger, service, Trigger.Request())
+
+    def clutch(self, engaged: bool) -> str:
+        """Engage or release the clutch."""
+        return self._call(SetBool, "clutch", SetBool.Request(data=engaged))
+
+    def _call(self, kind: Any, service: str, request: Any) -> str:
+        client = self._node.create_client(kind, f"/repctl/{service}")
         assert client.wait_for_service(10.0)
-        future = client.call_async(Trigger.Request())
+        future = client.call_async(request)
         until = time.monotonic() + 10
         while not future.done() and time.monotonic() < until:
             time.sleep(0.005)
@@ -105,6 +113,14 @@ class Stage:
 
     def pose(self, x: pin.SE3, frame: str = "", age: float = 0.0) -> float:
         """Send a pose; return the time at which it was sent."""
+        self._poses.publish(self._stamped(x, frame, age))
+        return time.monotonic()
+
+    def hand(self, x: pin.SE3) -> None:
+        """Send a pose of the operator's hand."""
+        self._hands.publish(self._stamped(x, "tracker", 0.0))
+
+    def _stamped(self, x: pin.SE3, frame: str, age: float) -> PoseStamped:
         message = PoseStamped()
         message.header.frame_id = frame
         now = self._node.get_clock().now().nanoseconds - round(age * 1e9)
@@ -112,8 +128,7 @@ class Stage:
         p, o = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = map(float, x.translation)
         o.x, o.y, o.z, o.w = map(float, pin.Quaternion(x.rotation).coeffs())
-        self._poses.publish(message)
-        return time.monotonic()
+        return message
 
     def twist(self, v: np.ndarray) -> None:
         """Send a velocity of the frame."""

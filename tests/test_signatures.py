@@ -29,6 +29,7 @@ def made_by_functions(name: str) -> bool:
         "ClosingRadius",
         "Design",
         "Motion",
+        "MotionBetween",
         "PathCertificate",
         "Proof",
         "Relabeled",

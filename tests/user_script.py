@@ -82,9 +82,7 @@ def designs(task: rp.Task) -> rp.Design:
     print(control.solve(task.placement(q0), q0, leaf=[0.0]), control.batch([q0, q0]))
     fast: rp.RepeatableInverse = control
     print(fast.velocities([q0], [[0.1, 0.0]]), rp.export_c(control, "c", name="arm"))
-    print(
-        rp.compare(design, design), rp.save(design, "d.json"), rp.load("d.json", task)
-    )
+    print(rp.save(design, "d.json"), rp.load("d.json", task))
     again: rp.Design = rp.load_design("d.json", task)
     spring = rp.LeafImpedance(
         again.inverse, stiffness=(1000.0, 50.0), observer_limit=[5, 5, 2]
@@ -118,6 +116,10 @@ def cells(task: rp.Task) -> None:
         options=rp.FitOptions(held_out=64),
     )
     function: rp.InverseFunction = found.function
+    moved: rp.MotionBetween = rp.motion_between(
+        function, poses, rp.Limits(acceleration=5.0), blend=0.01
+    )
+    print(moved.at([0.0, 0.1]), moved.rests, moved.lines)
     print(
         function(np.eye(4), leaf=[0.0]),
         function.batch(poses),
@@ -204,6 +206,11 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     print(
         status is rp.Status.OK, governor.step(twist=[0.1, 0, 0, 0, 0, 0]), governor.leaf
     )
+    clutch: rp.Clutch = rp.Clutch(scale=0.5)
+    clutch.engage(path.placement(0.2), path.placement(0.1))
+    print(clutch.target(path.placement(0.3)), clutch.engaged, governor.nearest_bodies)
+    print(governor.keeps_distance([q0, q]))
+    clutch.release()
     print(q, qdot, best.q0, rp.approach(q0, motion, rp.Limits(acceleration=5)).duration)
     print(rp.write_motion(fast, "motion.csv"))
     return motion

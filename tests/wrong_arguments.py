@@ -39,6 +39,7 @@ RESULTS = {
     "ClosingRadius",
     "Design",
     "Motion",
+    "MotionBetween",
     "PathCertificate",
     "Proof",
     "Robot",
@@ -131,6 +132,7 @@ def right_calls(folder: Path) -> list[Call]:
     found = rp.nearest_inverse_function(
         control, cell, degree=1, options=rp.FitOptions(samples=16, held_out=64)
     )
+    between = [cell.at(u) for u in ([0.0, 0.0], [0.5, 0.0], [0.5, 0.5])]
     near = q0 + np.linspace(0.01, 0.03, 30)[:, None]
     recording = rp.Recording(task, joints=near, times=np.arange(30))
     relabeled = rp.relabel(recording, design=found)
@@ -154,7 +156,6 @@ def right_calls(folder: Path) -> list[Call]:
             "task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0,
             "rotation": "fixed",
         },
-        "compare": {"first": design, "others": design},
         "drift_per_area": {"strategy": control, "q": q0},
         "figure_eight": {"task": task, "q0": q0, "radius": 0.05, "normal": "z", "start_angle": 0.0},
         "follow": {
@@ -235,7 +236,12 @@ def right_calls(folder: Path) -> list[Call]:
         "Run": {"timed": timed, "q": timed.q[0]},
         "Governor": {
             "inverse": inverse, "dt": 0.01, "limits": limits, "margin": 0.1,
-            "closes": rp.prove(design, closes=0.001).closes,
+            "closes": rp.prove(design, closes=0.001).closes, "bodies": None, "body_distance": 0.02,
+        },
+        "Clutch": {"scale": 0.5, "rotation_scale": 0.5, "axes": np.eye(3)},
+        "motion_between": {
+            "F": found.function, "poses": between, "limits": limits, "blend": 0.005,
+            "rate": 100.0, "progress": False,
         },
         "write_motion": {"motion": motion, "file": folder / "motion.csv", "allow_violations": True},
         "approach": {
@@ -257,7 +263,7 @@ def right_calls(folder: Path) -> list[Call]:
             "reference": (0.0, 1.0, 0.0),
             "singular": (1.0, 0.0, 0.0),
         },
-        "Bodies": {"task": task},
+        "Bodies": {"task": task, "surroundings": None},
         "Viewer": {"task": task, "names": ["J⁺"], "path": path, "start": q0, "port": 0},
         "Cell": {"task": task, "placement": target, "half_width": (0.05, 0.05), "half_angle": 0.0},
         "Sector": {
@@ -332,6 +338,7 @@ def right_calls(folder: Path) -> list[Call]:
         "inside": {"lower": task.lower, "upper": task.upper},
         "jacobian": {"q": q0},
         "jacobians": {"Q": Q},
+        "twists": {"Q": Q, "Qdot": Q},
         "joint_origins": {"q": q0},
         "joints": {"values": Q},
         "leaf": {"q": q0},
@@ -380,6 +387,10 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Cell, "at"): {"u": U[0]},
         (rp.Run, "step"): {"dt": 0.01, "override": 0.5},
         (rp.Governor, "start"): {"q": q0},
+        (rp.Governor, "keeps_distance"): {"Q": q0[None]},
+        (rp.Clutch, "engage"): {"hand": target, "at": target},
+        (rp.Clutch, "target"): {"hand": target},
+        (rp.Clutch, "release"): {},
         (rp.Governor, "step"): {"target": target},
         (rp.Design, "evaluate_baselines"): {"progress": False},
         (rp.Design, "spectral_cost"): {},
@@ -405,6 +416,8 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.InverseFunction, "pose_and_leaf"): {"Q": Q},
         (rp.InverseFunction, "jacobian"): {"target": target, "leaf": [0.0]},
         (rp.InverseFunction, "leaves"): {"target": target},
+        (rp.MotionBetween, "at"): {"t": [0.1, 0.2]},
+        (rp.MotionBetween, "cycle"): {"k": 0},
         (rp.Viewer, "show"): {
             "configurations": q0,
             "before": [q0],
@@ -430,7 +443,7 @@ def right_calls(folder: Path) -> list[Call]:
         (rp.Relabeled, "save"): {"file": folder / "again.npz"},
     }
     things = [
-        cell, found, found.function, found.inverse, rp.Bodies(arm), angle,
+        cell, found, found.function, found.inverse, rp.Bodies(arm), angle, rp.Clutch(),
         viewer, recording, relabeled,
         rp.LeafImpedance(inverse), robot, task,
         control, rp.WeightedInverse(task, [1, 2, 3]), rp.PostureControl(task, q0), inverse,
@@ -438,6 +451,7 @@ def right_calls(folder: Path) -> list[Call]:
         potentials, waves, joined,
         custom, box, tube, workspace, design, motion, study, path, rp.Run(timed), started,
         rp.audit((motion.t, motion.q), task),
+        rp.motion_between(found.function, between, limits),
         rp.best_leaf(inverse, path, q0, steps=8), rp.animation({"J⁺": motion}, seconds=1.0),
     ]  # fmt: skip
     public = {

@@ -69,7 +69,7 @@ def add_options(parser: Parser) -> None:
         metavar="FOLDER",
         help="folder of animation.html (default repctl-out/ROBOT)",
     )
-    add("--json", action="store_true", help="print JSON instead of text")
+    parser.json()
 
 
 def run(options: Options) -> int:

@@ -84,7 +84,7 @@ def add_options(parser: Parser) -> None:
     )
     prove = "prove a lower bound of a saved design's leaf margin over its region, or over its cell"
     add("--prove", action="store_true", help=prove)
-    add("--json", action="store_true", help="print JSON instead of text")
+    parser.json()
 
 
 def run(options: Options) -> int:

@@ -26,6 +26,7 @@ from .given import (
     positive,
     proof_code,
     proved,
+    require_proofs,
     with_options,
 )
 from .options import Parser
@@ -122,10 +123,7 @@ def add_options(parser: Parser) -> None:
         metavar="FOLDER",
         help="folder of design.png and design.json (default repctl-out/ROBOT)",
     )
-    add("--json", action="store_true", help="print JSON instead of the table")
-    add(
-        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
-    )
+    parser.json("the table", quiet=True)
 
 
 def run(options: Options) -> int:
@@ -134,6 +132,7 @@ def run(options: Options) -> int:
     say = progress(options.quiet)
     degree = options.asked_degree()
     _check(options, degree)
+    require_proofs(options.prove)
 
     from ..design.design_map import degree_curve, design_map
     from ..show.plots.designs import design_figure

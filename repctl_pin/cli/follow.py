@@ -13,7 +13,7 @@ from ..errors import InputError, needed
 from ..files import write_whole
 from ..show.text.lines import fitted
 from ..show.text.numbers import number, row
-from .given import Options, integer, numbers_of, positive, with_options
+from .given import Options, integer, positive, with_options
 from .options import Parser
 from .terminal import progress, report, say_line
 
@@ -35,14 +35,14 @@ and ends at path speed. With it, the motion goes from rest to rest in the
 shortest time within these accelerations and the speed limits of the URDF; all
 cycles but the first and last are alike."""
 
-OWN = ("repeatable", "pseudoinverse", "inertia")
+_OWN = ("repeatable", "pseudoinverse", "inertia")
 
 
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
     parser.what()
     add = parser.add_argument
-    names = f"in place of a design: {', '.join(OWN)}, or a registered one (default {OWN[0]})"
+    names = f"in place of a design: {', '.join(_OWN)}, or a registered one (default {_OWN[0]})"
     add("--strategy", metavar="NAME", help=names)
     add(
         "--potentials",
@@ -75,20 +75,7 @@ def add_options(parser: Parser) -> None:
     add(
         "--best-leaf", nargs="?", const="limits", choices=["limits", "speed"], help=best
     )
-    accelerations = "rad/s² (m/s²), one number, one per joint, or panda, fr3, ur"
-    add(
-        "--acceleration",
-        metavar="A",
-        help=f"go from rest to rest within these limits: {accelerations}",
-    )
-    jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
-    add(
-        "--jerk",
-        metavar="J",
-        help=f"limit jerk too, in {jerks}; requires --acceleration",
-    )
-    speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
-    add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
+    parser.limits()
     kept = "keep the path's own times (of a CSV, or --period), and only add ramps at both ends"
     add("--keep-times", action="store_true", help=f"{kept}; requires --acceleration")
     rate = "samples per second (default 1000); requires --acceleration"
@@ -108,7 +95,7 @@ def add_options(parser: Parser) -> None:
         "write --csv and --yaml even if a joint exceeds its limits or bodies collide"
     )
     add("--allow-violations", action="store_true", help=anyway)
-    add("--json", action="store_true", help="print JSON instead of text")
+    parser.json()
 
 
 def run(options: Options) -> int:
@@ -179,7 +166,7 @@ def run(options: Options) -> int:
         say("timing the motion")
         rest = rp.timed(
             motion,
-            _limits(options),
+            options.asked_limits(),
             keep_times=options.keep_times,
             rate=options.rate or 1000.0,
         )
@@ -349,36 +336,13 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     from ..plugins import plugin
     from ..strategies import Strategy
 
-    strategy = plugin("strategies", name, known=OWN)(task)
+    strategy = plugin("strategies", name, known=_OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
             f"{name} makes an object without a task or a velocity(q, ẋ)",
             argument="--strategy",
         )
     return strategy
-
-
-def _limits(options: Options) -> rp.Limits:
-    """Convert the options of a timed motion to its limits."""
-    tool_speed = options.tool_speed
-    if tool_speed is not None:
-        tool_speed = numbers_of(
-            tool_speed, "--tool-speed", "is not one or two numbers, m/s and rad/s"
-        )
-    return rp.Limits(
-        acceleration=_named(options.acceleration, "--acceleration"),
-        jerk=None if options.jerk is None else _named(options.jerk, "--jerk"),
-        tool_speed=tool_speed,
-    )
-
-
-def _named(text: str, option: str) -> str | list[float]:
-    """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint."""
-    if text.strip().isidentifier():
-        return text.strip()
-    return numbers_of(
-        text, option, "is neither numbers, separated by commas, nor a name"
-    )
 
 
 def _result(

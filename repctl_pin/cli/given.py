@@ -212,6 +212,19 @@ class Options(argparse.Namespace):
             fact = f"{self.degree!r} is neither auto nor a whole number from 1 up"
             raise InputError(fact, argument="--degree") from None
 
+    def asked_limits(self) -> rp.Limits:
+        """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion."""
+        tool_speed = self.tool_speed
+        if tool_speed is not None:
+            tool_speed = numbers_of(
+                tool_speed, "--tool-speed", "is not one or two numbers, m/s and rad/s"
+            )
+        return rp.Limits(
+            acceleration=_named(self.acceleration, "--acceleration"),
+            jerk=_named(self.jerk, "--jerk"),
+            tool_speed=tool_speed,
+        )
+
     def output_folder(self, name: str) -> Path:
         """Return the output folder, ``--out`` or ``repctl-out/NAME``, if it can be written.
 
@@ -243,6 +256,15 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
         raise InputError(f"{option} {text!r} {otherwise}") from None
 
 
+def _named(text: str | None, option: str) -> str | list[float] | None:
+    """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint."""
+    if text is None or text.strip().isidentifier():
+        return text and text.strip()
+    return numbers_of(
+        text, option, "is neither numbers, separated by commas, nor a name"
+    )
+
+
 def proved(design: D, say: Callable[[str], None]) -> D:
     """Add to a design the proof with the largest bounds that are found in a minute.
 
@@ -250,6 +272,14 @@ def proved(design: D, say: Callable[[str], None]) -> D:
     """
     proof = rp.prove(design, progress=in_percent(say))
     return replace(design, proof=proof)
+
+
+def require_proofs(asked: bool) -> None:
+    """Refuse a proof that is asked for, before the work that comes first, if there can be none."""
+    if asked:
+        from ..native import required_library  # loads NumPy
+
+        required_library("a proof")
 
 
 def proof_code(proof: rp.Proof | None) -> int:

@@ -21,9 +21,7 @@ def add_options(parser: Parser) -> None:
         action="store_true",
         help="list every frame that moves, not only the ends of arms",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON instead of text"
-    )
+    parser.json()
 
 
 def run(options: Options) -> int:

@@ -15,7 +15,8 @@ KINDS = "pose, axis, position, xy, xz or yz"
 _GROUPS = {
     "cell": "half-width half-angle at sector radius height angle spin axis",
     "robot": "robot package-dir lock base surroundings frame task start",
-    "path": "path plane cycles steps period acceleration jerk tool-speed keep-times rate",
+    "path": "path plane through blend cycles steps period acceleration jerk tool-speed keep-times "
+    "rate",
     "design": "strategy potentials region shrink keep degree fourier basis weight best-leaf "
     "limit-margin body-distance sigma-min samples held-out seed prove",
     "output": "out csv yaml profile allow-violations report full json quiet",
@@ -180,7 +181,33 @@ class Parser(argparse.ArgumentParser):
             help="xy, yz or xz (default: the first that fits)",
         )
 
+    def limits(self) -> None:
+        """Add the options of a motion's limits: --acceleration, --jerk and --tool-speed."""
+        add = self.add_argument
+        accelerations = "rad/s² (m/s²), one number, one per joint, or panda, fr3, ur"
+        add(
+            "--acceleration",
+            metavar="A",
+            help=f"go from rest to rest within these limits: {accelerations}",
+        )
+        jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
+        add(
+            "--jerk",
+            metavar="J",
+            help=f"limit jerk too, in {jerks}; requires --acceleration",
+        )
+        speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
+        add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
+
     def weight(self) -> None:
         """Add --weight, which selects the inverse to check or to approximate."""
         what = "joint weights: inertia, limits or w1,w2,… (default 1)"
         self.add_argument("--weight", metavar="M", help=what)
+
+    def json(self, instead: str = "text", *, quiet: bool = False) -> None:
+        """Add --json, which replaces ``instead``, and --quiet."""
+        add = self.add_argument
+        add("--json", action="store_true", help=f"print JSON instead of {instead}")
+        if quiet:
+            only = "print only errors, and the JSON of --json"
+            add("--quiet", action="store_true", help=only)

@@ -17,9 +17,7 @@ EXAMPLE = "example: repctl robots"
 
 def add_options(parser: Parser) -> None:
     """Add the options of this subcommand."""
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON instead of the table"
-    )
+    parser.json("the table")
 
 
 def run(options: Options) -> int:

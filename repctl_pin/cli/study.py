@@ -26,8 +26,8 @@ _PATHS = """paths, lengths in m:
 
 
 if TYPE_CHECKING:
+    from ..design.design_map import ReportMaps
     from ..show.text.lines import Span
-    from ..studies.study_maps import StudyMaps
 
 HELP = "measure an arm's drift on a closed path, and design a controller without it"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"
@@ -73,10 +73,7 @@ def add_options(parser: Parser) -> None:
     )
     full = "print all strategies, quantities and settings"
     add("--full", action="store_true", help=full)
-    add("--json", action="store_true", help="print JSON instead of the table")
-    add(
-        "--quiet", action="store_true", help="print only errors, and the JSON of --json"
-    )
+    parser.json("the table", quiet=True)
 
 
 def run(options: Options) -> int:
@@ -115,10 +112,10 @@ def run(options: Options) -> int:
         )
         files = [*write_study(result, staged, run=run), control]
         if options.report:
-            from ..studies.study_maps import study_maps
+            from ..design.design_map import report_maps
 
             say("evaluating the maps of the report")
-            maps = study_maps(result)
+            maps = report_maps(result.design)
             say("writing the report")
             files.append(
                 _report(result, maps, files[0], staged / "report.html", options, run)
@@ -145,7 +142,7 @@ def run(options: Options) -> int:
 
 def _report(
     result: rp.Study,
-    maps: StudyMaps,
+    maps: ReportMaps,
     animation: Path,
     file: Path,
     options: Options,

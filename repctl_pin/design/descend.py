@@ -71,8 +71,6 @@ class Start:
     ----------
     A : (N, r) array
         Initial coefficients.
-    sides : SignCount
-        Number of nodes with either sign of det(Nᵀ V).
     cost : float
         Cost at A.
     EE, null_alignment : (N, N), (N, r) arrays
@@ -81,7 +79,6 @@ class Start:
     """
 
     A: Array
-    sides: SignCount
     cost: float
     EE: Array
     null_alignment: Array
@@ -114,9 +111,10 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
             basis.T @ (EE + emphasis * FF) @ basis, basis.T @ null_alignment
         )
         cost, sides = batches.total(criterion.cost, A)
-        found = found or Start(A, sides, cost, EE, null_alignment)
+        tried = Start(A, cost, EE, null_alignment)
         if sides.uniform:
-            return Start(A, sides, cost, EE, null_alignment)
+            return tried
+        found = found or tried
     assert found is not None
     return found
 

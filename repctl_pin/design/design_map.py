@@ -1,7 +1,8 @@
-"""Maps of distance and leaf margin of a design over two joints, and cost against the degree."""
+"""Maps of a design over two joints, the defect of its G_d there, and cost against the degree."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,15 @@ import numpy as np
 from ..arguments import Array, read_only
 from ..errors import InputError, SingularityError
 from ..fit_options import FitOptions
+from ..integrability.lie_bracket import measure
 from ..potentials.polynomial import Polynomial
 from ..progress import Report, silent
 from .design_result import Design
+from .evaluation import Baseline
 from .singularity_search import LeafMargin
+
+_POINTS = 41
+"""Number of configurations of a report's maps along each joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +70,8 @@ def design_map(
             f"a map needs two different joints from 0 to {n - 1}, not {joints}"
         )
     x, y = (np.linspace(box.lower[j], box.upper[j], points) for j in (first, second))
-    Q = np.tile(center, (points * points, 1))
-    Q[:, first], Q[:, second] = (grid.ravel() for grid in np.meshgrid(x, y))
-    distance, reference = _distance(design, Q)
+    Q = _grid(center, (first, second), x, y)
+    distance, reference = _distance(design, Q).T
     sigma = np.abs(LeafMargin(design.task, design.inverse.potentials, center)(Q))
     shape = (points, points)
     return DesignMap(
@@ -77,6 +82,13 @@ def design_map(
         reference.reshape(shape),
         sigma.reshape(shape),
     )
+
+
+def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
+    """List the configurations of a grid over two joints, row by row: (k², n)."""
+    Q = np.tile(center, (len(x) * len(y), 1))
+    Q[:, joints] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return Q
 
 
 def degree_curve(
@@ -123,6 +135,44 @@ def degree_curve(
     return (*found, (potentials.degree, design.cost, design.cost_error))
 
 
+@dataclass(frozen=True, eq=False)
+@read_only
+class ReportMaps:
+    """Maps and curves of a design for a report.
+
+    Attributes
+    ----------
+    grid : DesignMap
+        Distance to G_d and leaf margin over two joints, with the other joints at the centre of Ω.
+    defect : (k, k) array
+        Relative defect of the desired inverse G_d on the same grid: 0 where G_d satisfies the
+        condition of repeatability; NaN at singularities.
+    degrees : tuple of (degree, cost, standard error)
+        Cost of the design for each polynomial degree that was tried.
+    baselines : tuple of Baseline
+        Costs of simpler inverses on the design's held-out nodes; empty if only one degree was
+        tried.
+    """
+
+    grid: DesignMap
+    defect: Array
+    degrees: tuple[tuple[int, float, float], ...]
+    baselines: tuple[Baseline, ...] = ()
+
+
+def report_maps(design: Design) -> ReportMaps:
+    """Evaluate what a report plots: the design and the defect of G_d over two joints, and costs.
+
+    The grid has 41 × 41 configurations.
+    """
+    grid = design_map(design, points=_POINTS)
+    Q = _grid(design.region.center, grid.joints, grid.x, grid.y)
+    defect = _defects(design, Q).reshape(_POINTS, _POINTS)
+    degrees = degree_curve(design)
+    baselines = design.evaluate_baselines() if len(degrees) > 1 else ()
+    return ReportMaps(grid, defect, degrees, baselines)
+
+
 def _liveliest(design: Design) -> tuple[int, int]:
     """Choose the two joints along which ‖G_r − G_d‖ changes most, as (int, int) in rising order.
 
@@ -135,7 +185,7 @@ def _liveliest(design: Design) -> tuple[int, int]:
     Q = (
         center + steps[None, :, None] * np.eye(n)[:, None, :] * box.half_width
     )  # (n, 17, n)
-    distance = _distance(design, Q.reshape(-1, n))[0].reshape(n, -1)
+    distance = _distance(design, Q.reshape(-1, n))[:, 0].reshape(n, -1)
     change = np.nan_to_num(
         np.nanmax(distance, axis=1) - np.nanmin(distance, axis=1), nan=np.inf
     )
@@ -143,16 +193,29 @@ def _liveliest(design: Design) -> tuple[int, int]:
     return int(first), int(second)
 
 
-def _distance(design: Design, Q: Array) -> tuple[Array, Array]:
-    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K,) each, nan if singular."""
-    try:
+def _distance(design: Design, Q: Array) -> Array:
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), nan if singular."""
+
+    def evaluate(Q: Array) -> Array:
         G_d = design.desired.batch(Q)
-        gap = np.linalg.norm(design.inverse.batch(Q) - G_d, axis=(1, 2))
-        return gap, np.linalg.norm(G_d, axis=(1, 2))
+        gap = design.inverse.batch(Q) - G_d
+        return np.linalg.norm([gap, G_d], axis=(2, 3)).T
+
+    return _with_gaps(evaluate, Q, 2)
+
+
+def _defects(design: Design, Q: Array) -> Array:
+    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), nan if singular."""
+    found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
+    return found[:, 0]
+
+
+def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Array:
+    """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities."""
+    try:
+        return evaluate(Q)
     except SingularityError:
         if len(Q) == 1:
-            return np.full(1, np.nan), np.full(1, np.nan)
-        parts = [_distance(design, half) for half in np.array_split(Q, 2)]
-        return np.concatenate([p[0] for p in parts]), np.concatenate(
-            [p[1] for p in parts]
-        )
+            return np.full((1, width), np.nan)
+        halves = np.array_split(Q, 2)
+        return np.concatenate([_with_gaps(evaluate, half, width) for half in halves])

@@ -43,8 +43,6 @@ class Evaluation:
         Configuration of the smallest leaf margin, rad (m for prismatic joints).
     inside_limits : float
         Fraction of Ω inside the joint limits.
-    replicates : (32,) array
-        Cost on each of the 32 sets of nodes.
     """
 
     cost: float
@@ -53,7 +51,6 @@ class Evaluation:
     leaf_margin: float
     leaf_margin_at: Array = field(repr=False)
     inside_limits: float
-    replicates: Array = field(repr=False)
 
 
 def evaluate_design(
@@ -133,7 +130,6 @@ def evaluate_design(
         leaf_margin=found.value,
         leaf_margin_at=found.at,
         inside_limits=float(np.mean(inside)),
-        replicates=np.array(costs),
     )
 
 

@@ -152,14 +152,13 @@ def _judged(
     evaluation = evaluate_design(
         inverse, desired, region, samples=held_out, seed=options.seed + 1
     )
-    verdict = vars(evaluation)
     return Design(
         inverse,
         desired,
         potentials,
         region,
         A,
-        **{name: value for name, value in verdict.items() if name != "replicates"},
+        **vars(evaluation),
         fit_cost=result.cost,
         gradient_norm=result.gradient_norm,
         converged=result.converged,

@@ -55,7 +55,6 @@ def for_task(design: Any, task: Task) -> Any:
     evaluation = evaluate_design(
         inverse, desired, region, samples=design.held_out, seed=design.seed + 1
     )
-    figures = {k: v for k, v in vars(evaluation).items() if k != "replicates"}
     subject = subject_of(task, design.potentials, design.coefficients, region)
     proof = None if design.proof is None else _proof(design.proof, tool)
     return replace(
@@ -64,7 +63,7 @@ def for_task(design: Any, task: Task) -> Any:
         desired=desired,
         cycle=None,
         proof=None if proof is None else proof.sealed(subject),
-        **figures,
+        **vars(evaluation),
     )
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
@@ -13,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, as_configurations, require_type, vector
 from .model import link_frames
+from .robot import read_surroundings
 from .task import Task
 from .validate import MAX_SHAPES
 
@@ -63,6 +66,8 @@ class Bodies:
     ----------
     task
         The task whose joints move; the other joints stay at the reference pose.
+    surroundings
+        URDF of the surroundings, in place of those of the robot, see :meth:`Robot.load`.
 
     Attributes
     ----------
@@ -105,10 +110,13 @@ class Bodies:
     True
     """
 
-    def __init__(self, task: Task) -> None:
-        self.task = require_type(
+    def __init__(self, task: Task, *, surroundings: str | Path | None = None) -> None:
+        require_type(
             task, Task, "task", "a task, such as rp.Robot.load('panda').task()"
         )
+        if surroundings is not None:
+            task = _beside(task, surroundings)
+        self.task = task
         _, self._drive = task.bodies_model()
         model = self._model = _model_of(task)
         self.pairs = model.measured
@@ -208,6 +216,16 @@ class Bodies:
         return self._model.least(
             Q if self._drive is None else self._drive.joints(Q), hulls=hulls
         )
+
+
+def _beside(task: Task, surroundings: str | Path) -> Task:
+    """Return a copy of a task whose robot has other surroundings."""
+    moved, robot = copy(task), copy(task.robot)
+    around, folders = read_surroundings(surroundings, robot.package_dirs)
+    robot.surroundings = around
+    robot.package_dirs = (*robot.package_dirs, *map(str, folders))
+    moved.robot = robot
+    return moved
 
 
 @dataclass(frozen=True)

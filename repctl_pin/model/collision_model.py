@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError
 from .body_bounds import BodyBounds
+from .body_reach import body_reach
 from .body_shapes import (
     BodyShape,
     UnusableShape,
@@ -24,7 +25,6 @@ from .body_shapes import (
     transform,
 )
 from .catalogue import disabled_pairs
-from .collision_free_pairs import CollisionFreePairs
 from .model import fixed_placements, link_frames, origin
 from .shapes import find_mesh
 from .task import Task
@@ -90,6 +90,7 @@ class _CollisionModel:
         self._model, _ = task.bodies_model()
         self._data = self._model.createData()
         self._lock = Lock()
+        self._joints = task.robot.joints
         self.links: list[str] = []
         self._bodies: list[BodyShape] = []
         self._joint: list[int] = []
@@ -137,6 +138,31 @@ class _CollisionModel:
                 found[k], last = self._least(q, bounds, last, measure)
             which[k] = last if found[k] < np.inf else -1
         return found, which
+
+    def reach(self) -> Array:
+        """Bound how far each joint moves the bodies of a pair, see :func:`body_reach`: (P, N)."""
+        shapes = [body.measured for body in self._bodies]
+        return body_reach(
+            self._model, self._joints, self._joint, self._place, shapes, self.pairs
+        )
+
+    def kept(self, distance: float) -> Array:
+        """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""
+        return np.where(self._only_contact, 0.0, distance)
+
+    def some_distances(self, q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Bound the distances of some pairs from below at q (N,): (K,), m; 0 or less may collide.
+
+        They are those of the hulls. Where the hulls of a pair that is checked for collisions only
+        overlap, it is that of the exact shapes.
+        """
+        with self._lock:
+            self._move(q)
+            found = [self._apart(k) for k in pairs.tolist()]
+            for i, k in enumerate(pairs.tolist()):
+                if found[i] <= 0 and self._only_contact[k]:
+                    found[i] = self._exact_distance(k)
+        return np.array(found)
 
     def names(self, pair: int) -> Pair:
         """Return the names of the two links of a pair, given by its index."""
@@ -240,28 +266,17 @@ class _CollisionModel:
             return True
         return collide(one, self._transform(a), other, self._transform(b))
 
-    def _full_distance(self, k: int, q: Array) -> float:
-        """Bound the distance of pair k from below at q (N,), m; 0 in a collision.
+    def _exact_distance(self, k: int) -> float:
+        """Compute the distance of the exact shapes of pair k at the current placements, m.
 
-        It is the distance of the hulls or, where they overlap, that of the exact shapes.
+        It is 0 in a collision.
         """
-        self._move(q)
-        distance = self._apart(k)
-        if distance > 0 or self._collide(k):
-            return max(distance, 0.0)
+        if self._collide(k):
+            return 0.0
         (a, b), result = self._both[k], coal.DistanceResult()
-        one = self._bodies[a].exact
-        other = self._bodies[b].exact
-        return float(
-            coal.distance(
-                one,
-                self._transform(a),
-                other,
-                self._transform(b),
-                self._request,
-                result,
-            )
-        )
+        one, other = self._bodies[a].exact, self._bodies[b].exact
+        here, there = self._transform(a), self._transform(b)
+        return float(coal.distance(one, here, other, there, self._request, result))
 
     def _transform(self, k: int) -> coal.Transform3s:
         """Return the current placement of body k as coal's Transform3s."""
@@ -346,18 +361,7 @@ class _CollisionModel:
         left_out = fused | always
         self.measured = self.named(~only_contact & ~left_out)
         self.only_contact = self.named(only_contact & ~left_out)
-        kept = ~left_out & ~self._never_colliding(task, only_contact & ~left_out)
-        self._measure(self.pairs[kept], only_contact[kept])
-
-    def _never_colliding(self, task: Task, asked: _Mask) -> _Mask:
-        """Mark the pairs among ``asked`` (P,) for which it is proved that they never collide."""
-        never = np.zeros(len(self.pairs), bool)
-        pairs = CollisionFreePairs(
-            self._model, task.robot.joints, self._shapes, self._full_distance
-        )
-        for k in np.flatnonzero(asked).tolist():
-            never[k] = pairs.proved(k)
-        return never
+        self._measure(self.pairs[~left_out], only_contact[~left_out])
 
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.

@@ -24,6 +24,7 @@ from .rules import NO_LIMIT
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 _CONNECT, _WELD, _JOINT = range(3)
+_OF_SITES = 6
 _SPHERE, _CAPSULE, _CYLINDER, _BOX, _MESH = 2, 3, 5, 6, 7
 _DRAWN_GROUPS = 3
 """MuJoCo's viewer shows the shapes of groups 0, 1 and 2."""
@@ -80,7 +81,7 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
     """
     names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
     parts = [_Part(names[0], "", pin.SE3.Identity())]
-    mimics = _couplings(model)
+    mimics = _couplings(model, notes)
     for b in range(1, model.nbody):
         place = _placed(model.body_pos[b], model.body_quat[b])
         above = names[int(model.body_parentid[b])]
@@ -157,8 +158,10 @@ def _joints(
     return parts
 
 
-def _couplings(model: Any) -> dict[str, tuple[str, float, float]]:
+def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, float]]:
     """Read the equality constraints: linear ones between two joints are mimic joints.
+
+    Those that pull a body to a mocap body, a target set by the user, are left out.
 
     Raises
     ------
@@ -170,6 +173,9 @@ def _couplings(model: Any) -> dict[str, tuple[str, float, float]]:
         if not model.eq_active0[e]:
             continue
         kind, name = int(model.eq_type[e]), model.equality(e).name or f"number {e}"
+        if kind in (_CONNECT, _WELD) and _to_a_target(model, e):
+            notes.append(f"left out: equality constraint {name!r} with a mocap body")
+            continue
         if kind != _JOINT:
             what = {_CONNECT: "connect", _WELD: "weld"}.get(kind, "tendon or flex")
             raise UrdfError(
@@ -188,6 +194,14 @@ def _couplings(model: Any) -> dict[str, tuple[str, float, float]]:
         mine = model.joint(j).name or f"joint{j}"
         found[mine] = model.joint(other).name or f"joint{other}", float(a[1]), offset
     return found
+
+
+def _to_a_target(model: Any, e: int) -> bool:
+    """Test whether an equality constraint between bodies or sites has a mocap body at one end."""
+    ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+    if model.eq_objtype[e] == _OF_SITES:
+        ends = [int(model.site_bodyid[site]) for site in ends]
+    return any(model.body_mocapid[body] >= 0 for body in ends)
 
 
 def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
@@ -313,7 +327,8 @@ def _joint_element(part: _Part) -> etree._Element:
     if part.kind == "fixed":
         return joint
     etree.SubElement(joint, "axis", xyz=_row(part.axis))
-    limit = etree.SubElement(joint, "limit", effort="0", velocity="0")
+    none = repr(2.0 * NO_LIMIT)  # MJCF has no limits of speed
+    limit = etree.SubElement(joint, "limit", effort="0", velocity=none)
     if part.kind != "continuous":
         limit.set("lower", repr(float(part.lower)))
         limit.set("upper", repr(float(part.upper)))

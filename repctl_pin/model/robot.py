@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,6 @@ from .catalogue import (
 )
 from .coupling import couple, limits, pose
 from .end_effectors import arm_ends, is_sensor, task_links
-from .given_model import loaded
 from .kind import Kind, KindName, task_kind
 from .mechanism import Mechanism
 from .model import frame_id, link_frames, lock_joints, path_between
@@ -182,7 +182,7 @@ class Robot(Mechanism):
         UrdfError
             If the file is not a valid URDF.
         """
-        data, name_or_path, found = loaded(name_or_path)
+        data, name_or_path, found = _loaded(name_or_path)
         text = str(file_name(name_or_path, "robot"))
         one = isinstance(package_dirs, (str, Path))
         given = (
@@ -217,11 +217,7 @@ class Robot(Mechanism):
         ]
         around = None
         if surroundings is not None:
-            beside = Path(
-                os.path.expanduser(str(file_name(surroundings, "surroundings")))
-            )
-            near = default_package_dirs(beside)
-            around = check_surroundings(read_urdf(beside, [*own, *near]))
+            around, near = read_surroundings(surroundings, own)
             folders += near
         description = read_urdf(path, folders, data)
         if found:
@@ -478,6 +474,37 @@ class Robot(Mechanism):
         return f"<Robot {self.name}: {len(self.joint_names)} joints, {len(self.frames)} links>"
 
 
+def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
+    """Convert a loaded model to URDF text.
+
+    Returns the text, a name in place of its file, and notes. Anything else is returned as it is,
+    with None for the text.
+
+    Raises
+    ------
+    UrdfError
+        If the model has what a URDF has not.
+    """
+    notes: list[str] = []
+    if _is(given, "yourdfpy", "URDF"):
+        text = given.write_xml_string()
+        return bytes(text), f"{given.robot.name}.urdf", notes
+    if _is(given, "mujoco", "MjModel"):
+        from .mjcf import urdf_of_model
+
+        try:
+            return urdf_of_model(given, notes), "mujoco_model.xml", notes
+        except UrdfError as error:
+            raise UrdfError(f"mujoco.MjModel: {error}") from error
+    return None, given, notes
+
+
+def _is(given: Any, module: str, name: str) -> bool:
+    """Test whether an object is of a class of a module, which is not imported for it."""
+    kind = getattr(sys.modules.get(module), name, None)
+    return isinstance(kind, type) and isinstance(given, kind)
+
+
 def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     """Read the named poses of a catalogue robot: joint values by pose name and joint name.
 
@@ -495,3 +522,12 @@ def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def read_surroundings(
+    path: str | Path, package_dirs: Sequence[str]
+) -> tuple[Description, Sequence[str]]:
+    """Read the URDF of surroundings; return it, and the folders beside it that have its meshes."""
+    beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
+    near = default_package_dirs(beside)
+    return check_surroundings(read_urdf(beside, [*package_dirs, *near])), near

@@ -172,6 +172,10 @@ class SeveralFrames(Task):
         own = zip(self.parts, each, strict=True)
         return np.concatenate([part.errors(Q, goal) for part, goal in own], axis=1)
 
+    def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
+        """Evaluate the frames' twists (v, ω) at every row of Q and q̇ (K, n): (K, 6 F)."""
+        return np.concatenate([part.twists(Q, Qdot) for part in self.parts], axis=1)
+
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frames' origins at every row of Q (K, n): an array (K, 3 F), m."""
         return np.concatenate([part.positions(Q) for part in self.parts], axis=1)

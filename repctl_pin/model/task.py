@@ -290,6 +290,13 @@ class Task:
             Js[:, 3:] = np.swapaxes(R, 1, 2)[:, :2] @ J[:, 3:]
         return Js if self.drive is None else Js @ self.drive.S
 
+    def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
+        """Evaluate the frame's twist (v, ω) at every row of Q and q̇ (K, n): (K, 6), base axes."""
+        J, _ = self._twists(Q)
+        Qdot = as_configurations(Qdot, self.n, repr(self))
+        rates = Qdot if self.drive is None else Qdot @ self.drive.S.T
+        return np.einsum("Kij,Kj->Ki", J, rates)
+
     def hessians(self, Q: ArrayLike) -> Array:
         """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import (
     MOST_STEPS,
@@ -24,15 +24,15 @@ from ..model.length import arm_length, joint_scale
 from ..model.task import Task
 from ..paths.task_path import TaskPath, closed_path
 from ..redundancy import leaf_margin, nullspace
+from ..solvers import newton_rows
 from ..strategies import Bounded, Pseudoinverse, RepeatableInverse
 from ..strategies.strategy import AN_INVERSE, Inverse
-from .fast_starts import fast_starts
 from .follow import follow
 from .joint_motion import violations_of
 from .leaf_lock import LeafLock
 from .motion import Motion
 from .self_motion import self_motions, self_moved
-from .solve_ik import solve_ik
+from .solve_ik import random_configurations, solve_ik
 
 _STRIDE = 0.1
 """Step length of the search along the self-motion, rad; for prismatic joints in arm lengths."""
@@ -62,6 +62,22 @@ _RANDOM = 8
 _LEAST_LEAF_MARGIN = 0.1
 """Leaf margin that suffices for a start to replace the given one, even if that one has more."""
 
+_STARTS, _STEPS = 96, 16
+"""Numbers of random configurations among which low joint speed is sought, and of points per cycle
+at which it is."""
+
+_LONGEST, _EXACT = 0.4, 1e-9
+"""Longest step of any joint, and the task error at which a pose is reached; m or rad."""
+
+_ITERATIONS, _CORRECTIONS = 40, 2
+"""Maximum numbers of Newton steps to the path, and from each point of it to the next one."""
+
+_JUMP = 1.0
+"""Change of a joint between two points, rad or m, at which a motion is given up."""
+
+_APART = 0.3
+"""Smallest norm of the difference of two random starts, rad or m."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -72,8 +88,6 @@ class _LeafCandidate:
     ----------
     q0 : (n,) array
         Start configuration, with the frame at the path's first point.
-    leaf : (r,) array
-        Level c = h(q0).
     relative_margins : dict
         Relative margins of ``limits``, ``bodies`` and ``leaf``: the minimum limit margin relative
         to half the joint's range, the minimum body distance relative to a tenth of the arm's
@@ -91,7 +105,6 @@ class _LeafCandidate:
     """
 
     q0: Array
-    leaf: Array
     relative_margins: dict[str, float]
     limit_margin: float
     body_distance: float
@@ -300,11 +313,77 @@ def best_leaf(
             keeps = one.limit_margin >= least_margin and one.body_distance >= 0
             return keeps and one.motion.rms_speed < other.motion.rms_speed
 
-        beside = fast_starts(task, path, _RANDOM, margin=least_margin, seed=seed)
+        beside = _fast_starts(task, path, _RANDOM, margin=least_margin, seed=seed)
         for candidate in [*seen, *allowed(beside)]:
             best = candidate if faster(candidate, best) else best
         best = refined(best, faster)
     return BestLeaf(best, given, tried)
+
+
+def _fast_starts(
+    task: Task, path: TaskPath, count: int, *, margin: float, seed: int
+) -> list[Array]:
+    """Find starts (n,) from which J⁺ follows one cycle of a path with low joint speed.
+
+    The inverse kinematics of the first point is solved from random configurations, so the starts
+    belong to all self-motions of that pose, also to those that no walk from another start reaches.
+
+    Parameters
+    ----------
+    task
+        Redundant task.
+    path
+        Closed path.
+    count
+        Maximum number of starts; the first has the lowest joint speed.
+    margin
+        Joint-limit margin that the motion must have, rad or m.
+    seed
+        Random seed of the configurations.
+    """
+    random = random_configurations(task, _STARTS, np.random.default_rng(seed))
+    first = path.placement(0.0)
+    Q = _reached(task, random, first, _ITERATIONS)
+    Q = Q[_inside(task, Q, first, margin)]
+    starts, energy = Q, np.zeros(len(Q))
+    for s in np.linspace(0, 1, _STEPS + 1)[1:]:
+        target = path.placement(float(s))
+        ahead = _reached(task, Q, target, _CORRECTIONS)
+        on = np.abs(ahead - Q).max(axis=1, initial=0.0) < _JUMP
+        on &= _inside(task, ahead, target, margin, near=1e-2)
+        energy = (energy + ((ahead - Q) ** 2).sum(axis=1))[on]
+        starts, Q = starts[on], ahead[on]
+    kept: list[Array] = []
+    for q in starts[np.argsort(energy)]:
+        if len(kept) < count and all(np.linalg.norm(q - x) > _APART for x in kept):
+            kept.append(q)
+    return kept
+
+
+def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
+    """Move configurations Q (K, n) towards a target by Newton steps with J⁺."""
+
+    def correction(Q: Array, on: NDArray[np.intp]) -> Array:
+        J = task.jacobians(Q)
+        e = task.errors(Q, [target] * len(Q))
+        with np.errstate(all="ignore"):
+            return np.einsum("Knm,Km->Kn", np.linalg.pinv(J, rcond=1e-6), e)
+
+    if not len(Q):
+        return Q
+    return newton_rows(
+        correction, Q, longest=_LONGEST, tolerance=_EXACT, iterations=iterations
+    )[0]
+
+
+def _inside(
+    task: Task, Q: Array, target: Placement, margin: float, *, near: float = 1e-6
+) -> NDArray[np.bool_]:
+    """Test which configurations Q (K, n) reach a target and have a joint-limit margin."""
+    error = np.abs(task.errors(Q, [target] * len(Q))).max(axis=1, initial=0.0)
+    return np.asarray(
+        (error < near) & (task.limit_margin(Q).min(axis=1, initial=np.inf) >= margin)
+    )
 
 
 def _around(
@@ -353,7 +432,6 @@ def _evaluated(
     }
     return _LeafCandidate(
         q0=motion.q[0],
-        leaf=inverse.leaf(motion.q[0]),
         relative_margins=relative_margins,
         limit_margin=float(least.min()),
         body_distance=bodies,

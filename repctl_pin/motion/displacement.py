@@ -89,20 +89,24 @@ def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
     ends : (2, n) array
         Configurations at the start and at the end of the motion.
     """
-    visuals = Visuals.of(task.robot)
-    placements = visuals.placements(task.to_robot(ends))
-    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
-    return farthest(visuals.shapes, off[0], arm_links(task))
+    shapes, off = _off(task, ends)
+    return farthest(shapes, off[0], arm_links(task))
 
 
 def cycle_displacements(motion: JointMotion) -> Array:
     """Compute how far the part that is off most is off after each cycle: (cycles,), m."""
-    task, visuals = motion.task, Visuals.of(motion.task.robot)
-    placements = visuals.placements(task.to_robot(motion.q[:: motion.steps]))
-    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
-    links = arm_links(task)
-    own = [shape.link in links for shape in visuals.shapes]
+    shapes, off = _off(motion.task, motion.q[:: motion.steps])
+    links = arm_links(motion.task)
+    own = [shape.link in links for shape in shapes]
     return off[:, own].max(axis=1, initial=0.0)
+
+
+def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
+    """Compute how far each shape is off from the first of Q (K + 1, n): the shapes, (K, S), m."""
+    visuals = Visuals.of(task.robot)
+    placements = visuals.placements(task.to_robot(Q))
+    off, _ = displacements(placements[:1], placements[1:], corners(visuals.shapes))
+    return visuals.shapes, off
 
 
 @dataclass(frozen=True, eq=False)

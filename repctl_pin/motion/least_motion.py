@@ -1,22 +1,64 @@
-"""Closed motion of minimum joint speed on a path, to which repeatable controllers are compared."""
+"""Closed motion of minimum joint speed on a path, to which repeatable controllers are compared.
+
+The minimum is found by Newton's method in the null space, on an augmented Lagrangian of the limits.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+from dataclasses import dataclass, replace
 
-from ..arguments import MOST_STEPS, Array, as_int, flag, positive, require_type
-from ..errors import InputError
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..arguments import (
+    MOST_STEPS,
+    Array,
+    as_int,
+    flag,
+    positive,
+    read_only,
+    require_type,
+)
+from ..errors import InputError, SingularityError
+from ..model.chain_formulas import Placement
 from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath, closed_path
+from ..redundancy.inverses import pseudoinverse, row_factor
+from ..solvers import newton_rows, solve_block_tridiagonal
 from ..threads import one_blas_thread
-from .closed_motion_cost import LONGEST, ClosedMotionCost, on_path, within_limits
 from .follow import path_grid
 from .motion import Motion, motion_along
 from .solve_ik import solve_ik, solve_near
 
 _STAGES = 100
 """Maximum number of stages in which the motion of J⁺ is deformed until it closes."""
+
+_LONGEST = 0.3
+"""Maximum step of any joint, rad or m."""
+
+_FLAT = 1e-8
+"""Largest entry of a Newton step, rad or m, below which the descent ends."""
+
+_SURE = 1e-5
+"""Largest entry of a Newton step, rad or m, up to which it is taken without a line search."""
+
+_ROUNDING = 1e-14
+"""Predicted decrease, relative to the cost, below which the descent ends."""
+
+_ITERATIONS = 100
+"""Maximum number of Newton steps of one descent."""
+
+_DAMPING = 1e-6
+"""Weight of the squared step in Newton's matrix, for null directions in which the cost is constant,
+such as a rotation about the tool's own axis."""
+
+_INSIDE = 1e-6
+"""Margin to the joint limits, rad or m, that is added to the requested one."""
+
+_STIFFEST = 1e9
+"""Penalty weight ``stiffness`` of violated limits from which the search fails."""
+
+_NEAR = "the motion comes near a singularity, or there are too few steps"
 
 
 @one_blas_thread()
@@ -91,14 +133,14 @@ def least_closed_motion(
         task, require_task(task).check(q0, "the start"), path.placement(0.0)
     )
     grid = path_grid(path, steps)
-    cost = ClosedMotionCost.of(task, path, grid, free_start=free_start, margin=margin)
+    cost = _Cost.of(task, path, grid, free_start=free_start, margin=margin)
     if guess is None:
         Q = _closed(cost, _plain(cost, start), grid)
     else:
         Q = _sampled(
             cost, require_type(guess, Motion, "guess", "a motion"), start, grid
         )
-    Q = within_limits(cost, Q)
+    Q = _within_limits(cost, Q)
     Q = np.vstack([Q, Q[:1]])
     t = grid * period
     qdot = np.diff(Q, axis=0) / np.diff(t)[:, None]  # means over the steps
@@ -106,7 +148,7 @@ def least_closed_motion(
     return motion_along(path, task, t, Q, np.vstack([qdot, qdot[:1]]), targets)
 
 
-def _plain(cost: ClosedMotionCost, start: Array) -> Array:
+def _plain(cost: _Cost, start: Array) -> Array:
     """Follow the path with J⁺: configurations (K + 1, n), in general not closed."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
@@ -114,7 +156,7 @@ def _plain(cost: ClosedMotionCost, start: Array) -> Array:
     return np.array(Q)
 
 
-def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
+def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
     """Deform a motion (K + 1, n) on the path until it ends where it began: one cycle (K, n).
 
     Each stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and
@@ -125,8 +167,8 @@ def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
         size = float(np.abs(gap).max())
         if size < 1e-9:
             return Q[:-1]
-        moved = Q[1:] - grid[1:, None] * gap * min(1.0, LONGEST / size)
-        rest = on_path(cost.task, [*cost.targets[1:], cost.targets[0]], moved)
+        moved = Q[1:] - grid[1:, None] * gap * min(1.0, _LONGEST / size)
+        rest = _on_path(cost.task, [*cost.targets[1:], cost.targets[0]], moved)
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
@@ -135,7 +177,7 @@ def _closed(cost: ClosedMotionCost, Q: Array, grid: Array) -> Array:
     )
 
 
-def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -> Array:
+def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
     """Sample the first cycle of a motion at the points of the path: (K, n)."""
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
@@ -146,9 +188,207 @@ def _sampled(cost: ClosedMotionCost, guess: Motion, start: Array, grid: Array) -
     s = (t - t[0]) / (t[-1] - t[0])
     Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
     Q[: cost.first] = start
-    on_path = cost.moved(Q)
-    if on_path is None:
+    moved = cost.moved(Q)
+    if moved is None:
         raise InputError(
             ": it is too far from the path", argument="guess", remedy="omit it"
         )
-    return on_path
+    return moved
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Cost:
+    """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
+
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of
+    ``T q_k + λ_k / ρ_k`` over the joint limits less ``margin``, T the task's coordinate matrix, λ_k
+    the multipliers, w_k the inverse of the step length in s, and ρ_k the stiffness times the
+    point's share of the cycle. ``first`` is the index of the first configuration that is free: 0,
+    or 1 if the start is fixed.
+    """
+
+    task: Task
+    targets: list[Placement]
+    weights: Array  # (K,), 1 / step length
+    share: Array  # (K,), share of the cycle that a point stands for
+    first: int
+    margin: float
+    stiffness: float
+    multipliers: Array  # (K, n)
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        path: TaskPath,
+        grid: Array,
+        *,
+        free_start: bool,
+        margin: float = 0.0,
+    ) -> _Cost:
+        """Create the cost at the points s = ``grid`` of a path, with multipliers 0."""
+        targets = [path.placement(float(s)) for s in grid[:-1]]
+        lengths = np.diff(grid)
+        return cls(
+            task=task,
+            targets=targets,
+            weights=1 / lengths,
+            share=(lengths + np.roll(lengths, 1)) / 2,
+            first=0 if free_start else 1,
+            margin=margin + _INSIDE,
+            stiffness=1e4,
+            multipliers=np.zeros((len(targets), task.n)),
+        )
+
+    def excess(self, Q: Array, *, shifted: bool = True) -> Array:
+        """Excess of joint positions over the joint limits less the margin: (K, n), 0 inside.
+
+        If ``shifted``, the positions are those in the augmented Lagrangian, shifted by λ_k / ρ_k.
+        """
+        lower, upper, _ = self.task.joint_limits
+        joints = self.task.joints(Q)
+        if shifted:
+            joints = joints + self.multipliers / (self.stiffness * self.share[:, None])
+        kept = np.minimum(self.margin, (upper - lower) / 2)
+        return joints - np.clip(joints, lower + kept, upper - kept)
+
+    def value(self, Q: Array) -> float:
+        """Evaluate the augmented Lagrangian, up to a constant."""
+        chords = ((np.roll(Q, -1, axis=0) - Q) ** 2).sum(axis=1)
+        beyond = (self.excess(Q)[self.first :] ** 2).sum(axis=1)
+        stiff = self.stiffness * self.share[self.first :]
+        return float(self.weights @ chords + stiff @ beyond) / 2
+
+    def moved(self, Q: Array) -> Array | None:
+        """Move configurations (K, n) along J⁺ onto the path; None if one of them fails."""
+        moved = _on_path(self.task, self.targets[self.first :], Q[self.first :])
+        return None if moved is None else np.vstack([Q[: self.first], moved])
+
+    def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
+        """Compute a Newton step (K, n) along the null space, and its predicted decrease.
+
+        Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so that Newton's matrix is the
+        Gauss–Newton matrix plus the blocks ``−λᵀ (H N) N`` with ``λ = J⁺ᵀ ∇``, ∇ the gradient of
+        the cost. Unless ``exact``, only the convex parts of these blocks are used, and the matrix
+        is positive definite.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If Newton's matrix is not positive definite.
+        """
+        first, w = self.first, self.weights
+        free = Q[first:]
+        inverse, N = _inverses(self.task.jacobians(free))
+        ahead = w[:, None] * (np.roll(Q, -1, axis=0) - Q)  # (K, n)
+        beyond = self.excess(Q)[first:]
+        stiff = (self.stiffness * self.share[first:])[:, None]
+        T = self.task.coordinate_matrix
+        gradient = (np.roll(ahead, 1, axis=0) - ahead)[first:] + (stiff * beyond) @ T
+        TN = T @ N
+        own = w + np.roll(w, 1) + _DAMPING * self.share
+        diagonal = own[first:, None, None] * np.eye(N.shape[2])
+        diagonal = diagonal + np.swapaxes(TN, 1, 2) @ (
+            (stiff * (beyond != 0))[:, :, None] * TN
+        )
+        forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
+        bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(free))
+        bent = np.swapaxes(N, 1, 2) @ bent @ N
+        bent = (bent + np.swapaxes(bent, 1, 2)) / 2
+        diagonal = diagonal + (bent if exact else _convex(bent))
+        upper = -w[first:, None, None] * (np.swapaxes(N, 1, 2) @ np.roll(N, -1, axis=0))
+        slope = np.einsum("knr,kn->kr", N, gradient)
+        a = solve_block_tridiagonal(diagonal, upper, -slope, cyclic=not first)
+        step = np.vstack([np.zeros((first, Q.shape[1])), (N @ a[:, :, None])[:, :, 0]])
+        return step, -float((slope * a).sum()) / 2
+
+
+def _inverses(J: Array) -> tuple[Array, Array]:
+    """Evaluate J⁺ (K, n, m) and N (K, n, r) of Jacobians (K, m, n)."""
+    m = J.shape[1]
+    basis, R = row_factor(J, mode="complete")
+    inverse = np.swapaxes(
+        np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2
+    )
+    return inverse, basis[:, :, m:]
+
+
+def _convex(blocks: Array) -> Array:
+    """Replace the negative eigenvalues of symmetric blocks (K, r, r) by 0."""
+    values, vectors = np.linalg.eigh(blocks)
+    return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+
+
+def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
+    """Move configurations (K, n) along J⁺ to their target placements; None if one of them fails."""
+
+    def correction(Q: Array, rows: NDArray[np.intp]) -> Array:
+        errors = task.errors(Q, [targets[k] for k in rows])
+        return (pseudoinverse(task.jacobians(Q)) @ errors[:, :, None])[:, :, 0]
+
+    try:
+        moved, last = newton_rows(
+            correction, Q, longest=_LONGEST, tolerance=1e-7, iterations=20
+        )
+    except SingularityError:
+        return None
+    return moved if (last <= 1e-7).all() else None
+
+
+def _descended(cost: _Cost, Q: Array) -> Array:
+    """Minimise the cost from Q (K, n) by Newton's method with a line search: (K, n).
+
+    Where Newton's matrix is not positive definite, its convex approximation is used.
+
+    Raises
+    ------
+    SingularityError
+        If the descent does not converge.
+    """
+    value = cost.value(Q)
+    for _ in range(_ITERATIONS):
+        try:
+            step, decrease = cost.step(Q, exact=True)
+        except np.linalg.LinAlgError:
+            step, decrease = cost.step(Q, exact=False)
+        size = float(np.abs(step).max())
+        scale = min(1.0, _LONGEST / max(size, _LONGEST))
+        trial = cost.moved(Q + scale * step)
+        while trial is None or (cost.value(trial) >= value and scale * size > _SURE):
+            scale /= 2
+            if scale * size < _SURE / 10:
+                raise SingularityError(f"the minimum was not found: {_NEAR}")
+            trial = cost.moved(Q + scale * step)
+        Q, value = trial, cost.value(trial)
+        if size < _FLAT or decrease < _ROUNDING * value:
+            return Q
+    raise SingularityError(f"the minimum was not found in {_ITERATIONS} steps: {_NEAR}")
+
+
+def _within_limits(cost: _Cost, Q: Array) -> Array:
+    """Minimise the cost within the joint limits by the method of multipliers: (K, n).
+
+    The search begins at Q (K, n), which is on the path.
+
+    Raises
+    ------
+    InputError
+        If no motion within the limits is found.
+    SingularityError
+        If the descent does not converge.
+    """
+    while True:
+        Q = _descended(cost, Q)
+        beyond = cost.excess(Q, shifted=False)[cost.first :]
+        if np.abs(beyond).max() < _INSIDE / 2:
+            return Q
+        if cost.stiffness >= _STIFFEST:
+            raise InputError(
+                "no closed motion within the joint limits was found",
+                remedy="choose another start or a smaller path",
+            )
+        stiff = cost.stiffness * cost.share[:, None]
+        cost = replace(
+            cost, multipliers=stiff * cost.excess(Q), stiffness=5 * cost.stiffness
+        )

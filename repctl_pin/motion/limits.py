@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import (
@@ -21,6 +20,7 @@ from ..arguments import (
 )
 from ..errors import InputError
 from ..model.rules import NO_EFFORT
+from ..model.several_frames import one_frame
 from ..model.task import Task
 
 _PRESETS: dict[str, tuple[tuple[float, ...], str]] = {
@@ -78,10 +78,6 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     return np.where(
         np.isfinite(speed), speed / _FULL_SPEED, _UNLIMITED
     ), f"assumed: each joint reaches its speed limit in {_FULL_SPEED:g} s"
-
-
-_DIFFERENCE = 1e-5
-"""Joint step of the finite differences of the frame's placement, rad or m."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -185,8 +181,8 @@ class JointLimits:
     torque, dynamics
         Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
     tool
-        Function of q and q′ (K, n) → (K,): the fraction of the tool's speed limit used at
-        ṡ = 1; or None.
+        Function of q and dq/ds (K, n) → (K,): the tool's speed as a fraction of its limit if the
+        path q(s) is followed at ds/dt = 1; None without a limit.
     """
 
     velocity: Array
@@ -215,12 +211,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     what = "rp.Limits, such as rp.Limits(acceleration=5.0)"
     limits = require_type(limits, Limits, "limits", what)
     names = task.robot_joints
-    own = np.array(
-        [
-            task.robot.velocity_limit[task.robot.joint_names.index(name)]
-            for name in names
-        ]
-    )
+    own = task.joint_limits[2]
     given, tool = limits.velocity, limits.tool_speed
     assert limits.acceleration is not None  # the class refuses None
     found = JointLimits(
@@ -272,24 +263,18 @@ def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
     if np.size(np.asarray(most)) == 1:  # m/s alone
         omega_max = np.inf
 
-    def placed(joints: Array) -> pin.SE3:
-        return task.placement(
-            joints if task.coordinates is None else task.coordinates.coordinates(joints)
-        )
+    one_frame(task, "tool_speed")
 
     def share(Q: Array, Qdot: Array) -> Array:
-        found = np.zeros(len(Q))
-        for k, (q, qdot) in enumerate(zip(Q, Qdot, strict=True)):
-            size = float(np.linalg.norm(qdot))
-            if size > 0:
-                step = _DIFFERENCE / size
-                ahead = placed(q + step * qdot)
-                behind = placed(q - step * qdot)
-                v = np.linalg.norm(ahead.translation - behind.translation) / (2 * step)
-                omega = np.linalg.norm(pin.log3(ahead.rotation @ behind.rotation.T)) / (
-                    2 * step
-                )
-                found[k] = max(v / v_max, omega / omega_max)
-        return found
+        twists = task.twists(_own(task, Q), _own(task, Qdot))
+        v = np.linalg.norm(twists[:, :3], axis=1)
+        omega = np.linalg.norm(twists[:, 3:], axis=1)
+        return np.maximum(v / v_max, omega / omega_max)
 
     return share
+
+
+def _own(task: Task, joints: Array) -> Array:
+    """Convert positions or velocities (K, n) of the robot's own joints to those in ψ."""
+    change = task.coordinates
+    return joints if change is None else change.coordinates(joints)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arguments import Array, as_int, read_only
 from ..errors import InputError
-from .motion import Motion
+from .joint_motion import JointMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class TimedMotion:
     velocity: Array
     acceleration: Array
     stops: int
-    motion: Motion | None = None
+    motion: JointMotion | None = None
     jerk: Array | None = None
     trajectory: Any = field(default=None, repr=False, compare=False)
 

@@ -39,7 +39,7 @@ def _loaded() -> ctypes.CDLL | None:
         except OSError as error:
             cause = f"it does not load ({error})"
     warnings.warn(
-        f"no native library: {cause}, so governors and proofs over cells do not run; {_REMEDY}",
+        f"no native library: {cause}, so governors and proofs do not run; {_REMEDY}",
         UserWarning,
         stacklevel=4,
     )
@@ -98,7 +98,11 @@ CLOSING = _struct(ints="count", doubles="square chord", pointers="p R")
 CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result")
 """The struct Call of calls.c: the arguments of one thread."""
 
-GOVERNOR_CALL = _struct(pointers="arm state limits target twist q result", doubles="dt")
+GOVERNOR_CALL = _struct(
+    ints="room",
+    doubles="dt",
+    pointers="arm state limits target twist q result samples ways allows",
+)
 """The struct GovernorCall of governor_calls.c: the arguments of one governor."""
 
 TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains result")
@@ -123,13 +127,17 @@ LAW = _struct(
 )
 """The struct Law of runge_kutta.c: a control law, and the motion that it makes."""
 
-PROBLEM = _struct(
-    ints="P k n N r Z F F3",
-    doubles="eps beta",
-    pointers="R p a shift reach revolute level first column S o "
-    "Zq z0 kind parent variable third G C C3 T T4 E round",
+CHAIN = _struct(
+    ints="P k n N", pointers="R p a shift reach revolute level first column S o"
 )
-"""The struct Problem of leaf_margin_bounds.h."""
+"""The struct Chain of leaf_margin_bounds.h: the extended chain of one frame."""
+
+PROBLEM = _struct(
+    ints="frames n N r Z F F3",
+    doubles="eps beta",
+    pointers="frame Zq z0 kind parent variable third G C C3 T T4 E round",
+)
+"""The struct Problem of leaf_margin_bounds.h: chains of frames, and potentials."""
 
 SPACE = _struct(ints="k M", pointers="left right first starts")
 """The struct Space of taylor.h: the products of monomials."""
@@ -137,8 +145,8 @@ SPACE = _struct(ints="k M", pointers="left right first starts")
 CELL = _struct(
     ("chain", ctypes.c_void_p),
     ("space", SPACE),
-    ints="w terms F turning angled spun m removed turned slides",
-    doubles="tool columns",
+    ints="r w terms F turning angled spun m removed turned slides",
+    doubles="eps tool columns",
     pointers="parent variable used fourth parts rest blur near lower upper farthest "
     "o a d R0 D Omega angle spin way turn around twirl widths along beneath powers bases tips",
 )

@@ -1,8 +1,15 @@
 /* Taylor models of the gradient of an arm angle on boxes of joints: see docs/theory.md, "Proved, not sampled".
 
-   The same mathematics as arm_angle.py, LANES boxes at a time. */
+   With e the elbow and w the wrist, seen from the shoulder, rho = |w| and a = w x e, the gradient of the arm angle is that of
+   two forces, alpha at the elbow and beta at the wrist, which the shoulder balances: the moment about each revolute joint's
+   axis, the force along each prismatic one.
 
-#define MOST 165 /* monomials of eight variables */
+     alpha = rho a / |a|^2, beta = -(w.e) / rho a / |a|^2 + (w.r) (w x r) / (rho |w x r|^2)    conventional
+                                                       or + (w x t) / (rho (rho - w.t))        stereographic
+
+   LANES boxes at a time. */
+
+#define MOST 286 /* monomials of ten variables */
 #include "chain.h"
 #include "taylor.h"
 
@@ -19,22 +26,6 @@ typedef struct ArmAngle {
 typedef struct {
   Model R[3][3], o[3], origin[3], axis[3]; /* after the joint; its origin and axis */
 } Frame;
-
-/* x^s for x > 0; r is infinite where x may be 0. */
-static void power_model(const Space *g, const Model *x, double s, Model *out) {
-  Lanes f[4], fourth, round, reach = (size_of(x) - x->n[0] + x->r) * (1 + ROUND);
-  for (int l = 0; l < LANES; l++) {
-    double c = x->p[0][l], least = (c - reach[l]) * (1 - ROUND);
-    int sure = least > 0;
-    double v = c > 0 ? pow(c, s) : 0;
-    round[l] = sure ? ROUND * v : INFINITY;
-    for (int i = 0; i < 4; i++) f[i][l] = v, v = c > 0 ? v * ((s - i) / ((i + 1) * c)) : 0;
-    fourth[l] = sure ? fabs(s * (s - 1) * (s - 2) * (s - 3)) / 24 * pow(least, s - 4) : 0;
-  }
-  Lanes most = (x->n[1] + x->n[2] + x->n[3] + x->r) * (1 + ROUND);
-  series(g, x, f, 0, 0, out);
-  out->r += (fourth * most * most * most * most + round) * (1 + 8 * ROUND);
-}
 
 static void dot_model(const Space *g, const Model *x, const Model *y, Model *out) {
   Model one, sum;

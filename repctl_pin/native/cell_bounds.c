@@ -7,12 +7,12 @@
 #include "taylor.h"
 
 typedef struct Cell {
-  const Problem *chain;
+  const Chain *chain;
   Space space;
-  int w, terms, F, turning, angled, spun;  /* n (1 + r), monomials of the chart, and what moves the pose */
+  int r, w, terms, F, turning, angled, spun; /* potentials, n (1 + r), monomials of the chart, what moves the pose */
   int m, removed;                          /* coordinates of the task, and those that symmetries take out of u */
   int turned, slides;                      /* first column of R that the task controls, 3: none; base axes left free */
-  double tool, columns;                    /* the tool's distance, the largest column of S */
+  double eps, tool, columns;               /* rounding, the tool's distance, the largest column of S */
   const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
   const int *fourth;                       /* F 4: variables of the products of degree 4 */
   const double *parts, *rest, *blur;       /* M terms w, F w, w: derivatives, fourth ones, rounding */
@@ -32,71 +32,7 @@ typedef struct Margins {
   int *split;
 } Margins;
 
-/* The leaf margin on a box where A [J; V_c'] - I is known to first order in k variables of half-width 1: its slopes B,
-   and the bound R of all else. The last columns of A belong to V. */
-static double margin_of(const Problem *g, int k, double A[g->N][g->N], double R[g->N][g->N], const double *B_,
-                        double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n]) {
-  int n = g->n, N = g->N, r = g->r, split;
-  const double(*B)[N][N] = (const double(*)[N][N])B_;
-  double D[N][N], F[N][N], Y[N][N], dN[k][N][r];
-  double X[n][r], T[n][r], e[n][r], first[N][r], rough[N][r], h[k], share[k], round[6 + r], below, leaf = 0;
-  for (int i = 0; i < 6 + r; i++) round[i] = 0;
-  if (r > 1) turn_gauge(n, N, r, k, A, V, dV, rest, round);
-  double defect = split_inverse(g, A, V, X, T);
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) D[i][c] = R[i][c];
-  for (int j = 0; j < k; j++) {
-    h[j] = 1, share[j] = 0;
-    for (int i = 0; i < N; i++) {
-      for (int c = 0; c < N; c++) {
-        D[i][c] += fabs(B[j][i][c]);
-        if (i < n) share[j] += fabs(B[j][i][c]);
-      }
-      for (int a = 0; a < r; a++) {
-        double s = 0;
-        for (int c = 0; c < N; c++) s -= B[j][i][c] * A[c][6 + a];
-        dN[j][i][a] = s;
-      }
-    }
-  }
-  null_space_sizes(g, k, h, A, R, dN, F, first, rough);
-  for (int i = 0; i < N; i++)
-    for (int a = 0; a < r; a++)
-      for (int j = 0; j < k; j++)
-        for (int l = j; l < k; l++) {
-          double s = 0;
-          for (int c = 0; c < N; c++) s += B[j][i][c] * dN[l][c][a];
-          for (int c = 0; l > j && c < N; c++) s += B[l][i][c] * dN[j][c][a];
-          F[i][6 + a] += fabs(s);
-        }
-  if (!enclose_null_space(g, D, R, first, rough, F, Y, e)) return 0;
-  compare(g, k, h, X, T, V, dV, rest, defect, dN, first, e, share, spectral(n, r, &X[0][0], &below), &leaf, &split);
-  return leaf;
-}
-
 /* ---- Taylor models of the chart, the poses and the chain ---- */
-
-/* cos sqrt z, sin sqrt z / sqrt z, (1 - cos sqrt z) / z and (1 - sin sqrt z / sqrt z) / z at z from 0 to pi^2: sums of
-   (-z)^i / (2 i + m)! */
-static void exponential(const Space *g, const Model *z, Model *out) {
-  Lanes x = largest(z->p[0], 0);
-  double fourth = 1. / 40320;
-  for (int m = 0; m < 4; m++) {
-    Lanes f[4];
-    for (int j = 0; j < 4; j++) {
-      double term = j % 2 ? -1 : 1;
-      for (int i = 2; i <= 2 * j + m; i++) term /= i;
-      Lanes total = all(0), power = all(1);
-      for (int i = j; i < 24; i++) { /* binomial(i, j) (-1)^i z^(i - j) / (2 i + m)! */
-        total += term * power, power *= x;
-        term *= -(i + 1.) / (i + 1 - j) / ((2. * i + m + 1) * (2. * i + m + 2));
-      }
-      f[j] = total;
-    }
-    series(g, z, f, fourth, 1e-12, out + m);
-    fourth /= 9 + m;
-  }
-}
 
 /* R x, R by columns */
 static void apply_models(const Space *g, Model (*R)[3], const Model *x, Model *out) {
@@ -235,7 +171,7 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
 
 static void screw_model(const Cell *s, int l, Model (*R)[3], const Model *o, Model *xi) {
   const Space *g = &s->space;
-  const Problem *f = s->chain;
+  const Chain *f = s->chain;
   Model axis[3];
   if (f->level[l])
     for (int i = 0; i < 3; i++) constant(g, f->a[3 * l + i], axis + i);
@@ -250,7 +186,7 @@ static void screw_model(const Cell *s, int l, Model (*R)[3], const Model *o, Mod
 /* Move by one joint; by minus its position towards the base. */
 static void joint_model(const Cell *s, int l, const Model *theta, double sign, Model (*R)[3], Model *o) {
   const Space *g = &s->space;
-  const Problem *f = s->chain;
+  const Chain *f = s->chain;
   Model sine, cosine, x[3], e;
   if (!f->revolute[l]) {
     combine_columns(g, R, f->a + 3 * l, x);
@@ -287,7 +223,7 @@ static void twist_models(const Cell *s, Closure *f, const Model *p) {
       apply_models(g, f->base, x + 3, w), cross_models(g, p, w, moment);
       for (int i = 0; i < 3; i++) add(g, x + i, 1, moment + i, x + i), copy(g, w + i, x + 3 + i);
     }
-    Lanes size = s->chain->eps * (1 + length_of(x));
+    Lanes size = s->eps * (1 + length_of(x));
     for (int i = 0; i < 6; i++) x[i].r += size;
   }
 }
@@ -295,7 +231,7 @@ static void twist_models(const Cell *s, Closure *f, const Model *p) {
 /* The screws of the chain at q_ref, (P 6,), the displacement from its frame to the pose, and the pose's twists. */
 static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *f) {
   const Space *g = &s->space;
-  const Problem *c = s->chain;
+  const Chain *c = s->chain;
   Model e[3], y[3], turned[3];
   for (int way = 0; way < 2; way++) {
     Model(*R)[3] = way ? f->base : f->R, *o = way ? f->o : f->tip;
@@ -346,10 +282,10 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
   else
     for (int l = 0; l < 3; l++) scale(g, 0.5, f->xi + 3 + l);
   cross_models(g, f->tip, f->xi + 3, y);
-  f->sizes[0] = length_of(f->tip) + c->eps, f->sizes[1] = length_of(e) + c->eps;
-  f->sizes[2] = length_of(f->xi + 3) + c->eps;
+  f->sizes[0] = length_of(f->tip) + s->eps, f->sizes[1] = length_of(e) + s->eps;
+  f->sizes[2] = length_of(f->xi + 3) + s->eps;
   for (int i = 0; i < 3; i++) add(g, e + i, 1, y + i, f->xi + i);
-  for (int i = 0; i < 6; i++) f->xi[i].r += c->eps * (1 + f->sizes[0]);
+  for (int i = 0; i < 6; i++) f->xi[i].r += s->eps * (1 + f->sizes[0]);
 }
 
 /* ---- one box ---- */
@@ -371,7 +307,7 @@ typedef struct {
    numbers, and B (n, rows, N) = A dJ. For a mean over q, mean bounds the mean of |q - q_0|; else it is near. */
 static void beside_chart(const Cell *s, int rows, int pitch, const double *A, const double *B, const double *q,
                          const double *wide, const double *near, const double *mean, double *R) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int n = g->n, N = g->N, P = g->P;
   double both[n], theta[P], eta[P], one_v[N], one_w[N], two_v[N], two_w[N], total = 0, slides = 0, longest = 0;
   for (int i = 0; i < n; i++) both[i] = wide[i] + near[i];
@@ -382,7 +318,7 @@ static void beside_chart(const Cell *s, int rows, int pitch, const double *A, co
     if (!g->revolute[l]) slides += fabs(theta[l]) + eta[l];
     if (g->reach[l] > longest) longest = g->reach[l];
   }
-  double size = 1 + 2 * total, v = g->eps * s->columns * (1 + longest + slides) * size, w = g->eps * s->columns * size;
+  double size = 1 + 2 * total, v = s->eps * s->columns * (1 + longest + slides) * size, w = s->eps * s->columns * size;
   for (int i = 0; i < rows; i++) {
     const double *x = A + i * pitch;
     double tiny = (fabs(x[0]) + fabs(x[1]) + fabs(x[2])) * v + (fabs(x[3]) + fabs(x[4]) + fabs(x[5])) * w;
@@ -397,7 +333,7 @@ static void beside_chart(const Cell *s, int rows, int pitch, const double *A, co
 
 /* By how much the middle link turns and moves while q is within near of q_ref. */
 static void middle_link(const Cell *s, const Lane *at, const double *near, double *turned, double *moved) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   double off[g->P], away[g->P], theta[g->P], both[g->n], slides = 0;
   for (int i = 0; i < g->n; i++) both[i] = at->wide[i] + near[i];
   angles_of(g, at->q, near, theta, off), angles_of(g, at->q, both, theta, away);
@@ -412,7 +348,7 @@ static void middle_link(const Cell *s, const Lane *at, const double *near, doubl
 
 /* Bound |F - q_ref| by lifting the way from f(q_ref) to x, within near of q_ref: (n,). */
 static int distance(const Cell *s, const Lane *at, const double *norms, double *D, const double *near, double *Y_) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int n = g->n, N = g->N;
   double F[N][N], Y[N][N], DY[N][N], turned, moved;
   middle_link(s, at, near, &turned, &moved);
@@ -423,10 +359,10 @@ static int distance(const Cell *s, const Lane *at, const double *norms, double *
   linear += turned * (at->e + at->p * angle + at->e * angle) + moved * angle;
   for (int i = 0; i < N; i++) {
     double load = at->step[i] + norms[2 * i] * linear + norms[2 * i + 1] * angular;
-    for (int c = 0; c < N; c++) F[i][c] = load * (1 + g->eps) + 1e-15;
+    for (int c = 0; c < N; c++) F[i][c] = load * (1 + s->eps) + 1e-15;
   }
-  if (!enclose(N, g->eps, (double(*)[N])D, F, Y, DY)) return 0;
-  for (int i = 0; i < n; i++) Y_[i] = Y[i][0] * (1 + g->eps);
+  if (!enclose(N, s->eps, (double(*)[N])D, F, Y, DY)) return 0;
+  for (int i = 0; i < n; i++) Y_[i] = Y[i][0] * (1 + s->eps);
   return 1;
 }
 
@@ -482,11 +418,13 @@ static int left_rest(double eps, const double *rho, double off[6][6], double *z)
    twists are seen from the middle link at q_0: those of the pose are then known, and J at F is turned and moved. */
 static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_, double C[6][6], const double *dJ,
                                 const double *Y, double *out) {
-  const Problem *g = s->chain;
-  int n = g->n, N = g->N, r = g->r, k = s->space.k, m = s->m, rows = N + r;
-  double eps = g->eps, V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], R[N * N], slopes[k * N * N];
+  const Chain *g = s->chain;
+  int n = g->n, N = g->N, r = s->r, k = s->space.k, m = s->m, rows = N + r;
+  double eps = s->eps, V[r][n], U[r][r], G[r][r], X[N][N], dV[r][n][k], rest[r][n], R[N][N], slopes[k][N][PADDED(N)];
   double eye[36], beside[rows * N], plain[6 * N], BW[n * rows * N], off[6][6], away[2][N], V_rest[r][n];
-  double turned, moved;
+  double turned, moved, h[k], Z[N][N], center, leaf;
+  char on[k][N];
+  int split = 0;
 
   for (int i = 0; i < 36; i++) eye[i] = i % 7 == 0;
   for (int i = 0; i < rows * N; i++) beside[i] = 0;
@@ -557,6 +495,7 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
       for (int e = f; e < r; e++) X[i][6 + f] += A_[i * N + 6 + e] * U[f][e];
     }
   }
+  memset(slopes, 0, sizeof slopes);
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) {
       double v = -(i == c), size = 1, e = at->Wrest[i * N + c] + beside[i * N + c];
@@ -568,8 +507,8 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
         double part = A_[i * N + 6 + f] * at->V[f * n + c];
         v += part, size += fabs(part);
       }
-      R[i * N + c] = fabs(v) + e + eps * (size + e);
-      for (int j = 0; j < k; j++) slopes[(j * N + i) * N + c] = at->Wfirst[(j * rows + i) * N + c];
+      R[i][c] = fabs(v) + e + eps * (size + e);
+      for (int j = 0; j < k; j++) slopes[j][c][i] = at->Wfirst[(j * rows + i) * N + c];
     }
   for (int f = 0; f < r; f++)
     for (int i = 0; i < n; i++) {
@@ -580,13 +519,16 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
         for (int a = 0; a < k; a++) dV[f][i][a] += at->dV[(a * r + e) * n + i] * G[e][f];
       }
     }
-  return margin_of(g, k, X, (double(*)[N])R, slopes, V, dV, rest);
+  for (int a = 0; a < k; a++) h[a] = 1;
+  memset(on, 1, sizeof on);
+  margin_on(n, N, r, k, eps, h, X, R, slopes, on, V, dV, rest, Z, &leaf, &center, &split);
+  return leaf;
 }
 
 /* Lambda where both solutions close to one pose. */
 static int of_frames(const Cell *s, const double *step, const double *most, const double *o, double *linear,
                      double *angular) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int P = g->P;
   double H[P], W[P], before = 0, beyond = 0, V_2 = 0, sum = 0;
   for (int l = 0; l < P; l++) {
@@ -614,7 +556,7 @@ static int of_frames(const Cell *s, const double *step, const double *most, cons
 
 /* Lambda where both close to one position; loose is added to it in the rows of the free rotations. */
 static int of_points(const Cell *s, const double *step, double *linear, double *loose) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int P = g->P;
   double Omega = 0;
   for (int l = 0; l < g->k; l++)
@@ -642,7 +584,7 @@ static int of_points(const Cell *s, const double *step, double *linear, double *
 
 /* Bound int J delta dt by Lambda |delta| for |delta| <= steps, and add |A| Lambda to D. */
 static int commutator(const Cell *s, const double *norms, const double *steps, double *D) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int n = g->n, N = g->N, P = g->P;
   double zero[n], o[P], step[P], most[P], linear[N], angular[N], loose[N], turned = 0;
   for (int i = 0; i < n; i++) zero[i] = 0;
@@ -666,9 +608,9 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
 /* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. */
 static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], const double *B,
                          const double *dJ, long box, const Margins *out) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int n = g->n, N = g->N, P = g->P, k = s->space.k;
-  double eps = g->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
+  double eps = s->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
   double F[N][N], Z[N][N], DZ[N][N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
   for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
   for (int i = 0; i < N; i++) norms[2 * i] = norm(A + i * N), norms[2 * i + 1] = norm(A + i * N + 3);
@@ -710,7 +652,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) F[i][c] = fabs(A[i * N + c]) + eps;
   if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* a right inverse of J */
-  out->leaf[box] = leaf_margin_along(s, at, A, C, dJ, Y, out->V ? out->V + box * g->r * n * (2 + k) : 0);
+  out->leaf[box] = leaf_margin_along(s, at, A, C, dJ, Y, out->V ? out->V + box * s->r * n * (2 + k) : 0);
   if (!(out->leaf[box] > 0)) return;
   for (int i = 0; i < n; i++)
     for (int c = 0; c < 6; c++) square += Z[i][c] * Z[i][c];
@@ -747,7 +689,7 @@ static void rows_times(const Cell *s, int count, const Lanes *rows, const Model 
       }
       for (int x = 0; x < high; x++) {
         const Model *y = J + x * down + c * across;
-        e += absolute(rows[i * high + x]) * (y->r + s->chain->eps * size_of(y));
+        e += absolute(rows[i * high + x]) * (y->r + s->eps * size_of(y));
       }
       rest[i * columns + c] = e;
     }
@@ -755,7 +697,7 @@ static void rows_times(const Cell *s, int count, const Lanes *rows, const Model 
 
 /* A (J_V) - 1 at q_0(u): slopes and the rest; and |A (xi, -label)|. */
 static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, Lanes *rest, Lanes *step) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   int N = g->N, M = s->space.M;
   rows_times(s, N, A, w->J, N, N, N, 1, first, rest);
   for (int i = 0; i < N; i++) {
@@ -773,9 +715,9 @@ static void after_A(const Cell *s, const Work *w, const Lanes *A, Lanes *first, 
     }
     for (int x = 0; x < N; x++) {
       const Model *y = x < 6 ? w->closure.xi + x : w->label + x - 6;
-      sum += absolute(A[i * N + x]) * (y->r + g->eps * size_of(y));
+      sum += absolute(A[i * N + x]) * (y->r + s->eps * size_of(y));
     }
-    step[i] = sum * (1 + g->eps);
+    step[i] = sum * (1 + s->eps);
   }
 }
 
@@ -803,7 +745,7 @@ static void derivative(const Cell *s, const Model *x, int c, int a, const Lanes 
    that symmetries removed, 0 along the others; and bounds of |dn_ref|, (r, m, n). */
 static void w_models(const Cell *s, const Model *chart, const Model *eta, const Lanes *h, Model *w, Lanes *steep) {
   const Space *g = &s->space;
-  int n = s->chain->n, r = s->chain->r, k = g->k, x = 1 + r;
+  int n = s->chain->n, r = s->r, k = g->k, x = 1 + r;
   Model slope, part;
   for (int i = 0; i < r * s->m * n; i++) steep[i] = all(0);
   for (int f = 0; f < r; f++)
@@ -851,7 +793,7 @@ static void residual(const Cell *s, const Work *work, const Model *w, const Mode
 
 /* |row x - less| for a column x of six models */
 static Lanes size_after(const Cell *s, const Lanes *row, const Model **x, double less) {
-  double eps = s->chain->eps;
+  double eps = s->eps;
   Lanes e = all(eps);
   for (int m = 0; m < s->space.M; m++) {
     Lanes v = all(m == 0 ? -less : 0);
@@ -867,8 +809,8 @@ static Lanes size_after(const Cell *s, const Lanes *row, const Model **x, double
 static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, Lanes (*C)[6], Lanes *away, Lanes *left,
                              Lanes *off, Lanes *K_most) {
   const Space *g = &s->space;
-  int n = s->chain->n, N = s->chain->N, r = s->chain->r;
-  double eps = s->chain->eps;
+  int n = s->chain->n, N = s->chain->N, r = s->r;
+  double eps = s->eps;
   Model rho[6], part;
   for (int f = 0; f < r; f++) {
     Model *W = work->W + 6 * f;
@@ -931,9 +873,9 @@ static void lanes_of(int l, int count, const Lanes *x, double *out) {
 
 static void some_boxes(const Cell *s, const double *U, const double *half, const double *shift, long at, int count,
                        Work *w, const Margins *out) {
-  const Problem *g = s->chain;
+  const Chain *g = s->chain;
   const Space *sp = &s->space;
-  int n = g->n, N = g->N, P = g->P, r = g->r, k = sp->k, x = 1 + r, m_ = s->m, rows = N + r;
+  int n = g->n, N = g->N, P = g->P, r = s->r, k = sp->k, x = 1 + r, m_ = s->m, rows = N + r;
   Lanes u[k], h[k], A[N * N], first[k * N * N], rest[N * N], step[N];
   Lanes W[rows * 6], Wfirst[k * rows * N], Wrest[rows * N], steep[r * m_ * n], C[6][6], W_away[r * 6], rho[r * 6], off[36], K_most[6 * N];
   for (int a = 0; a < k; a++)
@@ -976,11 +918,12 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   int regular[LANES];
   for (int i = 0; i < n; i++) zero[i] = 0;
   for (int l = 0; l < LANES; l++) {
-    double J[N][6], dJ[n][N][6], M[N][N], E[6][6], linear[N], angular[N];
+    double J[N][6], dJ[n][N][6], M[N][N], E[6][6];
     char turns[n][N];
     for (int i = 0; i < n; i++) q[l][i] = Q[i].p[0][l];
     angles_of(g, q[l], zero, theta, none);
-    columns(g, theta, none, J, dJ, turns, linear, angular);
+    memset(J, 0, sizeof J), memset(turns, 0, sizeof turns);
+    columns(g, theta, 0, 6, J, dJ, turns);
     for (int i = 0; i < N; i++)
       for (int c = 0; c < N; c++) M[i][c] = w->J[i * N + c].p[0][l];
     for (int i = 0; i < 6; i++)
@@ -1048,14 +991,14 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
    slopes, are the rows of shift, (K, n, 1 + k). */
 EXPORT int LEVELLED(cell_bounds)(const Cell *s, long K, const double *U, const double *half, const double *shift,
                                  const Margins *out) {
-  const Problem *g = s->chain;
-  size_t models = s->w + 6 * g->P + g->n + g->N * g->N + g->r * (s->m + 1 + 6 + g->n) + g->n;
+  const Chain *g = s->chain;
+  size_t models = s->w + 6 * g->P + g->n + g->N * g->N + s->r * (s->m + 1 + 6 + g->n) + g->n;
   Model *memory = malloc(models * sizeof(Model));
   Work *w = malloc(sizeof(Work));
   if (memory && w) {
     w->chart = memory, w->screws = memory + s->w, w->J = w->screws + 6 * g->P + g->n, w->w = w->J + g->N * g->N;
-    w->label = w->w + g->r * s->m, w->W = w->label + g->r, w->V = w->W + 6 * g->r;
-    w->eta = w->V + g->r * g->n;
+    w->label = w->w + s->r * s->m, w->W = w->label + s->r, w->V = w->W + 6 * s->r;
+    w->eta = w->V + s->r * g->n;
     for (long i = 0; i < K; i += LANES) some_boxes(s, U, half, shift, i, K - i < LANES ? K - i : LANES, w, out);
   }
   int done = memory && w;

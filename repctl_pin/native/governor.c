@@ -254,9 +254,13 @@ static int affords(Governor *g, const Plan *plan) {
   return g->left >= 0;
 }
 
-static void plan_take(Governor *g) {
+/* Take a plan within the limits, unless a function does not allow it; return OK, or the status of that function. */
+static int plan_take(Governor *g) {
+  const int status = g->allows ? g->allows(g->guard, &g->plan[1 - g->taken]) : OK;
+  if (status != OK) return status;
   g->taken = 1 - g->taken;
   g->tick = 0;
+  return OK;
 }
 
 /* Add a stop to a plan, as short as the limits allow; take the plan if it serves. */
@@ -293,8 +297,7 @@ static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, con
     if (!(before <= 1.0)) return SLOWED;
     if (after <= 1.0) {
       g->longer = 0.98 * g->longer > 1.0 ? 0.98 * g->longer : 1.0;
-      plan_take(g);
-      return OK;
+      return plan_take(g);
     }
     g->longer *= 1.05 * after < 1.6 ? 1.05 * after : 1.6;
     if (g->longer > 4.0) g->longer = 4.0;
@@ -360,8 +363,7 @@ static int try_landing(const Arm *arm, Governor *g, const Now *now, const double
   if (!plan_append_long(arm, g, plan, travel) || !can_leave(arm, plan->q, now)) return 0;
   if (!affords(g, plan)) return 0;
   if (!shares_used(arm, g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
-  plan_take(g);
-  return 1;
+  return plan_take(g) == OK;
 }
 
 /* Tell whether joint speeds are negligible. */
@@ -448,7 +450,7 @@ static int other_way(const Arm *arm, Governor *g, const Pose *target, int rests)
 
 /* Count the plans without progress. */
 static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status) {
-  int slow = status == LIMIT || status == OUTSIDE || status == SINGULAR;
+  int slow = status != OK && status != SLOWED;
   (void)arm;
   for (int i = 0; i < N; i++)
     if (!(fabs(now->qdot[i]) < 0.02 * g->limits.velocity[i])) slow = 0;
@@ -558,6 +560,8 @@ static int start_at_rest(const Arm *arm, Governor *g, const double q[], double d
   g->pace = g->longer = 1.0;
   g->reach = 0.15;
   g->status = g->cause = OK;
+  g->allows = NULL;
+  g->guard = NULL;
   return OK;
 }
 

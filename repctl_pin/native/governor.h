@@ -56,7 +56,8 @@ typedef struct {
   int begun, known, found;
 } Line;
 
-/* State of a governor, owned by the caller. Its members are read and written by its functions only. */
+/* State of a governor, owned by the caller. Its members are read and written by its functions only. No function
+   allows: every plan within the limits is taken. */
 typedef struct {
   Limits limits;
   Plan plan[2];
@@ -68,6 +69,8 @@ typedef struct {
   int taken, turn, left, outside, heeds_target, stuck, by_joints, exhausted;
   int status, cause;
   int started;
+  int (*allows)(void *guard, const Plan *plan); /* a status: OK takes a plan */
+  void *guard;
 } Governor;
 #endif
 

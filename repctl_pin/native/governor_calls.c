@@ -6,7 +6,10 @@
 #include "governor.h"
 #include "torque.h"
 
+enum { BODIES = LIMIT + 1 }; /* status: the bodies do not allow a plan */
+
 typedef struct {
+  int room; /* samples of a plan, at most */
   double dt;
   const Arm *arm;
   Governor *state;         /* governor_bytes() */
@@ -14,6 +17,8 @@ typedef struct {
   const double *target;    /* 16 FRAMES: [R p; 0 1] by rows */
   const double *twist, *q; /* 6 FRAMES, N: where it begins */
   double *result;          /* N */
+  double *samples, *ways;  /* room N: of a plan, and the ways of the joints up to them */
+  int (*allows)(int count);
 } GovernorCall;
 
 EXPORT long governor_bytes(void) { return (long)sizeof(Governor); }
@@ -39,11 +44,41 @@ EXPORT int call_governor_start(const GovernorCall *call) {
   return govern_from(arm, call->state, call->q, call->dt, &limits);
 }
 
+/* Sample a plan, from the present joints to rest, and ask whether it is allowed. */
+static int ask(void *guard, const Plan *plan) {
+  const GovernorCall *call = (const GovernorCall *)guard;
+  const Arm *arm = call->arm;
+  const long ticks = (long)ceil(plan->time / call->dt), stride = (ticks - 1) / (call->room - 1) + 1;
+  double q[MOST_N], way[MOST_N];
+  int count = 0;
+  for (int i = 0; i < N; i++) {
+    q[i] = call->state->history[2][i];
+    way[i] = 0.0;
+  }
+  for (long k = 0; k <= ticks; k++) {
+    double next[MOST_N];
+    plan_at(arm, plan, (double)k * call->dt, next);
+    for (int i = 0; i < N && k > 0; i++) {
+      way[i] += fabs(next[i] - q[i]);
+      q[i] = next[i];
+    }
+    if (k % stride != 0 && k != ticks) continue;
+    for (int i = 0; i < N; i++) {
+      call->samples[count * N + i] = q[i];
+      call->ways[count * N + i] = way[i];
+    }
+    count++;
+  }
+  return call->allows(count) == 1 ? OK : BODIES;
+}
+
 /* bits of given: 1 target, 2 twist */
 EXPORT int call_governor_step(const GovernorCall *call, int given) {
   const Arm *arm = call->arm;
   Pose target[FRAMES];
   read_poses(arm, call->target, target);
+  call->state->allows = call->allows ? ask : NULL;
+  call->state->guard = (void *)call;
   return govern(arm, call->state, given & 1 ? target : NULL, given & 2 ? call->twist : NULL, call->result);
 }
 

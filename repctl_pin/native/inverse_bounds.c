@@ -10,12 +10,11 @@
 
 #include "chain.h"
 #include "leaf_margin_bounds.h"
-#include "levels.h"
 
 static double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]; }
 
 /* The slopes of the tool in the middle link's frame, and a bound of what they leave out. */
-static double tool_slopes(const Problem *g, const double *theta, const double *eta, double (*xi)[6], const double *tip,
+static double tool_slopes(const Chain *g, const double *theta, const double *eta, double (*xi)[6], const double *tip,
                           double (*dd)[3]) {
   double H_R = 0, H_P = 0, L = g->k < g->P ? g->reach[g->P - 1] : 0, x[3];
   for (int j = 0; j < g->n; j++) dd[j][0] = dd[j][1] = dd[j][2] = 0;
@@ -56,107 +55,30 @@ typedef struct {
 } Rows;
 
 static void one_box(const Problem *g, const double *q, const double *h, const double *arms, const Rows *rows) {
-  const int P = g->P, n = g->n, N = g->N, r = g->r;
+  const Chain *chain = g->frame;
+  const int P = chain->P, n = g->n, N = g->N, r = g->r;
   const double eps = g->eps;
-  double theta[P], eta[P], xi[P][6], tip[3], dd[n][3], J[N][6], dJ[n][N][6], linear[N], angular[N];
-  double V[r][n], dV[r][n][n], rest[r][n], round[6 + r];
-  char turns[n][N];
+  double theta[P], eta[P], xi[P][6], tip[3], dd[n][3], A[N][N], R[N][N], B[n][N][PADDED(N)], D[N][N], F[N][N], Y[N][N];
+  double V[r][n], dV[r][n][n], rest[r][n], round[N], Z[N][6], dZ[n][N][6], first[N][6], rough[N][6], share[n];
+  char on[n][N];
   for (int i = 0; i < n; i++) rows->bound[i] = INFINITY, rows->value[i] = 0;
-  *rows->split = 0;
-  for (int j = 1; j < n; j++)
-    if (h[j] > h[*rows->split]) *rows->split = j;
-  angles_of(g, q, h, theta, eta);
-  columns(g, theta, eta, J, dJ, turns, linear, angular);
-  screws(g, theta, xi, tip);
-  const double bent = tool_slopes(g, theta, eta, xi, tip, dd) + eps * g->beta;
-  for (int i = 0; i < 6; i++) round[i] = g->round[i];
-  if (!bound_potentials(g, q, h, arms, V, dV, rest, round)) return;
-
-  double M[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], DY[N][N], Z[N][6], dZ[n][N][6], share[n];
-  for (int c = 0; c < N; c++) {
-    for (int a = 0; a < 6; a++) M[a][c] = J[c][a];
-    for (int a = 0; a < r; a++) M[6 + a][c] = c < n ? V[a][c] : 0;
-  }
-  if (!invert(N, M, A)) return;
-  for (int i = 0; i < N; i++) {
+  *rows->split = widest(n, h);
+  if (!expand(g, q, h, arms, 1, A, R, B, on, V, dV, rest, round)) return;
+  angles_of(chain, q, h, theta, eta);
+  screws(chain, theta, xi, tip);
+  const double bent = tool_slopes(chain, theta, eta, xi, tip, dd) + eps * g->beta;
+  for (int i = 0; i < N; i++) { /* of the twist about the tool */
     const double *x = A[i];
-    double tiny = 0;
-    for (int a = 0; a < 6 + r; a++) tiny += fabs(x[a]) * round[a];
-    for (int c = 0; c < N; c++) {
-      double s = -(i == c), e = tiny + norm(x) * linear[c] + norm(x + 3) * angular[c];
-      for (int a = 0; a < 6; a++) s += x[a] * J[c][a];
-      if (c < n)
-        for (int a = 0; a < r; a++) s += x[6 + a] * V[a][c], e += fabs(x[6 + a]) * rest[a][c];
-      D[i][c] = R[i][c] = e + fabs(s);
-    }
-    cross(x, tip, Z[i] + 3); /* of the twist about the tool */
+    cross(x, tip, Z[i] + 3);
     for (int k = 0; k < 3; k++) Z[i][k] = x[k], Z[i][3 + k] += x[3 + k];
+    for (int c = 0; c < N; c++) F[i][c] = eps;
+    for (int k = 3; k < 6; k++) F[i][k] += eps * (norm(x) * g->beta + norm(x + 3)); /* rounding of Z_c */
   }
   for (int i = 0; i < n; i++) rows->value[i] = norm(Z[i]) + rows->ratio * norm(Z[i] + 3);
-
-  for (int j = 0; j < n; j++) { /* B_j, column by column, and Z_j */
-    share[j] = 0;
-    for (int i = 0; i < N; i++)
-      for (int k = 0; k < 6; k++) dZ[j][i][k] = 0;
-    if (h[j] == 0) continue;
-    for (int c = 0; c < N; c++) {
-      if (!turns[j][c] && c >= n) continue;
-      for (int i = 0; i < N; i++) {
-        const double *x = A[i];
-        double s = turns[j][c] ? dot6(x, dJ[j][c]) : 0;
-        if (c < n)
-          for (int a = 0; a < r; a++) s += x[6 + a] * dV[a][c][j];
-        D[i][c] += h[j] * fabs(s);
-        share[j] += h[j] * fabs(s);
-        for (int k = 0; k < 6; k++) dZ[j][i][k] -= s * Z[c][k];
-      }
-    }
-  }
+  deviation(N, n, N, h, R, B, on, D, share);
   for (int j = 0; j < n; j++)
     if (share[j] > share[*rows->split]) *rows->split = j;
-
-  double rough[N][6];
-  for (int i = 0; i < N; i++) {
-    for (int c = 0; c < N; c++) F[i][c] = eps;
-    for (int k = 3; k < 6; k++) F[i][k] += eps * (norm(A[i]) * g->beta + norm(A[i] + 3)); /* rounding of Z_c */
-    for (int k = 0; k < 6; k++) {
-      rough[i][k] = 0;
-      for (int c = 0; c < N; c++) rough[i][k] += R[i][c] * fabs(Z[c][k]);
-    }
-  }
-  for (int c = 0; c < N; c++)
-    for (int k = 0; k < 6; k++) {
-      double first = 0;
-      for (int j = 0; j < n; j++) first += h[j] * fabs(dZ[j][c][k]);
-      for (int i = 0; i < N; i++) F[i][k] += R[i][c] * first + D[i][c] * rough[c][k];
-    }
-  for (int j = 0; j < n; j++) /* second order: |B_j Z_l + B_l Z_j| for j < l, |B_j Z_j| */
-    for (int l = j; l < n; l++) {
-      const double both = h[j] * h[l];
-      double X[6 + r][6];
-      if (both == 0) continue;
-      for (int a = 0; a < 6 + r; a++)
-        for (int k = 0; k < 6; k++) X[a][k] = 0;
-      for (int c = 0; c < N; c++) {
-        if (turns[j][c])
-          for (int a = 0; a < 6; a++)
-            for (int k = 0; k < 6; k++) X[a][k] += dJ[j][c][a] * dZ[l][c][k];
-        if (turns[l][c] && l > j)
-          for (int a = 0; a < 6; a++)
-            for (int k = 0; k < 6; k++) X[a][k] += dJ[l][c][a] * dZ[j][c][k];
-        if (c < n)
-          for (int a = 0; a < r; a++)
-            for (int k = 0; k < 6; k++)
-              X[6 + a][k] += dV[a][c][j] * dZ[l][c][k] + (l > j ? dV[a][c][l] * dZ[j][c][k] : 0);
-      }
-      for (int i = 0; i < N; i++)
-        for (int k = 0; k < 6; k++) {
-          double s = 0;
-          for (int a = 0; a < 6 + r; a++) s += A[i][a] * X[a][k];
-          F[i][k] += both * fabs(s);
-        }
-    }
-  if (!enclose(N, eps, D, F, Y, DY)) return;
+  if (!enclose_columns(N, n, 6, 0, eps, h, R, D, B, on, Z, F, dZ, first, rough, Y)) return;
 
   double moved = bent, shares = 0, worst = 0, grows[n];
   for (int j = 0; j < n; j++) moved += h[j] * norm(dd[j]), shares += share[j], grows[j] = h[j];
@@ -182,12 +104,11 @@ static void one_box(const Problem *g, const double *q, const double *h, const do
     if (grows[j] > grows[*rows->split]) *rows->split = j;
 }
 
-int LEVELLED(inverse_bounds)(const Problem *g, long K, const double *Q, const double *half, const double *arms,
-                             const double *most, double ratio, double *bound, double *value, int *split) {
+EXPORT void inverse_bounds(const Problem *g, long K, const double *Q, const double *half, const double *arms,
+                           const double *most, double ratio, double *bound, double *value, int *split) {
   const long n = g->n, size = g->r * (n * n + 2 * n + 1);
   for (long i = 0; i < K; i++) {
     const Rows rows = {ratio, most + i * n, bound + i * n, value + i * n, split + i};
     one_box(g, Q + i * n, half + i * n, arms ? arms + i * size : 0, &rows);
   }
-  return 0;
 }

@@ -1,9 +1,20 @@
 /* Lower bounds of the leaf margin over boxes of joint space: see docs/theory.md, "Proved, not sampled".
 
-   The same mathematics as leaf_margin_bounds.py, one box at a time. No rounding is switched: bounds of it are added. */
+   One box at a time. No rounding is switched: bounds of it are added.
+
+   With J_c = [J; V_c'], V_c the value of V at the centre of a box, and any A about its inverse,
+
+     A J_c - 1 = sum delta_j B_j + E, |E| <= R, |A J_c - 1| <= D = R + sum h_j |B_j|,
+     F + D Y <= Y, Y > 0: J_c is regular, |J_c^-1| <= Y with F = |A|.
+
+   The last r columns N of J_c^-1 span the null space of J; they are expanded to second order. Relative to the span of V_c,
+   the null space and the span of V are the graphs of linear maps T and P to its complement. With S = (T - P)(I + P'T)^-1
+
+     leaf margin >= 1 / sqrt(1 + |S|^2 (1 + |P|^2)). */
+
+#include "leaf_margin_bounds.h"
 
 #include "chain.h"
-#include "leaf_margin_bounds.h"
 
 static void screw(const double *R, const double *o, const double *a, int revolute, double *xi) {
   double w[3];
@@ -15,7 +26,7 @@ static void screw(const double *R, const double *o, const double *a, int revolut
 }
 
 /* Move a frame by joint l, forwards or backwards. */
-static void move_by(const Problem *g, int l, double theta, int sign, double *R, double *o) {
+static void move_by(const Chain *g, int l, double theta, int sign, double *R, double *o) {
   double E[9], x[3];
   if (g->revolute[l]) {
     turn(g->a + 3 * l, sign * sin(theta), cos(theta), E);
@@ -29,7 +40,7 @@ static void move_by(const Problem *g, int l, double theta, int sign, double *R, 
 static const double EYE[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 
 /* Joint screws (v, omega) in the middle link's frame, and the origin of the last joint. */
-void screws(const Problem *g, const double *theta, double (*xi)[6], double *tip) {
+void screws(const Chain *g, const double *theta, double (*xi)[6], double *tip) {
   double R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, o[3], x[3];
   for (int i = 0; i < 3; i++) o[i] = tip[i] = -g->shift[i];
   for (int l = g->k; l < g->P; l++) {
@@ -77,7 +88,7 @@ int invert(int N, double B[N][N], double A[N][N]) {
 }
 
 /* Bound the spectral norm of X (n, r), rows r apart: lambda <= (tr G^256)^(1/256), and >= (tr G^256 / r)^(1/256). */
-double spectral(int n, int r, const double *X, double *below) {
+static double spectral(int n, int r, const double *X, double *below) {
   double G[r][r], H[r][r], scale = 0, power = 1;
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
@@ -106,9 +117,9 @@ double spectral(int n, int r, const double *X, double *below) {
 
 /* Evaluate V, its slopes and the bound of the rest, in a gauge with orthonormal columns. What arm angles add to V, its
    slopes, the rest and the rounding is given, if there are any: n, n n, n and 1 numbers for each potential. */
-int bound_potentials(const Problem *g, const double *q, const double *h, const double *arms, double V[g->r][g->n],
-               double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
-  int n = g->n, r = g->r, F = g->F;
+static int bound_potentials(const Problem *g, const double *q, const double *h, const double *arms,
+                            double V[g->r][g->n], double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
+  int n = g->n, r = g->r, F = g->F, m = g->N - r;
   double z[g->Z + 1], phi[F + 1];
   for (int s = 0; s < g->Z; s++) {
     z[s] = -g->z0[s];
@@ -149,14 +160,14 @@ int bound_potentials(const Problem *g, const double *q, const double *h, const d
       rest[a][i] = 0.5 * e + g->E[a * n + i];
     }
   for (int a = 0; a < r; a++) {
-    round[6 + a] = g->round[6 + a];
+    round[m + a] = g->round[m + a];
     if (!arms) continue;
     const double *x = arms + a * (n * n + 2 * n + 1);
     for (int i = 0; i < n; i++) {
       V[a][i] += x[i], rest[a][i] += x[n + n * n + i];
       for (int j = 0; j < n; j++) dV[a][i][j] += x[n + i * n + j];
     }
-    round[6 + a] += x[2 * n + n * n];
+    round[m + a] += x[2 * n + n * n];
   }
   for (int a = 0; a < r; a++) { /* Gram-Schmidt twice, applied to all that belongs to V */
     for (int b = 0; b < 2 * a; b++) {
@@ -168,7 +179,7 @@ int bound_potentials(const Problem *g, const double *q, const double *h, const d
         rest[a][i] += fabs(s) * rest[one][i];
         for (int j = 0; j < n; j++) dV[a][i][j] -= s * dV[one][i][j];
       }
-      round[6 + a] += fabs(s) * round[6 + one];
+      round[m + a] += fabs(s) * round[m + one];
     }
     double norm = 0;
     for (int i = 0; i < n; i++) norm += V[a][i] * V[a][i];
@@ -178,13 +189,13 @@ int bound_potentials(const Problem *g, const double *q, const double *h, const d
       V[a][i] /= norm, rest[a][i] /= norm;
       for (int j = 0; j < n; j++) dV[a][i][j] /= norm;
     }
-    round[6 + a] /= norm;
+    round[m + a] /= norm;
   }
   return 1;
 }
 
 /* Positions of the joints of the chain at q, and how far they are moved while q is within half of it. */
-void angles_of(const Problem *g, const double *q, const double *half, double *theta, double *eta) {
+void angles_of(const Chain *g, const double *q, const double *half, double *theta, double *eta) {
   for (int l = 0; l < g->P; l++) {
     theta[l] = g->o[l], eta[l] = 0;
     for (int t = g->first[l]; t < g->first[l + 1]; t++)
@@ -194,7 +205,7 @@ void angles_of(const Problem *g, const double *q, const double *half, double *th
 }
 
 /* Remainders of the columns of J in boxes theta +- eta. */
-void remainders_of(const Problem *g, const double *theta, const double *eta, double *linear, double *angular) {
+void remainders_of(const Chain *g, const double *theta, const double *eta, double *linear, double *angular) {
   for (int c = 0; c < g->N; c++) linear[c] = angular[c] = 0;
   for (int l = 0; l < g->P; l++) {
     int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
@@ -209,17 +220,12 @@ void remainders_of(const Problem *g, const double *theta, const double *eta, dou
   }
 }
 
-/* Evaluate J, its slopes, and the bounds of the remainders of its columns. */
-void columns(const Problem *g, const double *theta, const double *eta, double J[g->N][6], double dJ[g->n][g->N][6],
-             char turns[g->n][g->N], double *linear, double *angular) {
-  int n = g->n, N = g->N, k = g->k;
+/* Evaluate J of one frame, and its slopes: six rows, which begin at row `at` of the m rows of J. */
+void columns(const Chain *g, const double *theta, int at, int m, double J[g->N][m], double dJ[g->n][g->N][m],
+             char turns[g->n][g->N]) {
+  int n = g->n, k = g->k;
   double xi[g->P][6], tip[3];
   screws(g, theta, xi, tip);
-  remainders_of(g, theta, eta, linear, angular);
-  for (int c = 0; c < N; c++) {
-    for (int i = 0; i < 6; i++) J[c][i] = 0;
-    for (int j = 0; j < n; j++) turns[j][c] = 0;
-  }
   for (int l = 0; l < g->P; l++) {
     int from = l < k ? l + 1 : k, to = l < k ? k : l;
     double sign = l < k ? -1 : 1;
@@ -239,12 +245,13 @@ void columns(const Problem *g, const double *theta, const double *eta, double J[
           int j = g->column[t], c = g->column[s];
           if (j >= n) continue;
           double f = sign * g->S[s] * g->S[t];
-          for (int i = 0; i < 6; i++) dJ[j][c][i] = (turns[j][c] ? dJ[j][c][i] : 0) + f * d[i];
+          for (int i = 0; i < m && !turns[j][c]; i++) dJ[j][c][i] = 0;
+          for (int i = 0; i < 6; i++) dJ[j][c][at + i] += f * d[i];
           turns[j][c] = 1;
         }
     }
     for (int s = g->first[l]; s < g->first[l + 1]; s++)
-      for (int i = 0; i < 6; i++) J[g->column[s]][i] += g->S[s] * xi[l][i];
+      for (int i = 0; i < 6; i++) J[g->column[s]][at + i] += g->S[s] * xi[l][i];
   }
 }
 
@@ -279,51 +286,125 @@ int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], d
   return 1;
 }
 
-/* The null space X (n, r) of an inverse A of [J; V^T], T = X - V; return what V differs from orthonormal by, and X from
-   V^T X = I. */
-double split_inverse(const Problem *g, double A[g->N][g->N], double V[g->r][g->n], double X[g->n][g->r],
-                     double T[g->n][g->r]) {
-  int n = g->n, r = g->r;
-  double defect = g->eps;
-  for (int i = 0; i < n; i++)
-    for (int a = 0; a < r; a++) X[i][a] = A[i][6 + a], T[i][a] = X[i][a] - V[a][i];
-  for (int a = 0; a < r; a++)
-    for (int b = 0; b < r; b++) {
-      double s = -(a == b), t = -(a == b);
-      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
-      defect += fabs(s) + fabs(t);
-    }
-  return defect;
+/* out += x y, and out += x |y|, of padded columns. */
+static inline void add_times(int N, double x, const double *y, double *out) {
+  for (int b = 0; b < N; b += 4)
+    for (int i = b; i < b + 4; i++) out[i] += x * y[i];
 }
 
-/* Sizes of N - N_c: first bounds its slopes, and rough what R, the part of D beside slopes, makes of N_c. F begins
-   with what an inverse of J needs, and with rounding. */
-void null_space_sizes(const Problem *g, int k, const double *h, double A[g->N][g->N], double R[g->N][g->N],
-                      double dN[k][g->N][g->r], double F[g->N][g->N], double first[g->N][g->r],
-                      double rough[g->N][g->r]) {
-  for (int i = 0; i < g->N; i++) {
-    for (int a = 0; a < 6; a++) F[i][a] = fabs(A[i][a]) + g->eps;
-    for (int a = 0; a < g->r; a++) {
-      F[i][6 + a] = g->eps, first[i][a] = rough[i][a] = 0;
-      for (int j = 0; j < k; j++) first[i][a] += h[j] * fabs(dN[j][i][a]);
-      for (int c = 0; c < g->N; c++) rough[i][a] += R[i][c] * fabs(A[c][6 + a]);
+static inline void add_sizes(int N, double x, const double *y, double *out) {
+  for (int b = 0; b < N; b += 4)
+    for (int i = b; i < b + 4; i++) out[i] += x * fabs(y[i]);
+}
+
+/* Expand J_V about the centre of a box, by A about its inverse: A, the bound R, the slopes B by columns, of which those
+   are on that are not 0; V, its slopes, its rest and rounding. For J_V if whole, else with V_c in place of V. 0 without an
+   inverse. */
+int expand(const Problem *g, const double *q, const double *h, const double *arms, int whole, double A[g->N][g->N],
+           double R[g->N][g->N], double B[g->n][g->N][PADDED(g->N)], char on[g->n][g->N],
+           double V[g->r][g->n], double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round) {
+  int n = g->n, N = g->N, r = g->r, frames = g->frames, m = N - r;
+  double J[N][m], dJ[n][N][m], M[N][N], linear[frames][N], angular[frames][N], A_T[N][PADDED(N)];
+  memset(J, 0, sizeof J), memset(on, 0, n * N);
+  for (int f = 0; f < frames; f++) {
+    const Chain *chain = g->frame + f;
+    double theta[chain->P], eta[chain->P];
+    angles_of(chain, q, h, theta, eta);
+    columns(chain, theta, 6 * f, m, J, dJ, on);
+    remainders_of(chain, theta, eta, linear[f], angular[f]);
+  }
+  for (int i = 0; i < m; i++) round[i] = g->round[i];
+  if (!bound_potentials(g, q, h, arms, V, dV, rest, round)) return 0;
+  for (int c = 0; c < N; c++) {
+    for (int a = 0; a < m; a++) M[a][c] = J[c][a];
+    for (int a = 0; a < r; a++) M[m + a][c] = c < n ? V[a][c] : 0;
+  }
+  if (!invert(N, M, A)) return 0;
+  for (int i = 0; i < N; i++) {
+    double tiny = 0;
+    for (int a = 0; a < N; a++) tiny += fabs(A[i][a]) * round[a];
+    for (int c = 0; c < N; c++) {
+      double s = -(i == c), e = tiny;
+      for (int f = 0; f < frames; f++) {
+        const double *x = A[i] + 6 * f;
+        s += dot6(x, J[c] + 6 * f), e += norm(x) * linear[f][c] + norm(x + 3) * angular[f][c];
+      }
+      for (int a = 0; a < r && c < n; a++) {
+        s += A[i][m + a] * V[a][c];
+        if (whole) e += fabs(A[i][m + a]) * rest[a][c];
+      }
+      R[i][c] = e + fabs(s);
     }
   }
+  memset(A_T, 0, sizeof A_T);
+  for (int i = 0; i < N; i++)
+    for (int a = 0; a < N; a++) A_T[a][i] = A[i][a];
+  for (int j = 0; j < n; j++)
+    for (int c = 0; c < N; c++) {
+      const int moves = on[j][c] && h[j] != 0, turns = whole && c < n && h[j] != 0;
+      on[j][c] = moves || turns;
+      if (!on[j][c]) continue;
+      memset(B[j][c], 0, sizeof B[j][c]);
+      for (int a = 0; a < m && moves; a++) add_times(N, dJ[j][c][a], A_T[a], B[j][c]);
+      for (int a = 0; a < r && turns; a++) add_times(N, dV[a][c][j], A_T[m + a], B[j][c]);
+    }
+  return 1;
 }
 
-/* Add the products of second order of R and D to F, whose slopes' own are there, and solve for Y: e bounds N beside its
-   slopes. */
-int enclose_null_space(const Problem *g, double D[g->N][g->N], double R[g->N][g->N], double first[g->N][g->r],
-                       double rough[g->N][g->r], double F[g->N][g->N], double Y[g->N][g->N], double e[g->n][g->r]) {
-  int N = g->N;
-  double DY[N][N];
+/* D = R + sum h_j |B_j|, and the share of each variable in it, in the first rows. */
+void deviation(int N, int k, int rows, const double *h, double R[N][N], double B[k][N][PADDED(N)], char on[k][N],
+               double D[N][N], double *share) {
+  double sum[N][PADDED(N)];
+  memset(sum, 0, sizeof sum);
+  for (int j = 0; j < k; j++) {
+    share[j] = 0;
+    for (int c = 0; c < N; c++) {
+      if (!on[j][c]) continue;
+      add_sizes(N, h[j], B[j][c], sum[c]);
+      for (int i = 0; i < rows; i++) share[j] += h[j] * fabs(B[j][c][i]);
+    }
+  }
   for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) D[i][c] = R[i][c] + sum[c][i];
+}
+
+/* Enclose Z = (A J_V)^-1 Z_c, w columns, on a box: Z = Z_c + sum delta_j Z_j + zeta, Z_j = -B_j Z_c, where first bounds the
+   sum, and |zeta| <= rough + Y, in the columns of F and Y that begin at `at`. In F is what has no bound of second order. */
+int enclose_columns(int N, int k, int w, int at, double eps, const double *h, double R[N][N], double D[N][N],
+                    double B[k][N][PADDED(N)], char on[k][N], double Z[N][w], double F[N][N], double dZ[k][N][w],
+                    double first[N][w], double rough[N][w], double Y[N][N]) {
+  double DY[N][N], S[w][PADDED(N)], second[w][PADDED(N)];
+  memset(second, 0, sizeof second);
+  for (int j = 0; j < k; j++) {
+    memset(S, 0, sizeof S);
     for (int c = 0; c < N; c++)
-      for (int a = 0; a < g->r; a++) F[i][6 + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
-  if (!enclose(N, g->eps, D, F, Y, DY)) return 0;
-  for (int i = 0; i < g->n; i++)
-    for (int a = 0; a < g->r; a++) e[i][a] = rough[i][a] + Y[i][6 + a];
-  return 1;
+      for (int a = 0; a < w && on[j][c]; a++) add_times(N, -Z[c][a], B[j][c], S[a]);
+    for (int i = 0; i < N; i++)
+      for (int a = 0; a < w; a++) dZ[j][i][a] = S[a][i];
+  }
+  for (int j = 0; j < k; j++) /* second order: |B_j Z_l + B_l Z_j| for j < l, |B_j Z_j| */
+    for (int l = j; l < k; l++) {
+      const double both = h[j] * h[l];
+      if (both == 0) continue;
+      memset(S, 0, sizeof S);
+      for (int c = 0; c < N; c++) {
+        for (int a = 0; a < w && on[j][c]; a++) add_times(N, dZ[l][c][a], B[j][c], S[a]);
+        for (int a = 0; a < w && on[l][c] && l > j; a++) add_times(N, dZ[j][c][a], B[l][c], S[a]);
+      }
+      for (int a = 0; a < w; a++) add_sizes(N, both, S[a], second[a]);
+    }
+  for (int i = 0; i < N; i++)
+    for (int a = 0; a < w; a++) {
+      first[i][a] = rough[i][a] = 0;
+      for (int j = 0; j < k; j++) first[i][a] += h[j] * fabs(dZ[j][i][a]);
+      for (int c = 0; c < N; c++) rough[i][a] += R[i][c] * fabs(Z[c][a]);
+    }
+  for (int i = 0; i < N; i++)
+    for (int a = 0; a < w; a++) {
+      F[i][at + a] += second[a][i];
+      for (int c = 0; c < N; c++) F[i][at + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
+    }
+  return enclose(N, eps, D, F, Y, DY);
 }
 
 /* Diagonalise the symmetric G (r, r) by Jacobi's rotations; the columns of O are orthonormal to rounding. */
@@ -350,19 +431,20 @@ static void axes(int r, double G[r][r], double O[r][r]) {
 }
 
 /* Turn the gauge of V, and of all that belongs to it, so that T'T is diagonal, T = X - V at the centre. */
-void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k], double rest[r][n],
-                double *round) {
+static void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k],
+                       double rest[r][n]) {
+  int m = N - r;
   double G[r][r], O[r][r], x[r], y[r], z[r];
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
       G[a][b] = 0;
-      for (int i = 0; i < n; i++) G[a][b] += (A[i][6 + a] - V[a][i]) * (A[i][6 + b] - V[b][i]);
+      for (int i = 0; i < n; i++) G[a][b] += (A[i][m + a] - V[a][i]) * (A[i][m + b] - V[b][i]);
     }
   axes(r, G, O);
   for (int i = 0; i < N; i++) {
-    for (int a = 0; a < r; a++) x[a] = A[i][6 + a], A[i][6 + a] = 0;
+    for (int a = 0; a < r; a++) x[a] = A[i][m + a], A[i][m + a] = 0;
     for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) A[i][6 + a] += O[b][a] * x[b];
+      for (int b = 0; b < r; b++) A[i][m + a] += O[b][a] * x[b];
   }
   for (int i = 0; i < n; i++) {
     for (int a = 0; a < r; a++) x[a] = V[a][i], y[a] = rest[a][i], V[a][i] = rest[a][i] = 0;
@@ -374,68 +456,15 @@ void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], doub
         for (int b = 0; b < r; b++) dV[a][i][j] += O[b][a] * z[b];
     }
   }
-  for (int a = 0; a < r; a++) x[a] = round[6 + a], round[6 + a] = 0;
-  for (int a = 0; a < r; a++)
-    for (int b = 0; b < r; b++) round[6 + a] += fabs(O[b][a]) * x[b];
-}
-
-/* Slopes of the null space N = J_Vc^-1 [0; I], after A: fill dN, and add to D and to the shares of the joints. */
-static void null_space(const Problem *g, const double *h, double A[g->N][g->N], double dJ[g->n][g->N][6],
-                       char turns[g->n][g->N], double D[g->N][g->N], double dN[g->n][g->N][g->r], double *share) {
-  int n = g->n, N = g->N, r = g->r;
-  double s[N];
-  for (int j = 0; j < n; j++) {
-    share[j] = 0;
-    for (int i = 0; i < N; i++)
-      for (int a = 0; a < r; a++) dN[j][i][a] = 0;
-    if (h[j] == 0) continue;
-    for (int c = 0; c < N; c++) {
-      if (!turns[j][c]) continue;
-      const double *d = dJ[j][c];
-      for (int i = 0; i < N; i++) {
-        s[i] = dot6(A[i], d);
-        D[i][c] += h[j] * fabs(s[i]);
-        if (i < n) share[j] += h[j] * fabs(s[i]);
-      }
-      for (int i = 0; i < N; i++)
-        for (int a = 0; a < r; a++) dN[j][i][a] -= s[i] * A[c][6 + a];
-    }
-  }
-}
-
-/* Add the second-order terms of N: of delta_j delta_k, |A (dJ_j dN_k + dJ_k dN_j)| for j < k, half of it for j = k. */
-static void second_order(const Problem *g, const double *h, double A[g->N][g->N], double dJ[g->n][g->N][6],
-                         char turns[g->n][g->N], double dN[g->n][g->N][g->r], double F[g->N][g->N]) {
-  int n = g->n, N = g->N, r = g->r;
-  double M[r][6];
-  for (int j = 0; j < n; j++)
-    for (int k = j; k < n; k++) {
-      double both = h[j] * h[k];
-      if (both == 0) continue;
-      for (int a = 0; a < r; a++)
-        for (int x = 0; x < 6; x++) M[a][x] = 0;
-      for (int c = 0; c < N; c++) {
-        if (turns[j][c])
-          for (int a = 0; a < r; a++)
-            for (int x = 0; x < 6; x++) M[a][x] += dJ[j][c][x] * dN[k][c][a];
-        if (turns[k][c] && k > j)
-          for (int a = 0; a < r; a++)
-            for (int x = 0; x < 6; x++) M[a][x] += dJ[k][c][x] * dN[j][c][a];
-      }
-      for (int i = 0; i < N; i++)
-        for (int a = 0; a < r; a++) F[i][6 + a] += both * fabs(dot6(A[i], M[a]));
-    }
 }
 
 /* From the slopes dN of the null space and those of V in k variables, across V_c: the bound of the leaf margin, and
    where to split.
    P = W'V (V_c'V)^-1 and T = W'N for the complement W of V_c; S = (T - P) (I + P'T)^-1. */
-void compare(const Problem *g, int k, const double *h, double X[g->n][g->r], double T[g->n][g->r],
-             double V[g->r][g->n], double dV[g->r][g->n][k], double rest[g->r][g->n], double defect,
-             double dN[k][g->N][g->r], double first[g->N][g->r], double e[g->n][g->r], const double *share,
-             double X_norm, double *bound, int *split) {
-  int n = g->n, r = g->r;
-  double eps = g->eps, slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[k];
+static void compare(int n, int N, int r, int k, double eps, const double *h, double X[N][r], double T[n][r],
+                    double V[r][n], double dV[r][n][k], double rest[r][n], double defect, double dN[k][N][r],
+                    double first[N][r], double e[n][r], const double *share, double X_norm, double *bound, int *split) {
+  double slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[k];
   double all[n][r], loose[n][r], wide[n][r], b[r][r], bent[r][r], K[r][r], sum = 0, size = 0, turned = 0, below;
   for (int a = 0; a < r; a++)
     for (int c = 0; c < r; c++) {
@@ -544,75 +573,84 @@ void compare(const Problem *g, int k, const double *h, double X[g->n][g->r], dou
   *split = best;
 }
 
-static void one_box(const Problem *g, const double *q, const double *h, const double *arms, double *bound,
-                    double *center, double *sigma, int *split) {
-  int P = g->P, n = g->n, N = g->N, r = g->r;
-  double eps = g->eps, slack = 1 + eps;
-  double theta[P], eta[P], J[N][6], dJ[n][N][6], linear[N], angular[N];
-  double V[r][n], dV[r][n][n], rest[r][n], round[6 + r];
-  char turns[n][N];
-  *bound = *sigma = 0, *center = INFINITY, *split = 0;
-  angles_of(g, q, h, theta, eta);
-  for (int j = 1; j < n; j++)
-    if (h[j] > h[*split]) *split = j;
-  columns(g, theta, eta, J, dJ, turns, linear, angular);
-  for (int i = 0; i < 6; i++) round[i] = g->round[i];
-  if (!bound_potentials(g, q, h, arms, V, dV, rest, round)) {
-    *center = 0; /* V = 0 */
-    return;
-  }
-
-  double B[N][N], A[N][N], R[N][N], D[N][N], F[N][N], Y[N][N], below, share[n], dN[n][N][r];
-  for (int c = 0; c < N; c++) {
-    for (int i = 0; i < 6; i++) B[i][c] = J[c][i];
-    for (int a = 0; a < r; a++) B[6 + a][c] = c < n ? V[a][c] : 0;
-  }
-  if (!invert(N, B, A)) {
-    *center = 0;
-    return;
-  }
-  if (r > 1) turn_gauge(n, N, r, n, A, V, dV, rest, round);
-  double X[n][r], T[n][r], defect = split_inverse(g, A, V, X, T);
+/* The leaf margin on a box where A [J; V_c'] - 1 is known to first order in k variables: its slopes B, and the bound R of all
+   else. The last columns of A belong to V. Y bounds the inverse; 0 if there is none. */
+int margin_on(int n, int N, int r, int k, double eps, const double *h, double A[N][N], double R[N][N],
+              double B[k][N][PADDED(N)], char on[k][N], double V[r][n], double dV[r][n][k], double rest[r][n], double Y[N][N],
+              double *bound, double *center, int *split) {
+  int m = N - r;
+  double D[N][N], F[N][N], X[N][r], T[n][r], dN[k][N][r], first[N][r], rough[N][r], e[n][r], share[k], below;
+  double defect = eps;
+  *bound = 0;
+  if (r > 1) turn_gauge(n, N, r, k, A, V, dV, rest);
+  for (int i = 0; i < N; i++)
+    for (int c = 0; c < N; c++) {
+      F[i][c] = (c < m ? fabs(A[i][c]) : 0) + eps;
+      if (c >= m) X[i][c - m] = A[i][c];
+    }
+  for (int a = 0; a < r; a++)
+    for (int i = 0; i < n; i++) T[i][a] = X[i][a] - V[a][i];
+  for (int a = 0; a < r; a++) /* by how much V differs from orthonormal, and X from V'X = 1 */
+    for (int b = 0; b < r; b++) {
+      double s = -(a == b), t = -(a == b);
+      for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
+      defect += fabs(s) + fabs(t);
+    }
   double X_norm = spectral(n, r, &X[0][0], &below);
   *center = 1 / below;
-
-  for (int i = 0; i < N; i++) { /* all of D but the slopes, with V_c in place of V */
-    const double *x = A[i];
-    double tiny = 0, a_v = norm(x), a_w = norm(x + 3);
-    for (int a = 0; a < 6 + r; a++) tiny += fabs(x[a]) * round[a];
-    for (int c = 0; c < N; c++) {
-      double s = -(i == c), e = tiny + a_v * linear[c] + a_w * angular[c];
-      for (int a = 0; a < 6; a++) s += x[a] * J[c][a];
-      if (c < n)
-        for (int a = 0; a < r; a++) s += x[6 + a] * V[a][c];
-      D[i][c] = R[i][c] = e + fabs(s);
-    }
-  }
-  null_space(g, h, A, dJ, turns, D, dN, share);
+  deviation(N, k, n, h, R, B, on, D, share);
   for (int a = 0; a < r; a++) { /* V's own part of the shares */
     double x = 0;
     for (int i = 0; i < n; i++) x += fabs(X[i][a]);
     for (int i = 0; i < n; i++)
-      for (int j = 0; j < n; j++) share[j] += h[j] * x * fabs(dV[a][i][j]);
+      for (int j = 0; j < k; j++) share[j] += h[j] * x * fabs(dV[a][i][j]);
   }
-  for (int j = 0; j < n; j++)
+  for (int j = 0; j < k; j++)
     if (share[j] > share[*split]) *split = j;
-  double first[N][r], rough[N][r], e[n][r];
-  null_space_sizes(g, n, h, A, R, dN, F, first, rough);
-  second_order(g, h, A, dJ, turns, dN, F);
-  if (!enclose_null_space(g, D, R, first, rough, F, Y, e)) return;
-  double square = 0;
+  if (!enclose_columns(N, k, r, m, eps, h, R, D, B, on, X, F, dN, first, rough, Y)) return 0;
   for (int i = 0; i < n; i++)
-    for (int j = 0; j < 6; j++) square += Y[i][j] * Y[i][j];
-  *sigma = (1 - eps) / (sqrt(square) * slack * g->beta);
-  for (int a = 0; a < r; a++)
-    for (int i = 0; i < n; i++) rest[a][i] += round[6 + a];
-  compare(g, n, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);
+    for (int a = 0; a < r; a++) e[i][a] = rough[i][a] + Y[i][m + a];
+  compare(n, N, r, k, eps, h, X, T, V, dV, rest, defect, dN, first, e, share, X_norm, bound, split);
+  return 1;
 }
 
-EXPORT void leaf_margins(const Problem *g, long K, const double *Q, const double *half, double *bound, double *center,
-                  double *sigma, int *split, const double *arms) {
+int widest(int n, const double *h) {
+  int best = 0;
+  for (int j = 1; j < n; j++)
+    if (h[j] > h[best]) best = j;
+  return best;
+}
+
+static void one_box(const Problem *g, const double *q, const double *h, const double *arms, double *bound,
+                    double *center, double *sigma, int *split) {
+  int n = g->n, N = g->N, r = g->r, m = N - r;
+  double A[N][N], R[N][N], B[n][N][PADDED(N)], Y[N][N], V[r][n], dV[r][n][n], rest[r][n], round[N], square = 0;
+  char on[n][N];
+  *bound = *center = *sigma = 0, *split = widest(n, h);
+  if (!expand(g, q, h, arms, 0, A, R, B, on, V, dV, rest, round)) return;
+  for (int a = 0; a < r; a++)
+    for (int i = 0; i < n; i++) rest[a][i] += round[m + a];
+  if (!margin_on(n, N, r, n, g->eps, h, A, R, B, on, V, dV, rest, Y, bound, center, split)) return;
+  for (int i = 0; i < n; i++)
+    for (int c = 0; c < m; c++) square += Y[i][c] * Y[i][c];
+  *sigma = (1 - g->eps) / (sqrt(square) * (1 + g->eps) * g->beta);
+}
+
+EXPORT void leaf_margins(const Problem *g, long K, const double *Q, const double *half, const double *arms,
+                         double *bound, double *center, double *sigma, int *split) {
   long size = g->r * (g->n * g->n + 2 * g->n + 1);
   for (long i = 0; i < K; i++)
     one_box(g, Q + i * g->n, half + i * g->n, arms ? arms + i * size : 0, bound + i, center + i, sigma + i, split + i);
+}
+
+/* D on boxes, (K, N, N); unchanged where there is no inverse at the centre. */
+EXPORT void deviations(const Problem *g, long K, const double *Q, const double *half, const double *arms, double *D) {
+  int n = g->n, N = g->N, r = g->r;
+  double A[N][N], R[N][N], B[n][N][PADDED(N)], V[r][n], dV[r][n][n], rest[r][n], round[N], share[n];
+  char on[n][N];
+  for (long i = 0; i < K; i++) {
+    const double *h = half + i * n, *of_arms = arms ? arms + i * r * (n * n + 2 * n + 1) : 0;
+    if (expand(g, Q + i * n, h, of_arms, 1, A, R, B, on, V, dV, rest, round))
+      deviation(N, n, N, h, R, B, on, (double(*)[N])(D + i * N * N), share);
+  }
 }

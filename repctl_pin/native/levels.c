@@ -11,7 +11,6 @@ CellBounds cell_bounds_plain;
 ArmGradients arm_gradients_plain;
 Configuration find_configuration_plain;
 Configurations find_configurations_plain;
-InverseBounds inverse_bounds_plain;
 
 #ifdef __x86_64__
 #include <cpuid.h>
@@ -20,7 +19,6 @@ CellBounds cell_bounds_avx2, cell_bounds_avx512;
 ArmGradients arm_gradients_avx2, arm_gradients_avx512;
 Configuration find_configuration_avx2, find_configuration_avx512;
 Configurations find_configurations_avx2, find_configurations_avx512;
-InverseBounds inverse_bounds_avx2, inverse_bounds_avx512;
 
 enum { UNKNOWN, PLAIN, AVX2, AVX512 };
 
@@ -61,10 +59,4 @@ int find_configuration(const Arm *arm, const Chart *chart, int keep, const Pose 
 void find_configurations(const Arm *arm, const Chart *chart, int keep, int count, const Pose *targets,
                          const double *leaf, int stride, double *q, int status[]) {
   CHOSEN(find_configurations)(arm, chart, keep, count, targets, leaf, stride, q, status);
-}
-
-EXPORT int inverse_bounds(const struct Problem *problem, long K, const double *Q, const double *half,
-                          const double *arms, const double *most, double ratio, double *bound, double *value,
-                          int *split) {
-  return CHOSEN(inverse_bounds)(problem, K, Q, half, arms, most, ratio, bound, value, split);
 }

@@ -10,11 +10,8 @@
 struct Cell;
 struct Margins;
 struct ArmAngle;
-struct Problem;
 
 typedef int CellBounds(const struct Cell *, long, const double *, const double *, const double *, const struct Margins *);
 typedef int ArmGradients(const struct ArmAngle *, long, const double *, const double *, double *, double *);
-typedef int InverseBounds(const struct Problem *, long, const double *, const double *, const double *, const double *,
-                          double, double *, double *, int *);
 
 #endif

@@ -1,4 +1,6 @@
-/* Taylor models of degree 3 on LANES boxes at a time: the same mathematics as taylor.py. */
+/* Taylor models (Makino and Berz): polynomials P of degree 3 in k variables with a bound r of their remainder, on LANES boxes
+   at a time: |f(u_c + h t) - P(t)| <= r for all t in [-1, 1]^k. r includes rounding: the error of a sum of up to M products is
+   less than (M + 2) u times the sum of absolute values, u = 2^-53, and ROUND is several times that. */
 
 #include <math.h>
 #include <stdlib.h>
@@ -136,6 +138,44 @@ static void sine_cosine(const Space *g, const Model *x, Model *sine, Model *cosi
   for (int l = 0; l < LANES; l++) s[l] = sin(x->p[0][l]), c[l] = cos(x->p[0][l]);
   Lanes f[4] = {s, c, -0.5 * s, -c / 6}, e[4] = {c, -s, -0.5 * c, s / 6};
   series(g, x, f, 1. / 24, ROUND, sine), series(g, x, e, 1. / 24, ROUND, cosine);
+}
+
+/* x^s for x > 0; r is infinite where x may be 0. */
+static void power_model(const Space *g, const Model *x, double s, Model *out) {
+  Lanes f[4], fourth, round, reach = (size_of(x) - x->n[0] + x->r) * (1 + ROUND);
+  for (int l = 0; l < LANES; l++) {
+    double c = x->p[0][l], least = (c - reach[l]) * (1 - ROUND);
+    int sure = least > 0;
+    double v = c > 0 ? pow(c, s) : 0;
+    round[l] = sure ? ROUND * v : INFINITY;
+    for (int i = 0; i < 4; i++) f[i][l] = v, v = c > 0 ? v * ((s - i) / ((i + 1) * c)) : 0;
+    fourth[l] = sure ? fabs(s * (s - 1) * (s - 2) * (s - 3)) / 24 * pow(least, s - 4) : 0;
+  }
+  Lanes most = (x->n[1] + x->n[2] + x->n[3] + x->r) * (1 + ROUND);
+  series(g, x, f, 0, 0, out);
+  out->r += (fourth * most * most * most * most + round) * (1 + 8 * ROUND);
+}
+
+/* cos sqrt z, sin sqrt z / sqrt z, (1 - cos sqrt z) / z and (1 - sin sqrt z / sqrt z) / z at z from 0 to pi^2: sums of
+   (-z)^i / (2 i + m)! */
+static void exponential(const Space *g, const Model *z, Model *out) {
+  Lanes x = largest(z->p[0], 0);
+  double fourth = 1. / 40320;
+  for (int m = 0; m < 4; m++) {
+    Lanes f[4];
+    for (int j = 0; j < 4; j++) {
+      double term = j % 2 ? -1 : 1;
+      for (int i = 2; i <= 2 * j + m; i++) term /= i;
+      Lanes total = all(0), power = all(1);
+      for (int i = j; i < 24; i++) { /* binomial(i, j) (-1)^i z^(i - j) / (2 i + m)! */
+        total += term * power, power *= x;
+        term *= -(i + 1.) / (i + 1 - j) / ((2. * i + m + 1) * (2. * i + m + 2));
+      }
+      f[j] = total;
+    }
+    series(g, z, f, fourth, 1e-12, out + m);
+    fourth /= 9 + m;
+  }
 }
 
 /* Turn the columns x and y in their plane. */

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +16,7 @@ from ..arguments import Array, as_numbers, list_of, positive, read_only
 from ..errors import InputError
 from ..model.chain_formulas import as_placements
 from ..model.task import Task, require_task
+from .bend import Bend
 from .orientation import piece_finder, rotation_matrix, smooth_turning
 from .task_path import TaskPath
 
@@ -308,62 +308,8 @@ def _line(start: Array, edge: Array) -> _Curve:
     return lambda u: (start + u * edge, edge)
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class _Bend:
-    """Plane curve that rounds a corner: length 1, total turn φ, curvature zero at both ends.
-
-    At the arc length u, its curvature is ``6 φ u (1 − u)`` and its direction
-    ``θ(u) = φ (3u² − 2u³)``; its point is the integral of (cos θ, sin θ), stored as Chebyshev
-    polynomials.
-
-    Attributes
-    ----------
-    phi : float
-        Total turn φ, rad.
-    point : (d + 1, 2) array
-        Chebyshev coefficients of the point over u in [0, 1], along and across the direction at
-        u = 0.
-    """
-
-    phi: float
-    point: Array
-
-    @classmethod
-    def of(cls, phi: float) -> _Bend:
-        """Create the curve with the total turn φ, rad."""
-        nodes = chebyshev.chebpts1(_BEND_DEGREE + 1)
-        theta = cls.direction_of(phi, (nodes + 1) / 2)
-        slope = np.linalg.solve(
-            chebyshev.chebvander(nodes, _BEND_DEGREE),
-            np.stack([np.cos(theta), np.sin(theta)], axis=1),
-        )
-        return cls(phi, np.asarray(chebyshev.chebint(slope, scl=0.5, lbnd=-1), float))
-
-    @staticmethod
-    def direction_of(phi: float, u: ArrayLike) -> Array:
-        """Evaluate the direction θ(u), rad."""
-        u = np.asarray(u, float)
-        return phi * u**2 * (3 - 2 * u)
-
-    def at(self, u: float) -> Array:
-        """Evaluate the point at u: (2,), along and across the direction at u = 0."""
-        return np.asarray(chebyshev.chebval(2 * u - 1, self.point))
-
-    def length(self, cut: float) -> float:
-        """Compute the length, m, of a bend that cuts off ``cut``, m, from both edges at its corner.
-
-        The ends of the bend are ``2 cut cos(φ/2)`` apart.
-        """
-        return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
-
-
-_BEND_DEGREE = 30
-"""Degree of the Chebyshev polynomials of a bend."""
-
-
 def _bend(
-    bend: _Bend, start: Array, along: Array, inward: Array, length: float, begin: float
+    bend: Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> _Curve:
     """Create the half of a bend from u = ``begin`` (0 or 0.5), itself a function on [0, 1].
 
@@ -422,7 +368,7 @@ def _rounded(
     took: list[float] = []
     upto = [0]  # number of pieces before the midpoint of each corner
 
-    bends = [_Bend.of(float(turn)) if turn > 0 else None for turn in phi]
+    bends = [Bend.of(float(turn)) if turn > 0 else None for turn in phi]
 
     def half(i: int, begin: float) -> None:
         bend = bends[i]

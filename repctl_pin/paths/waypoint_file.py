@@ -107,9 +107,9 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
-    frames, each has its own columns, ``left.x, left.y, left.z``: before the dot stands its name,
-    its beginning, or a part of it, that no other frame has. A frame without columns holds still;
-    columns without a dot are of the first frame.
+    frames, each has its own columns, ``left.x, left.y, left.z``: before the dot stands its name, or
+    a part of it that is in no other frame's. A frame without columns holds still; columns without a
+    dot are of the first frame.
 
     Raises
     ------
@@ -189,13 +189,13 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
     frames = task.frames
     if text in frames or not text:
         return text or frames[0]
-    begun = [frame for frame in frames if frame.startswith(text)]
-    meant = begun or [frame for frame in frames if text in frame]
+    meant = [frame for frame in frames if frame.startswith(text)]
+    meant = meant or [frame for frame in frames if text in frame]
     if len(meant) != 1:
         raise InputError(
             f"{file}: the columns {text}.x … name {'no' if not meant else 'more than one'} frame "
             f"of {', '.join(frames)}",
-            remedy="before the dot, write its name, its beginning, or a part that no other has",
+            remedy="write the name of a frame, or a beginning or part of only one, before the dot",
         )
     return meant[0]
 

@@ -3,8 +3,7 @@
 A study uses polynomials only, so the other bases are not imported here.
 """
 
-from .basis import Joined, PotentialBasis
-from .maps import CurvedPotentials, Potentials
+from .basis import CurvedPotentials, Joined, PotentialBasis, Potentials
 from .polynomial import Polynomial
 
 __all__ = [

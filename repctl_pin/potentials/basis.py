@@ -1,27 +1,122 @@
-"""Bases h_1 … h_N of potentials h(q) (35): the base class, and joined bases ``a + b``."""
+"""Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them (35).
+
+The base class of bases, joined bases ``a + b``, and the weighted sums that a basis makes.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from operator import index
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import Array, as_configurations, require_type, shown
+from ..arguments import Array, as_configurations, as_matrices, require_type, shown
 from ..errors import InputError
-from .maps import CurvedPotentials as CurvedPotentials
-from .maps import CurvedSumMap, SumMap, coefficients, common_joints
-from .maps import Potentials as Potentials
-from .maps import check_joints as check_joints
 
 A_BASIS = (
     "a basis of potentials, such as rp.Polynomial(q0, 2); a user-defined class inherits from "
     "repctl_pin.potentials.PotentialBasis"
 )
 """Description of a basis of potentials, for messages on a wrong argument."""
+
+
+@runtime_checkable
+class Potentials(Protocol):
+    """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
+
+    A class that inherits from it needs no ``gradient`` of its own.
+    """
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+
+
+@runtime_checkable
+class CurvedPotentials(Potentials, Protocol):
+    """Potentials with second derivatives, which an exact Lie bracket requires."""
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
+
+
+def check_joints(potentials: object, n: int) -> None:
+    """Check that potentials are of n joints, as many as a task has, or take any number.
+
+    Raises
+    ------
+    InputError
+        If they are of another number of joints; the message names both numbers.
+    """
+    of = getattr(potentials, "n", None)
+    if of not in (None, n):
+        raise InputError(f"the potentials are of {of} joints, but the task has {n}")
+
+
+def _common_joints(parts: Sequence[object]) -> int | None:
+    """Return the common number of joints of several potentials; None if they take any number.
+
+    Raises
+    ------
+    InputError
+        If their numbers of joints differ.
+    """
+    known = (getattr(part, "n", None) for part in parts)
+    numbers = sorted({n for n in known if n is not None})
+    if len(numbers) > 1:
+        raise InputError(
+            f"joined potentials must be of the same joints; these are of {numbers[0]} "
+            f"and of {numbers[1]}"
+        )
+    return numbers[0] if numbers else None
+
+
+def coefficients(A: ArrayLike, size: int) -> Array:
+    """Convert the coefficients A of ``h = Aᵀ (h_1 … h_N)`` to an array (N, r), where N = ``size``.
+
+    Raises
+    ------
+    InputError
+        If A has another shape, or is not of finite numbers.
+    """
+    (A,) = as_matrices(("the coefficients", A, f"{size} r"), exact=True)
+    return A
+
+
+class SumMap(Potentials):
+    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``"""
+
+    def __init__(self, maps: Sequence[Potentials]) -> None:
+        self.maps, self.n = tuple(maps), _common_joints(maps)
+
+    def value(self, q: Array) -> Array:
+        """Evaluate h(q): (r,)."""
+        return np.sum([part.value(q) for part in self.maps], axis=0)
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        return np.sum([part.gradients(Q) for part in self.maps], axis=0)
+
+
+class CurvedSumMap(SumMap):
+    """Sum of several maps of r potentials each, all with second derivatives."""
+
+    def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
+        super().__init__(maps)
+        self._curved = tuple(maps)
+
+    def hessian(self, q: Array) -> Array:
+        """Evaluate ∂V/∂q: (n, n, r)."""
+        return np.sum([part.hessian(q) for part in self._curved], axis=0)
 
 
 class PotentialBasis(ABC):
@@ -125,7 +220,7 @@ class Joined(PotentialBasis):
         for part in flat:
             require_type(part, PotentialBasis, "each part of a joined basis", A_BASIS)
         self.parts: tuple[PotentialBasis, ...] = tuple(flat)
-        self.n = common_joints(flat)
+        self.n = _common_joints(flat)
         self._ends = np.cumsum([part.size for part in self.parts])
 
     @property

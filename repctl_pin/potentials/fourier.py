@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arguments import Array, as_configurations, as_int, flag, per_joint
 from ..errors import InputError
 from ..native import PART, filled_struct
-from .basis import PotentialBasis, as_joint_indices
-from .maps import coefficients
+from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 
 _MAX_SIZE = 20_000
 
@@ -133,7 +132,7 @@ class Fourier(PotentialBasis):
         )
 
 
-class FourierMap:
+class FourierMap(Potentials):
     """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,)."""
 
     def __init__(self, waves: Array, A: Array) -> None:
@@ -144,13 +143,6 @@ class FourierMap:
         """Evaluate h(q): (r,)."""
         phase = self.waves @ q
         return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
-
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        phase = self.waves @ q
-        return self.waves.T @ (
-            np.cos(phase)[:, None] * self.sines - np.sin(phase)[:, None] * self.cosines
-        )
 
     def gradients(self, Q: Array) -> Array:
         """Evaluate V at every row of Q (K, n): (K, n, r)."""
@@ -167,14 +159,14 @@ class FourierMap:
         )  # (N / 2, r)
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
-    def _native_part(self, joints: Sequence[int]) -> Any:
+    def _native_part(self) -> Any:
         """Create the struct :data:`PART` of the series; waves without coefficients are left out."""
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()
         weight = np.stack([self.sines[used], self.cosines[used]], axis=-1)
-        sizes = {"kind": _FOURIER_SERIES, "k": len(joints), "count": len(weight)}
+        sizes = {"kind": _FOURIER_SERIES, "k": self.n, "count": len(weight)}
         reals = {"wave": self.waves[used], "weight": weight}
-        return filled_struct(PART, {"joint": joints}, reals, sizes)[0]
+        return filled_struct(PART, {"joint": range(self.n)}, reals, sizes)[0]
 
 
 def _sum(k: NDArray[np.int_]) -> str:

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, as_configurations, as_int, flag, per_joint, shown, vector
 from ..errors import InputError
 from ..native import PART, filled_struct
-from .basis import PotentialBasis, as_joint_indices
-from .maps import PartialMap, coefficients
+from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 
 _MAX_SIZE = 5_000
 
@@ -150,24 +149,19 @@ class Polynomial(PotentialBasis):
             gradients[:, variable[column] * self.size + column] = slope.T
         return gradients.reshape(K, n, self.size)
 
-    def weighted(self, A: ArrayLike) -> PolynomialMap | PartialMap:
+    def weighted(self, A: ArrayLike) -> PolynomialMap:
         """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         A = coefficients(A, self.size)
-        n, d = self.n, self.degree
-        if len(self.variables) < n:
-            chosen = list(self.variables)
-            part = Polynomial(
-                self.center[chosen], d, self.scale[chosen], cross=self.cross
-            ).weighted(A)
-            return PartialMap(part, chosen, n)
+        d, joints = self.degree, np.array(self.variables)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
         to_power = [
             np.pad(legendre.leg2poly(np.eye(d + 1)[k][: k + 1]), (0, d - k))
             for k in range(d + 1)
         ]
         terms: dict[tuple[int, ...], Array] = {}
-        for alpha, norm, a in zip(self.exponents, self.norms, A, strict=True):
-            expanded = {(0,) * n: norm * a}
+        exponents = self.exponents[:, joints]
+        for alpha, norm, a in zip(exponents, self.norms, A, strict=True):
+            expanded = {(0,) * len(joints): norm * a}
             for i in np.flatnonzero(alpha):
                 expanded = {
                     (*beta[:i], p, *beta[i + 1 :]): c * to_power[alpha[i]][p]
@@ -176,7 +170,8 @@ class Polynomial(PotentialBasis):
                 }
             for beta, c in expanded.items():
                 terms[beta] = terms.get(beta, 0.0) + c
-        return PolynomialMap(self.center, self.scale, d, terms)
+        center, scale = self.center[joints], self.scale[joints]
+        return PolynomialMap(center, scale, d, terms, joints, self.n)
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1)."""
@@ -194,20 +189,24 @@ class Polynomial(PotentialBasis):
         return f"{self.size} polynomials of degree ≤ {self.degree} in {len(self.variables)} joints"
 
 
-class PolynomialMap:
-    """r polynomials h(q) as dense symmetric tensors, evaluated by Horner's rule.
+class PolynomialMap(Potentials):
+    """r polynomials h(q) of k joints as dense symmetric tensors, evaluated by Horner's rule.
 
     ``V(q) = T_0 + (T_1 + (T_2 + …) u) u`` with a tensor T_k for the terms of degree k: one
-    matrix–vector product per degree.
+    matrix–vector product per degree. The other joints of the arm have no effect.
 
     Attributes
     ----------
-    center, scale : (n,) arrays
-        Centre and scale of the coordinates ``u = (q − center) / scale``.
+    center, scale : (k,) arrays
+        Centre and scale of the coordinates ``u = (q − center) / scale`` of the k joints.
     degree : int
         Highest total degree.
     terms
         Coefficients (r,) of the monomials of u, by the exponents of the monomials.
+    joints : (k,) array of int
+        The joints, counted from 0.
+    n : int
+        Number of joints of the arm.
     """
 
     def __init__(
@@ -216,74 +215,76 @@ class PolynomialMap:
         scale: Array,
         degree: int,
         terms: dict[tuple[int, ...], Array],
+        joints: NDArray[np.intp],
+        n: int,
     ) -> None:
-        n = len(center)
-        r = len(next(iter(terms.values())))
         self.center = center
         self.scale = scale
         self.degree = degree
         self.terms = terms
-        self._inverse_scale = 1.0 / scale
+        self.joints = joints
+        self.n = n
+        self._per_scale = 1.0 / scale
+        self._k = k = len(center)
+        self._r = r = len(next(iter(terms.values())))
         # Spread each monomial's coefficient evenly over the places of a symmetric tensor.
-        tensors = [np.zeros((r, *(n,) * d)) for d in range(degree + 1)]
+        self._tensors = [np.zeros((r, *(k,) * d)) for d in range(degree + 1)]
         for beta, coefficient in terms.items():
-            _spread_evenly(
-                tensors[sum(beta)],
-                [i for i, power in enumerate(beta) for _ in range(power)],
-                coefficient,
-            )
-        self._value = tensors
+            places = [i for i, power in enumerate(beta) for _ in range(power)]
+            _spread_evenly(self._tensors[len(places)], places, coefficient)
         # The gradient of degree d is d T_d u^(d−1), the derivative's axis first, then r.
         slopes = (
-            np.moveaxis(d * tensors[d], 1, 0).ravel() for d in range(1, degree + 1)
+            np.moveaxis(d * tensor, 1, 0).ravel()
+            for d, tensor in enumerate(self._tensors)
+            if d
         )
-        self._slope = [s / np.repeat(scale, len(s) // n) for s in slopes]
-        self._shape, self.n = (n, r), n
+        self._slopes = [slope / np.repeat(scale, slope.size // k) for slope in slopes]
+
+    def _scaled(self, q: Array) -> Array:
+        """Evaluate the coordinates u (…, k) at q (…, n)."""
+        return (np.asarray(q, float)[..., self.joints] - self.center) * self._per_scale
 
     def value(self, q: Array) -> Array:
         """Evaluate h(q): (r,)."""
-        u = (q - self.center) * self._inverse_scale
-        h = self._value[-1]
-        for lower in self._value[-2::-1]:
+        u = self._scaled(q)
+        h = self._tensors[-1]
+        for lower in self._tensors[-2::-1]:
             h = lower + h @ u
         return h
 
-    def gradient(self, q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q: (n, r)."""
-        u = (q - self.center) * self._inverse_scale
-        V = self._slope[-1]
-        for lower in self._slope[-2::-1]:
-            V = lower + V.reshape(-1, self.n) @ u
-        return V.reshape(self._shape)
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate V at every row of Q (K, n): (K, n, r)."""
+        U = self._scaled(Q)
+        K, k = U.shape
+        if self.degree == 1:
+            V = np.tile(self._slopes[0], (K, 1))
+        else:  # the first product, of one tensor with all u, is the longest
+            V = self._slopes[-2] + U @ self._slopes[-1].reshape(-1, k).T
+        for lower in self._slopes[-3::-1]:
+            V = lower + np.einsum("Kpi,Ki->Kp", V.reshape(K, -1, k), U)
+        own = V.reshape(K, k, self._r)
+        if k == self.n:
+            return own
+        gradients = np.zeros((K, self.n, self._r))
+        gradients[:, self.joints] = own
+        return gradients
 
     def hessian(self, q: Array) -> Array:
         """Evaluate ``∂V/∂q = ∂²h/∂q²``: (n, n, r), ``[i, k, j] = ∂²h_j/∂q_i∂q_k``."""
-        u = (q - self.center) * self._inverse_scale
-        n, r = self._shape
-        C = np.zeros((r, n, n))
-        for d in range(
-            len(self._value) - 1, 1, -1
-        ):  # the second derivative of degree d is d (d − 1) T_d u^(d−2)
-            curvature = d * (d - 1) * self._value[d]
+        u = self._scaled(q)
+        C = np.zeros((self._r, self._k, self._k))
+        for d in range(self.degree, 1, -1):
+            # the second derivative of degree d is d (d − 1) T_d u^(d−2)
+            curvature = d * (d - 1) * self._tensors[d]
             for _ in range(d - 2):
                 curvature = curvature @ u
             C += curvature
-        return np.moveaxis(
-            C * np.outer(self._inverse_scale, self._inverse_scale), 0, -1
-        )
+        C *= np.outer(self._per_scale, self._per_scale)
+        hessian = np.zeros((self.n, self.n, self._r))
+        hessian[np.ix_(self.joints, self.joints)] = np.moveaxis(C, 0, -1)
+        return hessian
 
-    def gradients(self, Q: Array) -> Array:
-        """Evaluate V at every row of Q (K, n): (K, n, r)."""
-        U = (np.asarray(Q, float) - self.center) * self._inverse_scale  # (K, n)
-        n, r = self._shape
-        if len(self._slope) == 1:
-            return np.broadcast_to(self._slope[0].reshape(n, r), (len(U), n, r)).copy()
-        V = self._slope[-2] + U @ self._slope[-1].reshape(-1, n).T  # (K, n r n^(d−2))
-        for lower in self._slope[-3::-1]:
-            V = lower + np.einsum("kpi,ki->kp", V.reshape(len(U), -1, n), U)
-        return V.reshape(len(U), n, r)
-
-    def _native_part(self, joints: Sequence[int]) -> Any:
+    def _native_part(self) -> Any:
         """Create the struct :data:`PART` of r polynomials of degree d.
 
         With a factor z_0 = 1, h is homogeneous in ``z = (1, q − center)``. Its derivatives ``w_i =
@@ -291,8 +292,7 @@ class PolynomialMap:
         scale``. By Euler's theorem ``h = Σ_i w_i z_i / d``, so one table serves values and
         gradient.
         """
-        d, k = self.degree, len(self.center)
-        r = len(next(iter(self.terms.values())))
+        d, k, r = self.degree, self._k, self._r
         shares: dict[_Powers, Array] = {}  # weights of u^β in w (r, k + 1)
 
         def add(beta: _Powers, i: int, share: Array) -> None:
@@ -306,7 +306,7 @@ class PolynomialMap:
                 add(lower, i + 1, coefficient * beta[i] / self.scale[i])
         monomials, parents, factors = _monomials(shares, k)
         weight = [shares.get(beta, np.zeros((r, k + 1))) for beta in monomials]
-        indices = {"joint": joints, "parent": parents, "factor": factors}
+        indices = {"joint": self.joints.tolist(), "parent": parents, "factor": factors}
         reals = {
             "center": self.center,
             "scale": 1 / self.scale,

@@ -18,9 +18,13 @@ from ..files import read_whole, write_whole
 from ..model.task import Task
 from ..strategies.repeatable import RepeatableInverse
 from . import schema
-from .changes import require_arm_angles, require_masses, require_ranges
 from .schema import VERSION, DesignFile, Figures, Sealed, described, made
-from .task_identity import identity
+from .task_identity import (
+    identity,
+    require_arm_angles,
+    require_masses,
+    require_ranges,
+)
 
 FORMAT = "repctl design"
 

@@ -14,12 +14,11 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from .._version import __version__
+from ..design.design_map import ReportMaps
 from ..motion import Motion
-from ..studies.study_maps import StudyMaps
 from ..studies.study_result import Study
 from .page.html import render
 from .page.snapshot import still_figure
-from .page.summaries import study_headline
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure, orbits_figure
 from .plots.designs import cost_against_degree, joint_map, maps_that_vary
@@ -27,7 +26,7 @@ from .plots.motions import drawn, drift_figure, joints_figure, png
 from .study_files import study_page
 from .text import captions
 from .text.answer import displacement_cells
-from .text.headline import names_of
+from .text.headline import names_of, study_headline
 from .text.numbers import row
 from .text.table import study_cells, study_legend, study_notes
 
@@ -47,7 +46,7 @@ DPI = 130
 def report_page(
     study: Study,
     *,
-    maps: StudyMaps | None = None,
+    maps: ReportMaps | None = None,
     options: Mapping[str, object] | None = None,
     command: str | None = None,
     animation: str | None = None,
@@ -82,7 +81,6 @@ def report_page(
         title=title,
         caption=f"{study.task.frame}, {study.task.kind} task, {study.path.name}",
         headline=study_headline(study),
-        summary=captions.summary(study),
         # the page's own heading is this page's already
         animation=(animation or study_page(study)).replace(
             "<body>", '<body class="inside">', 1
@@ -124,7 +122,7 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 def _figures(
-    study: Study, maps: StudyMaps | None
+    study: Study, maps: ReportMaps | None
 ) -> Iterable[tuple[str, dict[str, object]]]:
     """Yield the heading, picture and description of each figure."""
     moved = drawn(study)
@@ -148,8 +146,8 @@ def _figures(
         )
 
 
-def _maps_figure(study: Study, maps: StudyMaps) -> Figure:
-    grid = maps.design
+def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
+    grid = maps.grid
     drawn = maps_that_vary(
         (grid.distance / grid.reference, r"distance $\|G_r - J^+\| / \|J^+\|$", None),
         (maps.defect, "defect of $J^+$ (0: repeatable)", None),

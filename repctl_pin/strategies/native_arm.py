@@ -8,8 +8,7 @@ from ..errors import InputError
 from ..model.joint_chain import native_chain
 from ..model.task import Task
 from ..native import REGION, filled_struct, library, point
-from ..potentials.basis import Potentials
-from ..potentials.maps import PartialMap, SumMap
+from ..potentials.basis import Potentials, SumMap
 from ..regions import Box, Tube, WorkspaceBox
 
 
@@ -31,7 +30,7 @@ def native_arm(
         )
     arm, _ = made
     if potentials is not None:
-        parts = _native_parts(potentials, list(range(task.n)))
+        parts = _native_parts(potentials)
         arm.parts = len(parts)
         point(arm, "part", parts)
     if region is not None:
@@ -49,8 +48,8 @@ def library_arm(task: Task, potentials: Potentials | None = None) -> Any | None:
         return None
 
 
-def _native_parts(potentials: Any, joints: list[int]) -> list[Any]:
-    """Create the structs :data:`PART` of the terms of a sum of potentials of the given joints.
+def _native_parts(potentials: Any) -> list[Any]:
+    """Create the structs :data:`PART` of the terms of a sum of potentials.
 
     A term has a method ``_native_part`` that creates its own.
 
@@ -60,18 +59,13 @@ def _native_parts(potentials: Any, joints: list[int]) -> list[Any]:
         If a term is a function in Python.
     """
     if isinstance(potentials, SumMap):
-        return [
-            made for part in potentials.maps for made in _native_parts(part, joints)
-        ]
-    if isinstance(potentials, PartialMap):
-        own = [joints[int(v)] for v in potentials.variables]
-        return _native_parts(potentials.part, own)
+        return [made for part in potentials.maps for made in _native_parts(part)]
     if not hasattr(potentials, "_native_part"):
         raise InputError(
             f"potentials of type {type(potentials).__name__} cannot be written as C, because they "
             "contain Python functions; use polynomials, Fourier series or their sums"
         )
-    return [potentials._native_part(joints)]
+    return [potentials._native_part()]
 
 
 def _native_region(region: Any, task: Task) -> Any:

@@ -16,7 +16,7 @@ from ..model.mechanism import Mechanism
 from ..model.task import Task
 from ..motion import Motion, elbow
 from ..motion.follow import UNRESOLVED
-from ..motion.joint_motion import Violation, violations_of
+from ..motion.joint_motion import JointMotion, Violation, violations_of
 from ..motion.limits import presumed_acceleration
 from ..paths import TaskPath
 from ..regions import Region
@@ -253,7 +253,7 @@ def region_dict(region: Region) -> dict[str, Any]:
     }
 
 
-def bodies_dict(motion: Motion) -> dict[str, Any]:
+def bodies_dict(motion: JointMotion) -> dict[str, Any]:
     """Collect the minimum body distance and the first collision in plain Python types."""
     least = float(motion.body_distance.min())
     if not np.isfinite(least):

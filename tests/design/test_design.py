@@ -14,7 +14,7 @@ import scipy.optimize
 import scipy.stats
 from arms import planar_task, planar_urdf, spatial_task
 from commands import main
-from designs import over, with_potentials
+from designs import judged, over, with_potentials
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
@@ -182,8 +182,9 @@ def test_baselines_are_evaluated_on_the_nodes_of_the_design(
     N = redundancy.nullspace(task.jacobian(center))
     for V in (N, -3 * N):  # the level of h and its sign are nothing to the controller
         constant = with_potentials(small_design, rp.Polynomial(center, 1), V)
-        alone = rp.compare(constant).evaluations[0]
-        np.testing.assert_allclose(alone.replicates, rows.evaluation.replicates)
+        alone = judged(constant)
+        np.testing.assert_allclose(alone.cost, rows.evaluation.cost)
+        np.testing.assert_allclose(alone.cost_error, rows.evaluation.cost_error)
         assert alone.leaf_margin == pytest.approx(rows.evaluation.leaf_margin, rel=1e-6)
 
 
@@ -253,7 +254,7 @@ def test_held_out_nodes_are_divided_among_32_sets(
     seen: set[int] = set()
     for seed in range(3):
         box = Asked(small_design.region.center, 0.2)
-        rp.compare(over(small_design, box, held_out=held_out, seed=seed))
+        judged(over(small_design, box, held_out=held_out, seed=seed))
         counts, seeds = zip(*box.__dict__["asked"], strict=True)
         assert counts[:32] == (each,) * 32 and seen.isdisjoint(seeds)
         assert sum(counts[32:]) >= 2048 - 64 * each  # of the search alone
@@ -696,83 +697,32 @@ def test_restarts_can_find_a_better_design() -> None:
     assert more.converged and more.fit_cost < plain.fit_cost * (1 - 1e-6)
 
 
-def test_designs_are_compared_on_common_nodes(
-    panda: rp.Robot, panda_design: rp.Design
+def test_the_cost_is_the_mean_over_32_sets_of_nodes_and_its_error_is_students(
+    small_design: rp.Design,
 ) -> None:
-    linear = panda_design_of(panda, "pose", 0.4, 1, samples=4096)
-    comparison = rp.compare(linear, panda_design)
-    assert comparison.best == 1
-    more, error = comparison.differences[1]
-    assert (
-        np.isclose(more, panda_design.cost - linear.cost, rtol=0.02)
-        and 0 < error < linear.cost_error + 1e-3
-    )
-    assert "35" in str(comparison) and "7" in str(comparison)
-    # its own held-out nodes once more, and the standard error of paired differences
-    judged = comparison.evaluations
-    assert judged[0].cost == linear.cost
-    pairs = judged[1].replicates - judged[0].replicates
-    assert len(pairs) == 32 and more == pytest.approx(pairs.mean())
-    assert error == pytest.approx(np.sqrt(np.var(pairs, ddof=1) / 32))
+    """Each set is drawn and evaluated here once more."""
+    design = small_design
+    found = judged(design)
+    assert found.cost == design.cost and found.cost_error == design.cost_error
+    costs = []
+    for k in range(32):
+        Q = design.region.random(-(-design.held_out // 32), 32 * (design.seed + 1) + k)
+        gap = design.inverse.batch(Q) - design.desired.batch(Q)
+        costs.append(design.region.weights(Q) @ np.sum(gap**2, axis=(1, 2)))
+    assert found.cost == pytest.approx(np.mean(costs))
     student = np.sqrt(scipy.stats.t(31).var())
-    spread = np.var(judged[1].replicates, ddof=1)
-    assert judged[1].cost_error == pytest.approx(np.sqrt(spread / 32) * student)
-    other = panda_design_of(panda, "axis", 0.3, 1, samples=512, held_out=64)
-    with pytest.raises(rp.InputError, match="different tasks"):
-        rp.compare(linear, other)
-    for wrong in ((3, linear), (linear, linear.inverse)):
-        with pytest.raises(rp.InputError, match="what is compared must be a design, "):
-            rp.compare(*wrong)
+    error = np.sqrt(np.var(costs, ddof=1) / 32) * student
+    assert found.cost_error == pytest.approx(error)
 
 
-def test_every_design_is_compared_over_the_first_ones_region() -> None:
-    """With its G_d, its nodes and their number, whatever the others were made for."""
-    task = rp.Robot.load("planar3r").task(None, "xy")
-    weighted = rp.WeightedInverse(task, [1.0, 2.0, 3.0])
-    first, other = (
-        rp.nearest_repeatable(
-            desired,
-            None,
-            rp.Box(center, 0.2),
-            degree=2,
-            options=rp.FitOptions(samples=64, held_out=held_out, seed=seed),
-        )
-        for desired, center, held_out, seed in (
-            (rp.Pseudoinverse(task), [0.3, 1.0, 0.8], 64, 0),
-            (weighted, [0.3, 1.1, 0.8], 128, 3),
-        )
-    )
-    for one, two in ((first, other), (other, first)):
-        here = rp.compare(one, two).evaluations[1]
-        alone = rp.compare(
-            with_potentials(one, two.potentials, two.coefficients)
-        ).evaluations[0]
-        assert np.array_equal(here.replicates, alone.replicates)
-        assert here.relative_distance == alone.relative_distance
-        assert here.leaf_margin == alone.leaf_margin
-        Q, w = one.region.nodes(1000, 1)
-        gap = two.inverse.batch(Q) - one.desired.batch(Q)
-        due = w @ np.sum(gap**2, axis=(1, 2))
-        assert here.cost == pytest.approx(due, abs=6 * here.cost_error)
-        size = w @ np.sum(one.desired.batch(Q) ** 2, axis=(1, 2))
-        relative = np.sqrt(here.cost / size)
-        assert here.relative_distance == pytest.approx(relative, rel=0.01)
-
-
-def test_a_design_that_is_singular_in_the_region_is_compared_as_such(
+def test_a_design_that_is_singular_in_the_region_is_refused(
     panda_design: rp.Design,
 ) -> None:
     """V spans a row of J at the centre: the margin there is 0, and no figure is given."""
     task, few = panda_design.task, replace(panda_design, held_out=64)
     flat = with_potentials(few, rp.Polynomial(Q0, 1), task.jacobian(Q0)[:1].T)
-    comparison = rp.compare(few, flat)
-    assert comparison.best == 0 and comparison.evaluations[1] is None
-    assert comparison.differences[1][0] == np.inf
-    assert np.isnan(comparison.differences[1][1])
-    lines = str(comparison).split("\n")
-    assert lines[1].startswith("*") and "±" not in lines[1]
-    assert lines[2].startswith(" ") and lines[2].endswith("singular in Ω")
-    assert rp.compare(flat, few).best == 1
+    with pytest.raises(rp.SingularRegionError, match="algorithmic singularity lies in"):
+        judged(flat)
 
 
 # ---- other desires -------------------------------------------------------------------------------
@@ -912,7 +862,9 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
         margins.append([loop.limit_margin.min() for loop in loops])
     least, broken = np.min(margins, axis=1), np.sum(np.less(margins, 0), axis=1)
     assert least[1] > least[0] + 0.03 and broken[1] < 0.75 * broken[0]
-    usual, other = rp.compare(*designs).evaluations  # both against J⁺
+    usual, other = (
+        judged(replace(design, desired=rp.Pseudoinverse(task))) for design in designs
+    )
     assert other.relative_distance < usual.relative_distance + 0.05
 
 
@@ -1376,12 +1328,11 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
 
 def test_more_held_out_nodes_give_a_smaller_error(panda_design: rp.Design) -> None:
     few, many = (
-        rp.compare(replace(panda_design, held_out=samples, seed=6)).evaluations[0]
+        judged(replace(panda_design, held_out=samples, seed=6))
         for samples in (64, 4096)
     )
     assert many.cost_error < few.cost_error / 4
-    assert len(many.replicates) == 32 and f"cost={many.cost}" in repr(many)
-    assert "replicates" not in repr(many) and "leaf_margin_at" not in repr(many)
+    assert f"cost={many.cost}" in repr(many) and "leaf_margin_at" not in repr(many)
     assert abs(few.cost - panda_design.cost) < 4 * few.cost_error
 
 

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import repctl_pin as rp
 
-pink = pytest.importorskip("pink")
-pytest.importorskip("daqp")
-
-from pink.tasks import FrameTask, PostureTask  # noqa: E402
-
-from repctl_pin.extensions.integrations.pink import RepeatableTask  # noqa: E402
-
 STEPS = 500
+
+pink: Any
+RepeatableTask: Any
+
+
+@pytest.fixture(scope="module", autouse=True)
+def imported() -> None:
+    """Import pink where its tests run: its solvers import JAX, which takes seconds per worker."""
+    global pink, RepeatableTask
+    pink = pytest.importorskip("pink")
+    pytest.importorskip("daqp")
+    from repctl_pin.extensions.integrations.pink import RepeatableTask
 
 
 def drive(
@@ -31,7 +38,7 @@ def drive(
         robot.coupling.joints(task.to_robot(start)),
     )
     leaders = [robot.model.getJointId(name) - 1 for name in robot.joint_names]
-    frame = FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
+    frame = pink.tasks.FrameTask(task.frame, position_cost=1.0, orientation_cost=1.0)
     for other in extra:
         other.set_target_from_configuration(configuration)
     ends, speeds = [], []
@@ -78,7 +85,7 @@ def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
 
 def test_a_posture_task_from_there_jumps(panda_design, away, q_panda) -> None:
     """The usual remedy, for comparison: a posture 0.57 rad away pulls at the start."""
-    posture = PostureTask(cost=1e-2)
+    posture = pink.tasks.PostureTask(cost=1e-2)
     posture.set_target_from_configuration = lambda configuration: posture.set_target(
         panda_design.task.robot.coupling.joints(panda_design.task.to_robot(q_panda))
     )

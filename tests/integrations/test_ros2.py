@@ -332,3 +332,36 @@ def test_other_joint_names_and_a_position_controller(
         stage.node(*LIMITS, "output:=positions", f"joints:=[{','.join(names)}]")
         time.sleep(0.5)
         assert not stage.commands and np.abs(np.array(sent) - q).max() == 0
+
+
+def test_a_hand_a_tool_and_a_wall(
+    found: tuple[rp.CellDesign, Path], stage: Stage, tmp_path: Path
+) -> None:
+    wall = tmp_path / "wall.urdf"
+    wall.write_text(
+        """<robot name="w"><link name="room"/><link name="wall"><collision><geometry>
+        <box size="0.02 1 1"/></geometry></collision></link><joint name="a" type="fixed">
+        <parent link="room"/><child link="wall"/><origin xyz="0.58 0 0.4"/></joint></robot>"""
+    )
+    F = found[0].function
+    more = (f"surroundings:={wall}", "body_distance:=0.02", "tool:=[0.0, 0.0, 0.05]")
+    stage.node(*LIMITS, *more, "hand_scale:=0.5")
+    tool = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.05]))
+    stage.clutch(True)
+    hand = pin.SE3(np.eye(3), np.array([7.0, 8.0, 9.0]))
+    for k in range(60):
+        hand.translation[1] = 8.0 + 0.001 * k
+        stage.hand(hand)
+        time.sleep(1 / RATE)
+    assert "hand pose" not in stage.clutch(False)
+    moved = F.task.placement(stage.settle()).translation - F.cell.placement.translation
+    assert 0.01 < moved[1] < 0.031 and np.abs(moved[[0, 2]]).max() < 2e-3
+    stage.pose(F.cell.placement * tool)
+    stage.wait_for_motion()
+    assert np.abs(stage.settle() - F(F.cell.placement)).max() < 1e-9
+    goal = F.cell.placement.copy()
+    goal.translation[0] += 0.09
+    stage.pose(goal * tool)
+    stage.wait_for("wall are near each other ahead")
+    task = rp.Bodies(F.task, surroundings=wall)
+    assert 0.02 <= task.nearest(stage.settle()).distance < 0.03

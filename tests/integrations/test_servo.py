@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from arms import Q_PANDA
+from cell_functions import function_of
 
 import repctl_pin as rp
 from repctl_pin.extensions.integrations.messages import SteadyTime
@@ -14,6 +18,10 @@ from repctl_pin.extensions.integrations.servo import Servo, State
 
 Q0, RATE, A, J = np.array([0.3, 0.8, 0.8]), 200.0, 6.0, 400.0
 FEW = rp.FitOptions(samples=64, held_out=64)
+TOOL = pin.SE3(pin.exp3(np.array([0.2, -0.1, 0.3])), np.array([0.02, 0.01, 0.1]))
+WALL = """<robot name="w"><link name="room"/><link name="wall"><collision><geometry>
+<box size="0.02 1 1"/></geometry></collision></link><joint name="a" type="fixed">
+<parent link="room"/><child link="wall"/><origin xyz="0.46 0 0.4"/></joint></robot>"""
 
 
 @cache
@@ -426,3 +434,98 @@ def test_the_status_says_when_the_command_is_beyond_the_proved_radius() -> None:
     bench.at(0.0, 0.0)
     bench.run(3.0)
     assert bench.servo.said == "running"
+
+
+def test_a_clutch_moves_the_arm_with_the_hand_and_stops_it(bench: Bench) -> None:
+    servo, hand, still = bench.servo, np.array([5.0, -3.0, 1.0]), (0, 0, 0, 1)
+    servo.hand(hand, still, bench.now)
+    assert (bench.run(0.3) == Q0).all()  # not coupled
+    servo.couple(True)
+    for k in range(100):
+        servo.hand(hand + [0.001 * k, 0, 0], still, bench.now)
+        q = bench.run(1 / RATE)
+        if k == 0:
+            assert (q == Q0).all()
+    moved = (
+        bench.task.placement(bench.q).translation - bench.task.placement(Q0).translation
+    )
+    assert 0.05 < moved[0] <= 0.1 and abs(moved[1]) < 1e-3
+    bench.run(0.5)
+    assert servo.at_rest and servo.reason == "the last hand pose is more than 0.1 s old"
+    servo.hand(hand + 1, still, bench.now)  # found again: not coupled any more
+    rest = bench.run(0.5)
+    assert (rest == bench.sent[-50]).all()
+    servo.couple(True)
+    servo.hand(hand + 1, still, bench.now)
+    assert np.abs(bench.run(0.05) - rest).max() < 1e-9 and servo.reason == ""
+    servo.hand((np.nan, 0, 0), still, bench.now)
+    assert servo.reason == "hand pose refused: it must be finite numbers"
+    servo.couple(True)
+    servo.hold()
+    servo.hand(hand, still, bench.now)
+    assert (bench.run(0.3) == bench.sent[-1]).all() and bench.used() <= 1 + 1e-6
+
+
+def test_bodies_stop_the_arm_and_are_named(tmp_path: Path) -> None:
+    near = tmp_path / "near.urdf"
+    near.write_text(WALL)
+    task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, rp.Box(Q_PANDA, 0.4), degree=1, options=FEW
+    )
+    servo = Servo(
+        design,
+        RATE,
+        rp.Limits(acceleration="panda", jerk="panda"),
+        bodies=rp.Bodies(task, surroundings=near),
+        body_distance=0.03,
+        tool=TOOL,
+    )
+    place = task.placement(Q_PANDA) * TOOL
+    q, now = Q_PANDA, 0.0
+    for k in range(300):
+        now += 1 / RATE
+        servo.joints(dict(zip(task.joint_names, q, strict=True)), now)
+        if k == 60:
+            turn = pin.Quaternion(place.rotation).coeffs()
+            servo.pose(place.translation + [0.15, 0, 0], turn)
+        sent = servo.tick(now)
+        q = q if sent is None else sent
+    assert "and wall are near each other ahead" in servo.said
+    assert 0.03 <= rp.Bodies(task, surroundings=near).nearest(q).distance < 0.04
+    moved = task.placement(q) * TOOL  # on the tool's own straight line
+    assert moved.translation[0] > place.translation[0] + 0.01
+    assert np.abs(moved.translation - place.translation)[1:].max() < 1e-6
+
+
+def of_cell(F: rp.InverseFunction, tool: pin.SE3) -> Servo:
+    """A servo of a cell's function, whose evaluation does not matter here."""
+    design = rp.CellDesign.__new__(rp.CellDesign)
+    object.__setattr__(design, "function", F)
+    return Servo(design, RATE, rp.Limits(acceleration=5.0), tool=tool)
+
+
+def test_a_tool_of_a_cell_gets_the_targets_and_twists() -> None:
+    F = function_of("poses")
+    servo, x = of_cell(F, TOOL), F.cell.at(0.3 * np.ones(F.cell.k))
+    q, now, names = F(F.cell.placement), 0.0, F.task.joint_names
+    tips = []
+    for k in range(600):
+        now += 1 / RATE
+        servo.joints(dict(zip(names, q, strict=True)), now)
+        if k == 40:
+            goal = x * TOOL
+            turn = pin.Quaternion(goal.rotation).coeffs()
+            servo.pose(goal.translation, turn)
+        elif k == 450:
+            assert np.abs(q - F(x)).max() < 1e-9
+        elif k > 450:
+            servo.twist((0, 0, 0, 0.1, 0.0, 0.1), now)
+            tips.append((F.task.placement(q) * TOOL).translation)
+        sent = servo.tick(now)
+        q = q if sent is None else sent
+    assert np.ptp(tips, axis=0).max() < 1e-3  # it turns about the tool's tip
+    end = F.task.placement(q)
+    assert np.linalg.norm(end.translation - x.translation) > 5e-3
+    with pytest.raises(rp.InputError, match="another tool requires a pose task"):
+        of_cell(function_of("positions"), TOOL)

@@ -45,6 +45,7 @@ def test_a_box_with_the_tool_down_fits_and_has_a_function(panda_pose: rp.Task) -
     assert found.coverage == 1
 
 
+@pytest.mark.slow
 def test_the_tool_points_where_it_was_asked_to(panda_pose: rp.Task) -> None:
     place = rp.best_cell(panda_pose, 0.1, orientation="forward", yaw=0.5)
     axis = place.cell.placement.rotation[:, 2]
@@ -53,6 +54,7 @@ def test_the_tool_points_where_it_was_asked_to(panda_pose: rp.Task) -> None:
     assert np.allclose(given.cell.placement.rotation, place.cell.placement.rotation)
 
 
+@pytest.mark.slow
 def test_the_place_is_near_the_one_wanted(panda_pose: rp.Task) -> None:
     at = np.array([0.5, 0.1, 0.3])
     place = rp.best_cell(panda_pose, 0.2, orientation="down", at=at)
@@ -60,12 +62,78 @@ def test_the_place_is_near_the_one_wanted(panda_pose: rp.Task) -> None:
     assert np.linalg.norm(place.cell.placement.translation - at) < 0.05
 
 
+@pytest.mark.slow
 def test_a_box_that_is_too_large_shrinks_with_the_reason(panda_pose: rp.Task) -> None:
     place = rp.best_cell(panda_pose, (1.2, 1.2, 0.8), orientation="down")
     assert 0.1 < place.factor < 1
     assert np.allclose(place.cell.half_width, place.factor * np.array([0.6, 0.6, 0.4]))
     assert "corner" in place.reason
     assert reaches_all(place, 10)
+
+
+@pytest.mark.slow
+def test_what_fits_is_not_said_to_shrink(tmp_path: Path) -> None:
+    """LBR iiwa 14 by its table of Denavit and Hartenberg: the box fits beside the base, where a
+    search over positions alone did not find a configuration from which it does."""
+    d = [0.36, 0.0, 0.42, 0.0, 0.4, 0.0, 0.126]
+    turn = [-np.pi / 2, np.pi / 2, np.pi / 2, -np.pi / 2, -np.pi / 2, np.pi / 2, 0.0]
+    limit = np.radians([170, 120, 170, 120, 170, 120, 175])
+    path = tmp_path / "iiwa.urdf"
+    path.write_text(dh_urdf(d, turn, limit), "utf-8")
+    task = rp.Robot.load(path).task("tool", "pose")
+    place = rp.best_cell(task, (0.3, 0.3, 0.2), orientation="down")
+    assert place.factor == 1 and place.margin > 0.05
+    assert reaches_all(place)
+
+
+def dh_urdf(d: list[float], turn: list[float], limit: np.ndarray) -> str:
+    """An arm of revolute joints about z, each followed by a shift d along z and a turn about x."""
+    links = ["base", *(f"link{i}" for i in range(1, len(d))), "last", "tool"]
+    parts = [f'<link name="{link}"/>' for link in links]
+    xyz, roll = "0 0 0", 0.0
+    for i, bound in enumerate(limit):
+        parts.append(
+            f'<joint name="a{i}" type="revolute"><parent link="{links[i]}"/>'
+            f'<child link="{links[i + 1]}"/><origin xyz="{xyz}" rpy="{roll} 0 0"/>'
+            f'<axis xyz="0 0 1"/><limit lower="{-bound}" upper="{bound}" effort="1" '
+            'velocity="2"/></joint>'
+        )
+        # in the turned frame, the next joint stands d away along the last z
+        xyz, roll = f"0 0 {d[i]}", turn[i]
+    parts.append(
+        f'<joint name="flange" type="fixed"><parent link="last"/><child link="tool"/>'
+        f'<origin xyz="{xyz}" rpy="0 0 0"/></joint>'
+    )
+    return f'<robot name="iiwa">{"".join(parts)}</robot>'
+
+
+def test_a_map_shows_where_the_box_works(tmp_path: Path) -> None:
+    """Closed form: a box fits where its corners are within reach, 1.2 m, and not beyond."""
+    pytest.importorskip("matplotlib")
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    place = rp.best_cell(task, 0.2)
+    ax = place.figure().axes[0]
+    assert ax.get_xlabel() == "x of the middle (m)"
+    partly, whole = ax.collections
+    edges = whole.get_coordinates()
+    x, y = np.moveaxis((edges[1:, 1:] + edges[:-1, :-1]) / 2, -1, 0)
+    extra, share = whole.get_array(), partly.get_array()
+    fits = ~np.ma.getmaskarray(extra).reshape(x.shape)
+    far = np.hypot(abs(x) + 0.1, abs(y) + 0.1)
+    ring = (far < 1.1) & (np.hypot(x, y) > 0.6)
+    assert not fits[far > 1.21].any()
+    assert ring.sum() > 100 and fits[ring].mean() > 0.97
+    assert extra.min() >= 0 and share.min() > 0 and share.max() < 100
+
+
+def test_a_planar_box_near_a_place_shrinks_with_the_reason(tmp_path: Path) -> None:
+    """Closed form: the corners of the largest box lie within the sum of the lengths."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    place = rp.best_cell(task, (2.0, 1.2))
+    assert 0.5 < place.factor < 1 and "corner" in place.reason
+    assert np.allclose(place.cell.half_width, place.factor * np.array([1.0, 0.6]))
+    near = rp.best_cell(task, 0.2, at=[0.6, -0.5, 0.0])
+    assert np.linalg.norm(near.cell.placement.translation - [0.6, -0.5, 0]) < 0.02
 
 
 def test_a_planar_arm_has_the_box_within_its_reach(tmp_path: Path) -> None:
@@ -87,14 +155,18 @@ def test_what_cannot_be_is_refused_by_name(panda: rp.Robot) -> None:
 
 
 def test_the_command_places_the_box(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    blank_pictures: None,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    options = "--task xy --size 0.3,0.3 --degree 2 --held-out 64"
+    options = "--task xy --size 0.3,0.3 --degree 2 --held-out 64 --map --out o"
     said = told(capsys, "cell", "planar3r", *options.split())
     assert said["start_is"] == "searched for the cell"
     assert said["notes"][0].startswith("placed at")
     assert np.allclose(said["half_width"], [0.15, 0.15])
+    assert (tmp_path / "o" / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -104,6 +176,7 @@ def test_the_command_places_the_box(
         ("--size 0.1 --half-width 0.1", "--size and --half-width are mutually"),
         ("--size 0.1 --down --forward", "mutually exclusive"),
         ("--size 0.1 --start 0,0,0", "--size and --start are mutually"),
+        ("--map --half-width 0.1", "--map requires --size"),
     ],
 )
 def test_options_that_do_not_go_together(

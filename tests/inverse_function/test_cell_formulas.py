@@ -19,14 +19,6 @@ from repctl_pin.extensions.cells import kinematics, margins, turning
 from repctl_pin.extensions.cells.cell_evaluation import evaluate_cell
 from repctl_pin.extensions.cells.cell_fit import CellFit
 from repctl_pin.extensions.cells.cost import Cost, Penalty, descend, predicted_gain
-from repctl_pin.extensions.cells.margins import (
-    CandidateFunction,
-    Margin,
-    distances_of,
-    limits_of,
-    lowest_distances,
-    singular_values_of,
-)
 from repctl_pin.extensions.cells.penalty import ActiveConstraint, PenaltyMethod
 from repctl_pin.extensions.cells.posture_search import (
     Candidate,
@@ -46,9 +38,9 @@ def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     terms, edge = chart.monomials, 0.9 * cell.sample(8, 5)
     rng = np.random.default_rng(0)
     asked_for = [
-        (limits_of(cell.task), 0.75),
-        (distances_of(cell.task), 0.2),
-        (singular_values_of(cell.task), 1.0),
+        (margins.limits_of(cell.task), 0.75),
+        (margins.distances_of(cell.task), 0.2),
+        (margins.singular_values_of(cell.task), 1.0),
     ]
     for parts, exact in [(asked_for[:1], 1e-5), (asked_for, 1e-3)]:
         kept = [
@@ -114,7 +106,7 @@ def test_a_penalty_counts_where_its_margin_is_missed() -> None:
     there is no pose and where there is no weight, the cost and its derivatives are the same."""
     cell = cell_of()
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
-    chart, limits = chart_of(cell, q, 1, 32), limits_of(cell.task)
+    chart, limits = chart_of(cell, q, 1, 32), margins.limits_of(cell.task)
     U, edge, desired = cell.sample(8), cell.sample(5, 5), rp.Pseudoinverse(cell.task)
     terms = chart.monomials
     a = 0.02 * np.random.default_rng(0).normal(size=(terms.size, 1))
@@ -134,9 +126,9 @@ def test_a_penalty_counts_where_its_margin_is_missed() -> None:
         assert other[0].cost == other[0].nearness == pytest.approx(free.cost, rel=1e-12)
         assert np.allclose(other[1], gradient, rtol=0, atol=1e-12 * abs(gradient).max())
         assert np.allclose(other[2], H, rtol=0, atol=1e-9 * abs(H).max())
-    Q = CandidateFunction(chart, terms, a).at(edge).Q
-    margins = np.minimum(Q - cell.task.lower, cell.task.upper - Q)
-    short = np.maximum(0, np.linspace(0.5, 2.0, 5)[:, None] - margins)
+    Q = margins.CandidateFunction(chart, terms, a).at(edge).Q
+    kept = np.minimum(Q - cell.task.lower, cell.task.upper - Q)
+    short = np.maximum(0, np.linspace(0.5, 2.0, 5)[:, None] - kept)
     due = free.cost + 3.0 * (short**2).sum() / 5
     with_three = of(missed, nowhere, met, weight=3.0)[0]
     assert with_three.cost == pytest.approx(due, rel=1e-9)
@@ -158,7 +150,7 @@ def test_a_cost_is_infinite_where_the_function_is_missing_at_one_node(
     once, missing, costs = cost.value(zero).cost, [], []
     for size in np.linspace(0, 6, 25):
         a = zero + size * (terms.exponents[:, :1] == 1)
-        found = CandidateFunction(chart, terms, a).at(U).found
+        found = margins.CandidateFunction(chart, terms, a).at(U).found
         missing.append(1 - found.mean())
         costs.append(cost.value(a).cost)
         assert np.isfinite(costs[-1]) == found.all()
@@ -377,11 +369,13 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
         descend(Cost(desired, chart, t, U), np.zeros((t.size, 1))) for t in (low, terms)
     ]
     functions = [
-        CandidateFunction(chart, t, descent.a)
+        margins.CandidateFunction(chart, t, descent.a)
         for t, descent in zip((low, terms), free, strict=True)
     ]
     bound = np.quantile(functions[1].at(U).Q[:, 2], 0.7)
-    margin = Margin("joint 3", lambda Q: bound + 0.1 - Q[:, 2:3], 0.1, 0.4, 128, 16, 24)
+    margin = margins.Margin(
+        "joint 3", lambda Q: bound + 0.1 - Q[:, 2:3], 0.1, 0.4, 128, 16, 24
+    )
 
     def constraint() -> ActiveConstraint:
         return ActiveConstraint(
@@ -417,7 +411,7 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
         assert weights[1] == 10 * weights[0]  # ten times in each round, up to 1e5
         assert {*map(tuple, due.edge)} <= {*map(tuple, kept.edge)}
         assert (
-            margin.least(CandidateFunction(chart, terms, found.a).at(U)) > 0.08
+            margin.least(margins.CandidateFunction(chart, terms, found.a).at(U)) > 0.08
         ).all()
         guess = low.fit(U, terms.values(U) @ found.a)
         costs.append(found.value.cost)
@@ -609,7 +603,7 @@ def test_the_lowest_body_distance_is_that_of_all() -> None:
     for size in (0.1, 1.0):
         Q = task.reference + size * rng.normal(size=(40, task.n))
         exact = bodies.distances(Q)
-        found, share = lowest_distances(bodies, Q)
+        found, share = margins.lowest_distances(bodies, Q)
         assert found.min() == exact.min()
         assert abs(share - (exact < 0).mean()) < 0.2
         assert (found >= exact - 1e-12).all() or exact.min() < 0
@@ -653,18 +647,18 @@ def wrist(folder: Path) -> Any:
     return replace(chart, coefficients=chart.coefficients * [1, way])
 
 
-def function_of_label(chart: Any, label: Any) -> CandidateFunction:
+def function_of_label(chart: Any, label: Any) -> margins.CandidateFunction:
     """The function of a chart with a label that is a polynomial in u."""
     U = chart.cell.sample(64)
-    return CandidateFunction(
+    return margins.CandidateFunction(
         chart, chart.monomials, chart.monomials.fit(U, label(U)[:, None])
     )
 
 
 def margin_of(
     measure: Any, required: float = 0.0, slack: float = 0.0, violators: int = 9
-) -> Margin:
-    return Margin("", measure, required, slack, 99, 6, violators)
+) -> margins.Margin:
+    return margins.Margin("", measure, required, slack, 99, 6, violators)
 
 
 def test_the_largest_margin_of_a_self_motion(tmp_path: Path) -> None:
@@ -692,7 +686,7 @@ def test_the_search_for_a_small_margin_ends_at_the_smallest(tmp_path: Path) -> N
     """The margin is the tool's distance from a point, so that the smallest one in the cell is at
     the point of the cell nearest to it."""
     chart = wrist(tmp_path)
-    cell, candidate = chart.cell, CandidateFunction.zero(chart)
+    cell, candidate = chart.cell, margins.CandidateFunction.zero(chart)
     starts = np.concatenate([cell.sample(4), [[1.0, 1.0], [-1.0, -1.0]]])
     for nearest, point in (
         ([0.3, -0.6], [0.3, -0.6]),
@@ -728,7 +722,7 @@ def test_the_slope_of_a_margin_is_that_of_its_smallest_part(tmp_path: Path) -> N
     """Against finite differences; a part without a limit has none."""
     chart = wrist(tmp_path)
     a = np.random.default_rng(0).normal(size=(10, 1))
-    candidate = CandidateFunction(chart, chart.monomials, a)
+    candidate = margins.CandidateFunction(chart, chart.monomials, a)
 
     def measure(Q: np.ndarray) -> np.ndarray:
         return np.stack(
@@ -770,7 +764,7 @@ def test_few_of_the_overlapping_hulls_are_tested(overlaps: int, collide: float) 
     deep = (rng.uniform(size=hulls.shape) < collide) & (hulls < 0)
     exact = np.where(deep, hulls / 2, np.where(hulls < 0, 0.05, hulls))
     stand, Q = Stand(), np.stack([exact, hulls], axis=1)
-    found, share = lowest_distances(stand, Q)
+    found, share = margins.lowest_distances(stand, Q)
     assert found.min() == exact.min()
     tested, overlap = np.isin(hulls, stand.tested), hulls < 0
     assert not tested[~overlap].any() and (found[overlap & ~tested] == 0).all()
@@ -782,7 +776,7 @@ def test_few_of_the_overlapping_hulls_are_tested(overlaps: int, collide: float) 
         assert share == pytest.approx((exact < 0).mean(), rel=1e-12)
     assert abs(share - (exact < 0).mean()) < 0.15
     quick = Stand()
-    found, _ = lowest_distances(quick, Q, quick=True)
+    found, _ = margins.lowest_distances(quick, Q, quick=True)
     assert sorted(quick.tested) == sorted(hulls)[: min(8, overlaps)]
 
 
@@ -792,7 +786,7 @@ def test_no_deeper_collision_is_left_out() -> None:
     for i in range(41):
         exact = np.full(41, 0.05)
         exact[i - 1], exact[i] = hulls[i] + 0.5, hulls[i]
-        found, _ = lowest_distances(Stand(), np.stack([exact, hulls], axis=1))  # type: ignore[arg-type]
+        found, _ = margins.lowest_distances(Stand(), np.stack([exact, hulls], axis=1))  # type: ignore[arg-type]
         assert found.min() == hulls[i]
 
 
@@ -803,9 +797,9 @@ def test_the_margins_of_a_task_are_those_of_its_limits_and_its_jacobian() -> Non
     singular = np.linalg.svd(task.jacobians(Q), compute_uv=False)
     hulls = rp.Bodies(task).hull_distances(Q)
     for make, due in (
-        (limits_of, room),
-        (singular_values_of, singular[:, -1:]),
-        (distances_of, hulls[:, None]),
+        (margins.limits_of, room),
+        (margins.singular_values_of, singular[:, -1:]),
+        (margins.distances_of, hulls[:, None]),
     ):
         margin = make(task)
         assert np.allclose(margin.measure(Q), due, rtol=0, atol=1e-12)
@@ -834,7 +828,7 @@ def test_the_rounds_end_where_nothing_can_be_met(tmp_path: Path) -> None:
     found = method.kept([free], terms, lambda *_: weights.append(method.weight))
     assert weights[:4] == [100, 1e3, 1e4, 1e5] and {*weights[4:]} == {1e5}
     assert len(weights) < 30 and found.steps > free.steps + len(weights)
-    edge, last = constraint.edge, CandidateFunction(chart, terms, found.a)
+    edge, last = constraint.edge, margins.CandidateFunction(chart, terms, found.a)
     assert constraint.short(last) and np.array_equal(constraint.edge, edge)
     kept = [constraint.penalty(last)]
     again = descend(Cost(G_d, chart, terms, U, kept, weight=1e5), found.a)
@@ -942,9 +936,11 @@ def test_limits_may_be_missed_by_more_than_other_margins(
         q, slack = [1.48, -1.35, -2.24], 0.25
     else:
         task, q, slack = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.25, 2.6], 0.25
-    make = {"limits": limits_of, "bodies": distances_of}.get(kind, singular_values_of)
+    make = {"limits": margins.limits_of, "bodies": margins.distances_of}.get(
+        kind, margins.singular_values_of
+    )
     chart = chart_of(rp.Cell(task, task.placement(q), 1e-3), np.array(q), 1, 16)
-    function, U = CandidateFunction.zero(chart), chart.cell.corners()
+    function, U = margins.CandidateFunction.zero(chart), chart.cell.corners()
     least = make(task).least(function.at(U)).min()
     for missed, due in ((slack - 0.05, False), (slack + 0.05, True)):
         margin = make(task, least / (1 - missed))
@@ -994,7 +990,7 @@ def test_the_worst_poses_are_penalised_by_what_they_can_attain(tmp_path: Path) -
         fresh = [short[every.index(u)] for u in edge if u not in before]
         assert min(fresh) > bound - 1e-4
     wide = replace(chart, cell=rp.Cell(cell.task, cell.placement, 0.3))
-    partly = CandidateFunction(wide, label.terms, label.a)
+    partly = margins.CandidateFunction(wide, label.terms, label.a)
     there = partly.at(constraint.edge).found
     for function, kept in ((label, slice(None)), (partly, there)):
         penalty = constraint.penalty(function)

@@ -16,7 +16,7 @@ import pinocchio as pin
 import pytest
 from arms import Q_PANDA, planar_task, planar_urdf, spatial_urdf, upright_urdf
 from cell_functions import f_in_numpy, panda, tour
-from commands import main
+from commands import main, without_pictures
 from controls import in_numpy
 from design_file import checksum
 from matplotlib.figure import Figure
@@ -1028,7 +1028,7 @@ def drawn(
 ) -> tuple[rp.CellDesign, Path, Figure]:
     """A sector by the command, its page, and the figure that it draws: an arm whose first axis is
     vertical, and whose other ones point anywhere."""
-    folder, figures = tmp_path_factory.mktemp("sector"), []
+    folder = tmp_path_factory.mktemp("sector")
     text = re.sub(
         "<origin [^>]*/><axis [^>]*/>",
         '<axis xyz="0 0 1"/>',
@@ -1039,14 +1039,8 @@ def drawn(
     arm = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "axis"]
     sizes = ["--radius", "0.02", "--height", "0.03", "--half-angle", "0.15"]
     few = ["--start", ",".join(6 * ["0.4"]), "--degree", "1", "--held-out", "64"]
-    drawn = Figure.savefig
-
-    def kept(figure: Figure, *given: Any, **options: Any) -> None:
-        figures.append(figure)
-        drawn(figure, *given, **options)
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", kept)
+        figures = without_pictures(patch)
         assert main([*arm, "--sector", *sizes, *few, "--out", str(folder)]) == 0
     task = rp.Robot.load(folder / "arm.urdf").task("tool", "axis")
     design = rp.load(folder / "cell.json", task)

@@ -67,7 +67,7 @@ def test_elbow_and_hand_on_one_chain_come_back():
     assert closed.drift[-1] < 1e-9
 
 
-def test_a_proof_of_several_frames_is_refused_in_one_line():
+def test_a_closing_radius_of_several_frames_is_refused_in_one_line():
     task = rp.Robot.load("panda").task(
         [("panda_link4", "xy"), ("panda_link8", "position")]
     )
@@ -76,7 +76,7 @@ def test_a_proof_of_several_frames_is_refused_in_one_line():
     plain = rp.Pseudoinverse(task)
     design = rp.nearest_repeatable(plain, None, region, degree=1, options=options)
     with pytest.raises(
-        rp.InputError, match="a proof takes a task of one frame"
+        rp.InputError, match="a closing radius takes a task of one frame"
     ) as refused:
-        rp.prove(design)
+        rp.prove(design, closes=0.01)
     assert "\n" not in str(refused.value)

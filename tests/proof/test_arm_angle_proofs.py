@@ -12,17 +12,13 @@ import numpy as np
 import pytest
 from arms import spatial_task
 from commands import told
+from kernels import kernels, use
 from mimic_arm import MIMICS, arm
-from mutants import ARM, ARM_C, POWER, compiled, wrong
+from mutants import ARM, ARM_C, wrong
 from proofs import design_of, margins
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import (
-    arm_angle,
-    arm_angle_kernel,
-    leaf_margin_bounds,
-    taylor,
-)
+from repctl_pin.extensions.proof import arm_angle, leaf_margin_bounds
 
 PANDA = ("panda_link2", "panda_link4", "panda_link6")
 UNDEFINED = "the arm angle is not defined there"
@@ -64,8 +60,7 @@ def gradients_off(angle: rp.ArmAngle, law: ModuleType = arm_angle) -> float:
     """The largest share of its bound that a gradient differs from its expansion by, in boxes."""
     chain = law.ArmAngleChain.of(angle, np.ones(1))
     Q, half = boxes_of(angle, 24)
-    P, r = law.in_numpy(chain, Q, half)
-    found = law._bounds(chain, P, r, half)
+    found = chain.gradient_bounds(Q, half)
     rng, used = np.random.default_rng(1), 0.0
     good = np.isfinite(found.rest).all(axis=1)
     assert good.mean() > 0.4
@@ -84,25 +79,8 @@ def test_a_gradient_stays_in_its_bounds(name: str, tmp_path: Path) -> None:
     assert 0.3 < gradients_off(ANGLES[name](tmp_path)) <= 1
 
 
-@pytest.mark.parametrize("name", ANGLES)
-def test_c_and_numpy_find_the_same_models(name: str, tmp_path: Path) -> None:
-    angle = ANGLES[name](tmp_path)
-    chain = arm_angle.ArmAngleChain.of(angle, np.ones(1))
-    Q, half = boxes_of(angle, 21)
-    on = chain.moving
-    made = arm_angle_kernel.gradients_in_c(chain, Q[:, on], half[:, on])
-    if made is None:
-        pytest.skip("there is no native library")
-    (P, r), (P_c, r_c) = arm_angle.in_numpy(chain, Q, half), made
-    good = np.isfinite(r).all(axis=1)
-    assert (np.isfinite(r_c).all(axis=1) == good).all()
-    scale = np.abs(P).sum(axis=-1)[good]
-    assert (np.abs(P_c - P)[good].max(axis=-1) <= 1e-11 * (1 + scale)).all()
-    np.testing.assert_allclose(r_c[good], r[good], rtol=1e-3, atol=1e-7)
-
-
 def test_the_leaf_margin_of_joined_potentials_is_bounded(tmp_path: Path) -> None:
-    """An arm angle and polynomials, r = 2, in C and in NumPy."""
+    """An arm angle and polynomials, r = 2."""
     task = panda().robot.task("panda_hand_tcp", "axis")
     angle = rp.ArmAngle(task, *PANDA, reference=(0, 1, 0))
     both = angle + rp.Polynomial(Q0, 2, 0.3)
@@ -116,10 +94,6 @@ def test_the_leaf_margin_of_joined_potentials_is_bounded(tmp_path: Path) -> None
     Q = Q0 + rng.uniform(-0.1, 0.1, (24, 7))
     half = 10 ** rng.uniform(-5, -1.8, (24, 1)) * rng.uniform(0.3, 1, (24, 7))
     found = problem.bounds(Q, half)
-    plain = leaf_margin_bounds.in_numpy(problem, Q, half)
-    for name in ("leaf_margin", "center", "sigma_min"):
-        one, two = getattr(found, name), getattr(plain, name)
-        np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9)
     assert (found.leaf_margin > 0).mean() > 0.6
     for _ in range(10):
         points = Q + half * np.sign(rng.standard_normal(Q.shape))
@@ -192,76 +166,41 @@ SLOW = [pytest.mark.slow]
 
 
 @pytest.mark.parametrize(
-    "mutant", [pytest.param(m, marks=SLOW if i > 2 else []) for i, m in enumerate(ARM)]
+    "mutant", [pytest.param(m, marks=SLOW if i > 1 else []) for i, m in enumerate(ARM)]
 )
 def test_a_wrong_term_is_noticed(
     mutant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    law = wrong(monkeypatch, "arm_angle.py", *ARM[mutant])
-    cases = (
-        "conventional",
-        "stereographic",
-        "prismatic joints",
-        "mimic joints",
-        "any order, from the base",
-    )
-    for name in cases:
+    assert noticed(tmp_path, wrong(monkeypatch, "arm_angle.py", *ARM[mutant]))
+
+
+def noticed(folder: Path, law: ModuleType = arm_angle) -> bool:
+    """Find out whether a gradient leaves its bounds, or has none, on one of the arms."""
+    for angle in ANGLES.values():
         try:
-            if gradients_off(ANGLES[name](tmp_path), law) > 1:
-                return
+            if gradients_off(angle(folder), law) > 1:
+                return True
         except AssertionError:
-            return
-    pytest.fail("nothing was noticed")
+            return True
+    return False
 
 
-def powers_off(law: ModuleType = taylor) -> float:
-    """The largest share of its bound that a power is from its model, on boxes."""
-    rng, worst = np.random.default_rng(0), 0.0
-    for s in (0.5, -0.5, -1.0):
-        c, d, t = rng.uniform(0.1, 3, (3, 40))
-        d = d / 3.1 * c
-        model = law.TaylorModel.constant(1, c)
-        P = model.P.copy()
-        P[:, 1] = d
-        found = law.TaylorModel(1, P, model.r).power(s)
-        for t in (-1.0, -0.9, 0.5, 1.0):
-            near = found.P @ np.array([1, t, t**2, t**3])
-            off = np.abs(near - (c + d * t) ** s)
-            worst = max(worst, float((off / (found.r + 1e-14)).max()))
-    return worst
+@pytest.mark.parametrize(
+    "mutant",
+    [pytest.param(m, marks=SLOW if i > 1 else []) for i, m in enumerate(ARM_C)],
+)
+def test_a_wrong_term_in_c_is_noticed(
+    mutant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, arm_angle, kernels("arm_angle.c", *ARM_C[mutant]))
+    assert noticed(tmp_path)
 
 
-def test_powers_of_taylor_models_hold() -> None:
-    assert 0.3 < powers_off() <= 1
-    x = taylor.TaylorModel(1, np.array([[1.0, 1.1, 0, 0]]), np.zeros(1))
-    found = x.power(-1)
-    assert (
-        np.isinf(found.r).all() and found.P[0, 0] == 1
-    )  # the value at the centre stays
-
-
-@pytest.mark.parametrize("mutant", POWER)
-def test_a_wrong_power_is_noticed(mutant: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert powers_off(wrong(monkeypatch, "taylor.py", *POWER[mutant])) > 1
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_a_wrong_term_in_c_is_noticed(tmp_path: Path) -> None:
-    """Every wrong version gives other models than the right one, on one of the arms."""
-    for name, change in ARM_C.items():
-        noticed, library = False, compiled(tmp_path, "arm_angle.c", *change)
-        for case in ("conventional", "stereographic", "prismatic joints"):
-            angle = ANGLES[case](tmp_path)
-            chain = arm_angle.ArmAngleChain.of(angle, np.ones(1))
-            Q, half = boxes_of(angle, 16)
-            on = chain.moving
-            boxes = Q[:, on], half[:, on]
-            P, r = arm_angle_kernel.gradients_in_c(chain, *boxes)
-            other = arm_angle_kernel.gradients_in_c(chain, *boxes, library)
-            noticed |= not np.allclose(P, other[0], equal_nan=True)
-            noticed |= not np.allclose(r, other[1], rtol=1e-4, atol=1e-12)
-        assert noticed, name
+def test_an_arm_angle_of_too_many_joints_is_refused_by_name(tmp_path: Path) -> None:
+    task = spatial_task(12, tmp_path, kind="pose", seed=3)
+    angle = rp.ArmAngle(task, "link3", "link7", "tool")
+    with pytest.raises(rp.InputError, match="it depends on 1[12] joints; use links"):
+        arm_angle.ArmAngleChain.of(angle, np.ones(1))
 
 
 # ---- against rigorous arithmetic, and at many points -------------------------------------------

@@ -61,6 +61,8 @@ def test_the_commands_of_a_page_fit_terminals_of_two_sizes(
     seam = rp.circle(task, np.array(task.reference), 0.05)
     points = [[10 * s, *seam.point(s)] for s in np.linspace(0, 1, 41)]
     np.savetxt("seam.csv", points, delimiter=",", header="time,x,y,z", comments="")
+    places = seam.point(0.0) + np.array([[0, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0.1]])
+    np.savetxt("poses.csv", [*places, places[0]], delimiter=",")
     start, control = np.array(task.reference), rp.Pseudoinverse(task)
     motion = rp.follow(
         control, rp.circle(task, start, 0.05), start, cycles=3, steps=100

@@ -187,6 +187,27 @@ def test_the_fingers_of_a_gripper_are_coupled(tmp_path: Path, mujoco: Any) -> No
     assert any("tendon" in note for note in robot.description.notes)
 
 
+def test_a_weld_to_a_target_of_the_user_is_left_out(
+    tmp_path: Path, mujoco: Any
+) -> None:
+    """Learning environments pull the hand to a mocap body, which closes no loop."""
+    target = '<body name="goal" mocap="true"><site name="aim"/></body>'
+    text = PANDA.replace("<worldbody>", f"<worldbody>{target}")
+    for weld in ('body1="goal" body2="hand"', 'site1="aim" site2="tcp"'):
+        rest = f"<equality><weld {weld}/></equality>"
+        robot = rp.Robot.load(written(tmp_path, text, rest=rest))
+        assert robot.task("tcp").n == 7
+        assert any("mocap body" in note for note in robot.description.notes)
+
+
+def test_mjcf_has_no_speed_limits_and_no_words_about_them(
+    tmp_path: Path, mujoco: Any
+) -> None:
+    robot = rp.Robot.load(written(tmp_path, PANDA))
+    assert np.isinf(robot.task("tcp").velocity_limit).all()
+    assert not any("speed" in note for note in robot.description.notes)
+
+
 def test_an_included_file_is_read(tmp_path: Path, mujoco: Any) -> None:
     written(tmp_path, PANDA)
     scene = tmp_path / "scene.xml"

@@ -47,6 +47,20 @@ def test_the_jacobian_is_minus_the_derivative_of_the_error(task):
         np.testing.assert_allclose(task.jacobian(q), np.stack(slopes, -1), atol=1e-7)
 
 
+@pytest.mark.parametrize("gear", [1.0, 2.0])
+def test_twists_are_the_derivatives_of_placements(task, gear):
+    """Also in coordinates ψ."""
+    if gear != 1:
+        task = task.in_coordinates(gear * np.eye(task.n))
+    Q, Qdot = configurations(task, 2), configurations(task, 4)[2:]
+    for q, qdot, found in zip(Q, Qdot, task.twists(Q, Qdot), strict=True):
+        ends = [task.placements(q + sign * 1e-6 * qdot) for sign in (1, -1)]
+        for ahead, behind, twist in zip(*ends, found.reshape(-1, 6), strict=True):
+            v = (ahead.translation - behind.translation) / 2e-6
+            omega = pin.log3(ahead.rotation @ behind.rotation.T) / 2e-6
+            np.testing.assert_allclose(twist, [*v, *omega], atol=1e-7)
+
+
 def test_batches_equal_single_evaluations(task):
     Q = configurations(task)
     targets = [task.placements(q) for q in Q[::-1]]

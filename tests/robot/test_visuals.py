@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
+from page_file import Visuals
 
 import repctl_pin as rp
-from repctl_pin.model.visuals import Visuals
 
 
 def configurations(robot: rp.Robot, count: int = 4) -> np.ndarray:

@@ -272,6 +272,36 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert errors(driver) == []
 
 
+_OPENING = """
+const { own } = repctl, { clock, rings: [ring] } = own, seen = [];
+const look = () => { own.place(); seen.push([clock.time, getComputedStyle(ring.firstChild).display !== "none", ring.classList.contains("pulse")]); };
+clock.open(); look();
+clock.pass(3.1); for (let k = 0; k < clock.cycles; k++) clock.pass(0.51); look();
+clock.pass(3.1); clock.pass(0.3 * clock.seconds); look();
+clock.play(false); clock.seek(clock.cycles);
+return seen;
+"""  # noqa: E501
+
+
+def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) -> None:
+    """While it opens, not while the hand goes round; and the callouts point at one place of both
+    arms, where the drift is."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    beginning, walked, running = driver.execute_script(_OPENING)
+    assert beginning == [2, True, False] and walked == [2, True, True]
+    assert 0.2 < running[0] < 1 and not running[1]
+    spots, elbows = np.array(
+        driver.execute_script(
+            "return ['spot', 'elbow'].map((what) => repctl.own.arms.map((arm) => (what === 'spot' "
+            "? arm.partSpot() : arm.point('elbow', 0, arm.now.frame)).toArray()))"
+        )
+    )
+    assert np.linalg.norm(spots[0, :2] - spots[1, :2]) > 0.03  # links of 1 m
+    assert np.linalg.norm((spots - elbows)[:, :2], axis=1).max() < 0.15
+    assert errors(driver) == []
+
+
 _SHIFTS = """
 window.shifts = [];
 new PerformanceObserver((list) => shifts.push(...list.getEntries().map(({ value }) => value)))
@@ -367,6 +397,37 @@ def test_the_proved_radius_is_drawn_and_said(
     driver.execute_script("repctl.own.leave(); repctl.own.take(0, null)")
     assert "Within the pale disc" in driver.execute_script(notes)
     driver.execute_script("repctl.own.leave()")
+    assert errors(driver) == []
+
+
+def test_a_drift_that_is_no_number_is_not_shown(
+    driver: Any, page: Path, study: rp.Study
+) -> None:
+    """A loop to 1 mm from the end of the arm's reach, as a study says of it; not one to 1 cm."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    home = np.array(driver.execute_script("return repctl.own.chain.home"))
+    angle, plain = np.arctan2(home[1], home[0]), rp.Pseudoinverse(study.task)
+    for far, state in ((2.99, "own"), (2.999, "study")):
+        corners = [
+            [far * np.cos(angle), far * np.sin(angle), home[2]],
+            [
+                0.999 * far * np.cos(angle + 0.3),
+                0.999 * far * np.sin(angle + 0.3),
+                home[2],
+            ],
+        ]
+        points = np.round([home, *corners, home], 4)
+        path = rp.waypoints(points, study.task.placement(study.q0).rotation)
+        once, twice = (
+            rp.follow(plain, path, study.q0, cycles=10, steps=steps)
+            for steps in (100, 200)
+        )
+        gaps = np.linalg.norm(once.q[:: once.steps] - twice.q[:: twice.steps], axis=1)
+        assert (gaps[1:] > 0.01 * once.drift).any() == (state == "study")
+        driver.execute_script("repctl.own.open(arguments[0])", points.tolist())
+        assert driver.execute_script("return repctl.own.state") == state
+    assert "singularity on your loop; its drift is not a number" in said(driver)
     assert errors(driver) == []
 
 

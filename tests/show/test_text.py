@@ -13,9 +13,9 @@ from terminals import terminal_of
 import repctl_pin as rp
 from repctl_pin.show.text.headline import headline_of
 from repctl_pin.show.text.lines import Span, coloured, fitted, wrapped
+from repctl_pin.show.text.motion_summary import MotionSummary
 from repctl_pin.show.text.numbers import metres, number, percent, radians
 from repctl_pin.show.text.parts import part_name
-from repctl_pin.show.text.verdict import MotionSummary, verdict
 
 # ---- numbers and lines --------------------------------------------------------------------------
 
@@ -140,6 +140,11 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
             "0 under the repeatable one.",
         ),
         (
+            [replace(USUAL, part="arm 3"), CLOSED],
+            BACK + "Arm 3 is not: 32 cm off under the usual control, "
+            "0 under the repeatable one.",
+        ),
+        (
             [replace(USUAL, part="link 3"), CLOSED],
             BACK + "Link 3 of the arm is not: 32 cm off under the usual control, "
             "0 under the repeatable one.",
@@ -233,9 +238,8 @@ def test_what_is_not_checked_for_collisions_is_said() -> None:
     assert words(headline_of([blind, CLOSED], 10))[1].endswith(
         "Collisions not checked: 8 bodies without a shape."
     )
-    assert verdict([replace(J, unchecked=1), OURS], 10).endswith(
-        "Collisions not checked: 1 body without a shape."
-    )
+    told = str(headline_of([replace(USUAL, unchecked=1), CLOSED], 10))
+    assert told.endswith("Collisions not checked: 1 body without a shape.")
 
 
 def test_a_lost_path_is_not_called_back() -> None:
@@ -309,147 +313,3 @@ def test_links_are_named_in_words() -> None:
     ):
         task = rp.Robot.load(name).task()
         assert part_name(task, task.reference, link) == expected
-
-
-# ---- verdicts -----------------------------------------------------------------------------------
-
-J = MotionSummary("J⁺", 0.4512, 0.464, part="elbow")
-OURS = MotionSummary("nearest repeatable", 0.0, 0.464, part="elbow")
-ELBOW = "Elbow displacement after 10 cycles: 45 cm (J⁺) → 0 (repeatable)."
-SPEED = "Joint speed, relative to J⁺: 0 %."
-LIMITS = "Joint limits respected."
-
-
-@pytest.mark.parametrize(
-    ("summaries", "words"),
-    [
-        (
-            [J, replace(OURS, speed=0.4654)],
-            f"{ELBOW} Joint speed, relative to J⁺: +0.3 %. {LIMITS}",
-        ),
-        (
-            [replace(J, limit_violation=(7, "left_s0")), replace(OURS, speed=0.45936)],
-            f"{ELBOW} Joint speed, relative to J⁺: −1.0 %. "
-            "Joint limits: violated in cycle 7 by left_s0 (J⁺) → respected (repeatable).",
-        ),
-        ([J], f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}"),
-        (  # different parts
-            [J, replace(OURS, off=0.002, part="wrist")],
-            "Farthest part displacement after 10 cycles: 45 cm (elbow) (J⁺) → 2 mm (wrist) "
-            f"(repeatable). {SPEED} {LIMITS}",
-        ),
-        (
-            [MotionSummary("a", 0, 1.0), MotionSummary("b", 0, 1.0)],
-            "Farthest part displacement after 10 cycles: 0. Joint speed, relative to a: 0 %. "
-            f"{LIMITS}",
-        ),
-        (  # what is small is said, if the motion is not closed
-            [replace(J, off=9e-5), OURS],
-            f"Elbow displacement after 10 cycles: 0.09 mm (J⁺) → 0 (repeatable). {SPEED} {LIMITS}",
-        ),
-        (  # a wrist that has turned while the elbow hardly moved
-            [
-                replace(J, off=0.043, joint_displacement=(3.72, "left_w0")),
-                OURS,
-            ],
-            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 0 "
-            "(repeatable). "
-            f"{SPEED} {LIMITS}",
-        ),
-        (
-            [
-                replace(J, off=0.043, joint_displacement=(3.72, "left_w0")),
-                replace(OURS, off=0.002, joint_displacement=(0.02, "left_w1")),
-            ],
-            "Elbow and joint displacement after 10 cycles: 4.3 cm, left_w0 3.7 rad (J⁺) → 2 mm, "
-            "left_w1 0.02 rad "
-            f"(repeatable). {SPEED} {LIMITS}",
-        ),
-        (  # what the elbow shows already
-            [replace(J, joint_displacement=(4.4, "joint1"))],
-            f"Elbow displacement after 10 cycles: 45 cm. {LIMITS}",
-        ),
-        (
-            [replace(J, off=0.002, joint_displacement=(0.09, "joint1"))],
-            f"Elbow displacement after 10 cycles: 2 mm. {LIMITS}",
-        ),
-        ([J, J], f"Elbow displacement after 10 cycles: 45 cm. {SPEED} {LIMITS}"),
-        (
-            [replace(J, speed_ratio=1.31), OURS],
-            f"{ELBOW} {SPEED} Speed limits: up to 1.3 times the limit (J⁺) → respected "
-            f"(repeatable). {LIMITS}",
-        ),
-    ],
-)
-def test_the_words_of_every_outcome(summaries: list[MotionSummary], words: str) -> None:
-    assert verdict(summaries, 10) == words
-
-
-def test_a_lost_path_is_said_first_and_speeds_are_not_compared_then() -> None:
-    lost = replace(J, path_loss=(3, 0.572, 0.0))
-    told = verdict([lost, OURS], 10)
-    assert told.startswith(
-        "End effector: leaves the path in cycle 3, by up to 57 cm (J⁺) → on the path "
-        "(repeatable). Elbow displacement"
-    )
-    assert "Joint speed, relative to J⁺: not compared, since the path is left." in told
-    turned = verdict([replace(J, path_loss=(1, 0.0, 0.31))], 10)
-    assert turned.startswith(
-        "End effector: leaves the path in cycle 1, by up to 0.31 rad. "
-    )
-
-
-def test_joint_speed_is_of_the_first_cycle_and_of_all() -> None:
-    """Over all cycles J⁺ is elsewhere, and the sign may turn."""
-    told = verdict(
-        [
-            replace(J, overall_speed=0.6),
-            replace(OURS, speed=0.4654, overall_speed=0.4644),
-        ],
-        10,
-    )
-    assert (
-        "Joint speed, relative to J⁺: +0.3 % in cycle 1, −23 % over 10 cycles." in told
-    )
-
-
-def test_the_scale_of_an_arm_decides_what_is_small() -> None:
-    """An arm of 0.1 mm links whose joints are off by 0.1 rad is not back."""
-    tiny = replace(J, off=9e-6, size=3e-4, joint_displacement=(0.097, "theta2"))
-    assert verdict([tiny, OURS], 10).startswith(
-        "Elbow displacement after 10 cycles: 9 µm (J⁺) → 0"
-    )
-    still = verdict(
-        [
-            replace(J, off=1e-12, joint_displacement=(3e-5, "wrist")),
-            OURS,
-        ],
-        10,
-    )
-    assert still.startswith(
-        "Farthest part and joint displacement after 10 cycles: 0, wrist 3e-5 rad (J⁺) → 0 "
-        "(repeatable)."
-    )
-
-
-def test_the_bodies_and_their_distance() -> None:
-    near = verdict(
-        [
-            replace(J, body_distance=0.0261, collision_cycle=0),
-            replace(OURS, body_distance=0.1189),
-        ],
-        10,
-    )
-    assert near.endswith(
-        f"{LIMITS} Minimum body distance: 2.6 cm (J⁺) → 12 cm (repeatable)."
-    )
-    touching = verdict(
-        [
-            replace(J, body_distance=-0.01, collision_cycle=3),
-            replace(OURS, body_distance=0.1189),
-        ],
-        10,
-    )
-    assert touching.endswith(
-        "Body distance: collision in cycle 3 (J⁺) → minimum 12 cm (repeatable)."
-    )

@@ -189,7 +189,8 @@ def test_a_cycle_takes_as_long_as_the_joints_need(
         re.search(r"^peak joint speed.*\d!", out, flags=re.MULTILINE)
         and "times as fast as its limit allows" in out
     )
-    assert "Speed limits: up to " in " ".join(out.partition("\n\n")[0].split())
+    said = " ".join(out.partition("\n\n")[0].split())
+    assert "times the speed limit under the repeatable one." in said
 
 
 def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:

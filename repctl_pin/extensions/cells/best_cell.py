@@ -3,43 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...arguments import Array, as_int, as_matrices, finite, read_only, vector
-from ...errors import InputError
+from ...errors import InputError, needed
 from ...model.bodies import bodies_of
 from ...model.chain_formulas import require_rotation
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
-from ...motion.solve_ik import random_configurations
-from ...regions.region import sobol
-from ...solvers import newton_rows
+from ...progress import Report, reporter
 from ...strategies import Pseudoinverse
 from .cell import Cell
 from .cell_arguments import sizes
-from .kinematics import bases, placed
-from .posture_search import Candidate, searched
+from .growth import STEPS, Grown, drawn, grown
+from .posture_search import Candidate, chosen, judged, searched
 from .reference import rays
 
-_DRAWN, _MIDDLES, _STARTS = 4096, 256, 3
-"""Random configurations that show the reach; middles that are tried; starts of Newton's method."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-_SEARCHED = 3
-"""Number of best middles at which the posture is searched for, with the bodies."""
+_DRAWN = 4096
+"""Number of random configurations that are turned to the orientation."""
+
+_PARENTS, _CHILDREN = 16, 6
+_WIDTHS = (0.5, 0.25, 0.12)
+"""Number of best middles beside which others are tried, of these per middle, and how far away, in
+half-widths, one round after the other."""
+
+_LOOKED, _DEPTH = 128, 8
+"""Number of best middles without collisions that are kept, and how many times as many are looked at
+for them."""
+
+_TRIED, _ALIKE = 12, 0.3
+"""Number of middles with different joints, and at different places, around which boxes are judged;
+and difference of the joints, rad or m, below which two middles are alike."""
 
 _ENOUGH = 0.3
 """Limit margin, rad or m, above which a larger one is no longer an advantage."""
-
-_SMALLER, _LEAST = 0.8, 0.1
-"""Factor from one size to the next smaller one, and the smallest size that is tried."""
-
-_STEP, _ITERATIONS, _PUSH = 0.4, 40, 0.3
-_REACHED = 1e-9
 
 _TOOL = {
     "down": np.diag([1.0, -1.0, -1.0]),
@@ -82,6 +88,32 @@ class BestCell:
     margin: float
     reason: str
 
+    def figure(self, progress: bool | Report = False) -> Figure:
+        """Draw a map of the workspace: where a box of the size asked for works, and its price.
+
+        The figure has a view from above and one from the side, through the middle of the box. The
+        colour of a place is the extra joint speed of a box around it, estimated as by
+        :func:`repctl_pin.extensions.cells.cell_map.sections`. A place is grey if only a share of
+        the box fits there, and white if the middle is out of reach or bodies collide.
+
+        Parameters
+        ----------
+        progress : bool or callback
+            Show a bar, or call ``progress(step, fraction)``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        needed("matplotlib", by="a map of the workspace")
+        from .cell_map import sections
+        from .cell_plots import map_figure
+
+        whole = self.cell.scaled(1 / self.factor)
+        with reporter(progress) as report:
+            cuts = sections(whole, report)
+        return map_figure(self.cell, self.posture, self.factor, cuts)
+
     def __repr__(self) -> str:
         fits = "fits" if self.factor == 1 else f"{100 * self.factor:.0f} % of it fits"
         cell = self.cell
@@ -98,14 +130,17 @@ def best_cell(
     yaw: float = 0.0,
     at: ArrayLike | None = None,
     seed: int = 0,
+    progress: bool | Report = False,
 ) -> BestCell:
     """Find the best place for a box of poses, or the largest box of its shape that is found.
 
     A box fits if J⁺ leads from a configuration in its middle along straight ways to all corners,
-    inside the joint limits, and no bodies collide in the middle and at the corners. Among such
-    middles, those with the box above z = 0 of the base come first, then those with the largest
-    limit margin, then those with the shortest ways; with ``at``, the nearest one. The function over
-    the box is then designed by :func:`nearest_inverse_function`.
+    inside the joint limits, and no bodies collide in the middle and at the corners. The middles
+    that are tried are random configurations, turned to the orientation, and others beside the best
+    of them. The largest box is taken. Among equal ones, those above z = 0 of the base come first,
+    then those with the largest limit margin, up to 0.3 rad or m, then those with the shortest ways;
+    with ``at``, the nearest one. Boxes shrink by tenths of the size. The function over the box is
+    then designed by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -122,6 +157,8 @@ def best_cell(
         Middle to be near to, m; by default any.
     seed
         Random seed of the middles that are tried.
+    progress : bool or callback
+        Show a bar, or call ``progress(step, fraction)``.
 
     Returns
     -------
@@ -155,32 +192,24 @@ def best_cell(
         raise InputError("must be above 0", argument="size")
     R = _rotation(task, orientation, yaw)
     near_to = None if at is None else vector(at, 3, "at", "m")
-    middles = _middles(task, R, near_to, as_int(seed, "seed", 0))
-    factor, shortest = 1.0, min(edges[edges > 0])
-    first: _Middle | None = None
-    while factor * shortest > 2e-3 and factor > _LEAST:
-        found, best = _best(task, R, middles, factor * edges / 2, near_to)
-        first = first or best
-        if found is not None:
-            cell, posture = found
-            reason = (
-                "" if factor == 1 else _obstruction(cell.scaled(1 / factor), posture.q)
-            )
-            return BestCell(cell, posture.q, factor, posture.margin, reason)
-        factor *= _SMALLER
-    assert first is not None, "there is a middle"
-    whole = Cell(task, pin.SE3(R, first.p), edges / 2)
-    raise InputError(
-        f"no box of this shape fits in this orientation: {_obstruction(whole, first.q)}",
-        remedy="turn the tool, or use another kind of task",
-    )
-
-
-class _Middle(NamedTuple):
-    """A position p (3,) that is reached in the orientation, by a configuration q (n,)."""
-
-    p: Array
-    q: Array
+    place = pin.SE3(R, task.placement(task.reference).translation)
+    box = Cell(task, place, edges / 2)
+    rng = np.random.default_rng(as_int(seed, "seed", 0))
+    with reporter(progress) as report:
+        report("looking for places", 0.0)
+        found = _candidates(box, near_to, rng, report)
+        report("searching for postures", 0.8)
+        best = _fitted(box, found)
+    if best is None:
+        why = _obstruction(_box_at(box, found.p[0]), found.Q[0])
+        raise InputError(
+            f"no box of this shape fits in this orientation: {why}",
+            remedy="turn the tool, or use another kind of task",
+        )
+    cell, posture, q = best
+    factor = float(cell.widths.max() / box.widths.max())
+    reason = "" if factor == 1 else _obstruction(cell.scaled(1 / factor), q)
+    return BestCell(cell, posture.q, factor, posture.margin, reason)
 
 
 def _rotation(task: Task, orientation: Any, yaw: float) -> Array:
@@ -206,94 +235,113 @@ def _rotation(task: Task, orientation: Any, yaw: float) -> Array:
     return np.asarray(turn @ R)
 
 
-def _middles(task: Task, R: Array, at: Array | None, seed: int) -> list[_Middle]:
-    """Find positions that the arm reaches in an orientation, inside its limits."""
-    rng = np.random.default_rng(seed)
-    drawn = task.positions(random_configurations(task, _DRAWN, rng))
-    low, high = drawn.min(axis=0), drawn.max(axis=0)
-    axes = task.rows[: min(3, task.m)]
-    middle = np.array(task.placement(task.reference).translation)
-    middle[axes] = (low + high)[axes] / 2
-    half = np.maximum((high - low)[axes] / 2, 2e-3)
-    world = Cell(task, pin.SE3(R, middle), half)
-    U = 2 * sobol(world.k, _MIDDLES, seed) - 1
-    if at is not None:  # denser, and nearer, around the given middle
-        u = (at[axes] - middle[axes]) / half
-        near = u + U[: _MIDDLES // 2] * np.linspace(0, 0.5, _MIDDLES // 2)[:, None]
-        U = np.concatenate([np.clip(near, -1, 1), U])
-    p_goal, R_goal = world.placements(np.repeat(U, _STARTS, axis=0))
-    starts = np.array([task.reference, *random_configurations(task, _STARTS - 1, rng)])
+def _candidates(
+    box: Cell, at: Array | None, rng: np.random.Generator, report: Report
+) -> Grown:
+    """Find middles for a box that the arm reaches inside its limits, the best first.
 
-    def correction(Q: Array, on: NDArray[np.intp]) -> Array:
-        p, R, J = placed(task, Q)
-        e = world.errors(p_goal[on], R_goal[on], p, R)
-        G, N, _ = bases(J, np.zeros((len(Q), task.n, task.r)))
-        low = np.maximum(0.0, task.lower + 0.1 - Q)
-        back = low - np.maximum(0.0, Q - task.upper + 0.1)
-        free = np.einsum("Knr,Klr,Kl->Kn", N, N, back)
-        return np.asarray(np.einsum("Knm,Km->Kn", G, e) + _PUSH * free)
-
-    Q, _ = newton_rows(
-        correction,
-        np.tile(starts, (len(U), 1)),
-        longest=_STEP,
-        tolerance=_REACHED / 10,
-        iterations=_ITERATIONS,
-    )
-    p, R_now, _ = placed(task, Q)
-    left = np.linalg.norm(world.errors(p_goal, R_goal, p, R_now), axis=1)
-    margin = np.where(left < _REACHED, task.limit_margin(Q).min(axis=1), -np.inf)
-    best = margin.reshape(-1, _STARTS).argmax(axis=1) + _STARTS * np.arange(len(U))
-    kept = [k for k in best if margin[k] > 0]
-    if not kept:
-        joint = "within the joint limits" if (left < _REACHED).any() else "at all"
+    Random configurations are turned to the orientation of the box, where they are; with ``at``,
+    they also move towards that position, each by another share of the way. Then middles beside the
+    best ones are tried.
+    """
+    p, Q = drawn(box, _DRAWN, rng)
+    if at is not None:
+        p = at + np.linspace(0, 1, _DRAWN)[:, None] * (p - at)
+    found = _ordered(box, grown(box, p, Q), at)
+    if not len(found.p):
         raise InputError(
-            f"the orientation is reached at none of {len(U)} positions {joint}; "
+            f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
             "turn the tool, or use another kind of task"
         )
-    return [_Middle(p_goal[k], Q[k]) for k in kept]
+    wide = found.rows([*_apart(found.p, box.half_width.max())])
+    found = _free(box, found, _LOOKED).joined(_free(box, wide, _TRIED))
+    found = _ordered(box, found, at)
+    for k, width in enumerate(_WIDTHS):
+        report("trying places beside the best", 0.4 + 0.4 * k / len(_WIDTHS))
+        parents = _free(box, found, _PARENTS)
+        best = parents.rows(np.arange(len(parents.p)).repeat(_CHILDREN))
+        U = width * rng.uniform(-1, 1, (len(best.p), box.k))
+        beside = best.p + box.placements(U)[0] - box.placement.translation
+        found = _ordered(box, found.joined(grown(box, beside, best.Q)), at)
+    return found
 
 
-def _best(
-    task: Task, R: Array, middles: list[_Middle], half: Array, at: Array | None
-) -> tuple[tuple[Cell, Candidate] | None, _Middle]:
-    """Find the best middle at which a box fits, with its posture; and the most promising middle."""
-    desired = Pseudoinverse(task)
-    merits = []
-    for k, middle in enumerate(middles):
-        cell = Cell(task, pin.SE3(R, middle.p), half)
-        ends = rays(desired, cell, middle.q, cell.corners(), steps=8)
-        good = ends.reached == 1
-        margin = float(ends.least.min())
-        fits = bool(good.all()) and margin > 0
-        speed = float(np.abs(ends.Q - middle.q).max()) if fits else np.inf
-        near = 0.0 if at is None else float(np.linalg.norm(middle.p - at))
-        missed = 0.0 if fits else 1 - float(good.mean())
-        low = bool(middle.p[2] < cell.spread(cell.corners())[:, 2:3].max(initial=0.0))
-        merits.append((not fits, missed, near, low, -min(margin, _ENOUGH), speed, k))
-    merits.sort()
-    order = [middles[merit[-1]] for merit in merits]
-    fitting = [middles[merit[-1]] for merit in merits if not merit[0]]
-    for middle in _apart(fitting or order[:1], 0.0 if at is not None else half.max()):
-        cell = Cell(task, pin.SE3(R, middle.p), half)
-        try:
-            posture = searched(desired, cell)[0]
-        except InputError:
-            continue
-        if posture.share == 1 and posture.margin > 0 and posture.body_distance >= 0:
-            return (cell, posture), order[0]
-    return None, order[0]
+def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
+    """Sort the middles of a box, the best first; see :func:`best_cell`."""
+    z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
+    below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
+    far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
+    margin = np.minimum(found.margin, _ENOUGH)
+    swing = np.abs(found.ends - found.Q[:, None]).max(axis=(1, 2), initial=0.0)
+    return found.rows(np.lexsort((swing, -margin, below, far, -found.steps)))
 
 
-def _apart(order: list[_Middle], distance: float) -> Iterator[_Middle]:
-    """Yield the first middles of a list, each of them a distance away from those before."""
-    taken: list[_Middle] = []
-    for middle in order:
-        if len(taken) == _SEARCHED:
+def _free(box: Cell, found: Grown, count: int) -> Grown:
+    """Select the first middles, ``count`` of them, in which no bodies collide; if all that are
+    looked at collide, only the first one."""
+    bodies = bodies_of(box.task)
+    free: list[int] = []
+    for first in range(0, min(len(found.p), _DEPTH * count), count):
+        here = bodies.distances(found.Q[first : first + count]) >= 0
+        free += [*first + np.flatnonzero(here)]
+        if len(free) >= count:
+            break
+    return found.rows(np.array(free[:count] or [0], int))
+
+
+def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
+    """Choose the middle around which the largest box fits, bodies included.
+
+    Return the box there, the posture, and the configuration with which the middle was found.
+    """
+    task, desired = box.task, Pseudoinverse(box.task)
+    free = _free(box, found, len(found.p))
+    best: tuple[Cell, Candidate, Array] | None = None
+    size = 0
+    for k in [*_apart(free.Q, _ALIKE), *_apart(free.p, box.half_width.max())]:
+        low, high, middle = size, int(free.steps[k]), free.steps[k]
+        while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
+            cell = _box_at(box, free.p[k], middle / STEPS)
+            own = judged(desired, cell, free.Q[k][None])[0]
+            if _fits(own):
+                best, size, low = (cell, own, free.Q[k]), middle, middle
+            else:
+                high = middle - 1
+            middle = (low + high + 1) // 2
+    if best is None:
+        return None
+    cell, own, q = best
+    candidates = [own]
+    with suppress(InputError):  # it draws other configurations, which may all fail
+        candidates += [
+            c
+            for c in searched(desired, cell)
+            if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
+        ]
+    return cell, chosen(candidates, task.reference), q
+
+
+def _apart(rows: Array, distance: float) -> Iterator[int]:
+    """Generate the first rows (K, ·) that differ by a distance from each one before."""
+    taken: list[int] = []
+    for k, row in enumerate(rows):
+        if len(taken) == _TRIED:
             return
-        if all(np.linalg.norm(middle.p - one.p) >= distance for one in taken):
-            taken.append(middle)
-            yield middle
+        if not taken or np.abs(rows[taken] - row).max(axis=1).min() > distance:
+            taken.append(k)
+            yield k
+
+
+def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
+    """Return the box around another position, with its edges multiplied by a factor."""
+    place = pin.SE3(box.placement.rotation, p)
+    return Cell(box.task, place, factor * box.half_width)
+
+
+def _fits(candidate: Candidate) -> bool:
+    return (
+        candidate.share == 1 and candidate.margin > 0 and candidate.body_distance >= 0
+    )
 
 
 def _obstruction(cell: Cell, q: Array) -> str:

@@ -16,11 +16,13 @@ from ...cli.given import (
     positive,
     proof_code,
     proved,
+    require_proofs,
 )
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, page_lines, progress, report
 from ...errors import InputError, RepctlError, needed
 from ...files import write_whole, written_together
+from ...progress import Report
 from ...show.text.lines import Span, fitted, wrapped
 
 HELP = (
@@ -30,7 +32,7 @@ HELP = (
 EXAMPLE = """examples:
   repctl cell panda --half-width 0.1,0.15,0.1 --half-angle 0.3
   repctl cell panda --half-width 0.15,0.3,0.2 --at 0.46,0,0.3
-  repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90
+  repctl cell panda --size 0.3,0.3,0.2 --down --yaw 90 --map
   repctl cell panda --path circle:0.1 --half-width 0.03
   repctl cell panda --sector --radius 0.17 --height 0.2 --angle all
   repctl cell my_arm.urdf --task position --half-width 0.2 --shrink
@@ -135,6 +137,11 @@ def _add_size(parser: Parser) -> None:
         help="orientation as roll, pitch and yaw in degrees (with --size)",
     )
     add(
+        "--map",
+        action="store_true",
+        help="also write map.png: where a box of --size works, and its price (half a minute)",
+    )
+    add(
         "--yaw",
         type=float,
         default=0.0,
@@ -184,13 +191,16 @@ def run(options: Options) -> int:
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)
     needed("matplotlib", "meshcat", by="repctl cell")
+    from ...show.plots.motions import png
+
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are mutually exclusive")
     if options.keep and options.prove:
         raise InputError(
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
-    asked = _asked(options)
+    require_proofs(options.prove)
+    asked = _asked(options, in_percent(say))
     cell = asked.cell
     try:
         design = rp.nearest_inverse_function(
@@ -215,6 +225,9 @@ def run(options: Options) -> int:
     with written_together(folder) as staged:
         pictures, notes = _pictures(design, staged, options.command_line)
         made = [*pictures, rp.save(design, staged / "cell.json")]
+        if options.map and asked.place is not None:
+            drawn = png(asked.place.figure(in_percent(say)))
+            made.append(write_whole(staged / "map.png", drawn))
     files = [folder / file.name for file in made]
 
     if design.function.chart.cell.widths[0] != cell.widths[0]:
@@ -280,6 +293,8 @@ class _Asked(NamedTuple):
         True if the cell fits from no default start.
     note : str
         Where the cell was placed, and why no larger one.
+    place : BestCell or None
+        The place of ``--size``.
     """
 
     cell: rp.Cell
@@ -287,9 +302,10 @@ class _Asked(NamedTuple):
     start_is: str
     crowded: bool
     note: str = ""
+    place: rp.BestCell | None = None
 
 
-def _asked(options: Options) -> _Asked:
+def _asked(options: Options, report: Report) -> _Asked:
     """Make the cell, with the first default start from which it fits."""
     import numpy as np
     import pinocchio as pin
@@ -302,7 +318,7 @@ def _asked(options: Options) -> _Asked:
         raise InputError("--path and --at are mutually exclusive")
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))
     if options.size is not None:
-        return _placed(options, at)
+        return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
         """Make the box around the path, or the box or sector around the start's pose."""
@@ -325,7 +341,7 @@ def _asked(options: Options) -> _Asked:
     return _Asked(cell, posture, problem.start_is, False)
 
 
-def _placed(options: Options, at: Any) -> _Asked:
+def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Place the box of ``--size`` where it fits best."""
     import numpy as np
     import pinocchio as pin
@@ -346,6 +362,7 @@ def _placed(options: Options, at: Any) -> _Asked:
         yaw=float(np.radians(options.yaw)),
         at=at,
         seed=options.seed,
+        progress=report,
     )
     cell = place.cell
     posture: Any = place.posture
@@ -356,7 +373,7 @@ def _placed(options: Options, at: Any) -> _Asked:
     if place.factor < 1:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
-    return _Asked(cell, posture, "searched for the cell", False, note)
+    return _Asked(cell, posture, "searched for the cell", False, note, place)
 
 
 _OF_A_SECTOR = {
@@ -382,7 +399,7 @@ def _require_one_shape(options: Options, around: bool) -> None:
         ):
             if there:
                 raise InputError(f"--size and {name} are mutually exclusive")
-    for name in ("--down", "--forward", "--rpy", "--yaw"):
+    for name in ("--down", "--forward", "--rpy", "--yaw", "--map"):
         if said[name[2:]] and options.size is None:
             raise InputError(f"{name} requires --size")
     if options.sector:

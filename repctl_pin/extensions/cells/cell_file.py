@@ -14,7 +14,6 @@ from ...arguments import as_int
 from ...errors import InputError
 from ...model.task import Task
 from ...model.task_parts import check_configurations
-from ...saving.changes import configurations, require_masses, require_ranges
 from ...saving.design_file import FileKind, head
 from ...saving.files import load
 from ...saving.schema import (
@@ -31,6 +30,7 @@ from ...saving.schema import (
     proof_file,
     proof_of,
 )
+from ...saving.task_identity import configurations, require_masses, require_ranges
 from .body_parts import bodies_at, shapes_fingerprint
 from .cell import Cell
 from .cell_design import CellDesign, function_of

@@ -3,7 +3,6 @@ q_ref(u))``, with u the coordinates of the pose f(q) in the cell."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -66,7 +65,7 @@ class CellPotentials:
         away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
         return self.chart.gradients(U, dU, J, n_ref, away)
 
-    def _native_part(self, joints: Sequence[int]) -> Any:
+    def _native_part(self) -> Any:
         """Create the struct :data:`PART` of the potentials, for the native library."""
         chart = native_chart(self.chart)
         part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})

@@ -134,7 +134,7 @@ class _FramePotentials(CellPotentials):
     C evaluates a chart at the pose of the task's own frame, so it cannot hold them.
     """
 
-    def _native_part(self, joints: Sequence[int]) -> Any:
+    def _native_part(self) -> Any:
         raise InputError(
             "the function of another tool is not available in C",
             remedy="use the function of the frame, of_frame, with the poses x T⁻¹",

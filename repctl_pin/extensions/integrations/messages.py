@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ...arguments import Array
+from ...arguments import Array, as_numbers
 from ...errors import InputError
 from ...model.task import Task
 from ..cells.cell import Cell
@@ -129,8 +130,11 @@ def target_of(
     quaternion: Sequence[float],
     task: Task,
     cell: Cell | None,
+    tool: pin.SE3 | None = None,
 ) -> pin.SE3:
-    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement.
+    """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement of the frame.
+
+    They are those of the tool, if its placement in the frame is given.
 
     Raises
     ------
@@ -146,6 +150,28 @@ def target_of(
     if turns and not abs(norm - 1) <= _UNIT:
         raise InputError(f"its quaternion has norm {norm:.4g}, not 1")
     target = pin.SE3(pin.Quaternion(x / norm).matrix() if turns else np.eye(3), p)
+    if tool is not None:
+        target = target * tool.inverse()
     if cell is not None:
         cell.coordinates_of(target)
     return target
+
+
+def placement_of(numbers: Any, name: str) -> pin.SE3:
+    """Convert the parameter ``name``, x y z qx qy qz qw, to a placement.
+
+    Raises
+    ------
+    InputError
+        If it is not 7 finite numbers, or the quaternion is not of norm 1.
+    """
+    found = as_numbers(numbers)
+    if found is None or found.ndim != 1 or len(found) not in (3, 7):
+        raise InputError(f"parameter {name} must be x y z, or x y z qx qy qz qw")
+    x = found[3:] if len(found) == 7 else np.array([0.0, 0.0, 0.0, 1.0])
+    norm = float(np.linalg.norm(x))
+    if not np.isfinite(found).all() or not abs(norm - 1) <= _UNIT:
+        raise InputError(
+            f"parameter {name}: it must be finite, its quaternion of norm 1"
+        )
+    return pin.SE3(pin.Quaternion(x / norm).matrix(), found[:3])

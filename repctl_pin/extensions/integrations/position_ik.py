@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import pinocchio as pin
+
 from ...arguments import Array
 from ...errors import InputError
 from ...model.bodies import bodies_of
@@ -23,6 +25,7 @@ def answer(
     names: Mapping[str, str],
     base: str,
     leaf: Array | None = None,
+    tool: pin.SE3 | None = None,
 ) -> Any:
     """Fill in and return the response to a request: the joints F(pose), or an error code.
 
@@ -41,8 +44,10 @@ def answer(
         Name of the frame in which poses are given.
     leaf : (r,) array, optional
         Level c, by default 0.
+    tool : pinocchio.SE3, optional
+        Placement of a tool in the frame; the requested poses are then the tool's.
     """
-    q, response.error_code.val = _solved(F, request, base, leaf)
+    q, response.error_code.val = _solved(F, request, base, leaf, tool)
     if q is not None:
         response.solution.joint_state.name = list(names)
         response.solution.joint_state.position = q.tolist()
@@ -50,7 +55,11 @@ def answer(
 
 
 def _solved(
-    F: InverseFunction, request: Any, base: str, leaf: Array | None
+    F: InverseFunction,
+    request: Any,
+    base: str,
+    leaf: Array | None,
+    tool: pin.SE3 | None,
 ) -> tuple[Array | None, int]:
     if request.ik_link_name not in ("", F.task.frame):
         return None, WRONG_LINK
@@ -58,7 +67,7 @@ def _solved(
         return None, WRONG_FRAME
     p, x = request.pose_stamped.pose.position, request.pose_stamped.pose.orientation
     try:
-        target = target_of((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), F.task, F.cell)
+        target = target_of((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), F.task, F.cell, tool)
         q = InverseFunction(F.chart)(
             target, leaf=leaf
         )  # which refuses joints beyond a limit

@@ -24,15 +24,18 @@ from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ...arguments import Array
 from ...design.design_result import Design
 from ...errors import InputError, unknown
+from ...model.bodies import Bodies
 from ...motion.limits import Limits
 from ..cells.cell_design import CellDesign
 from ..cells.function import InverseFunction
+from ..runtime.clutch import Clutch
+from .messages import placement_of
 from .position_ik import answer
 from .servo import Servo, State
 
@@ -53,6 +56,11 @@ _DEFAULTS = {
     "output": "trajectory",
     "timeout": 0.1,
     "tolerance": 0.2,
+    "surroundings": None,
+    "body_distance": None,
+    "tool": None,
+    "hand_scale": 1.0,
+    "hand_axes": None,
 }
 """Parameters, with their defaults."""
 
@@ -96,6 +104,9 @@ class _ArmNode(Node):
             Limits(acceleration=_acceleration(given), jerk=given["jerk"]),
             timeout=given["timeout"],
             tolerance=given["tolerance"],
+            tool=None if given["tool"] is None else placement_of(given["tool"], "tool"),
+            clutch=Clutch(scale=given["hand_scale"], axes=_hand_axes(given)),
+            **_bodies(design, given),
         )
         self._names = self._joint_names(given["joints"])
         self._output = given["output"]
@@ -125,10 +136,12 @@ class _ArmNode(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(PoseStamped, "target_pose", self._on_pose, newest)
         self.create_subscription(TwistStamped, "target_twist", self._on_twist, newest)
+        self.create_subscription(PoseStamped, "hand_pose", self._on_hand, newest)
         states = qos_profile_sensor_data
         self.create_subscription(JointState, "joint_states", self._on_joints, states)
         self.create_service(Trigger, "~/hold", self._on_hold)
         self.create_service(Trigger, "~/resume", self._on_resume)
+        self.create_service(SetBool, "~/clutch", self._on_clutch)
         self.create_timer(self.servo.dt, self._on_tick, clock=self._tick_clock)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_STATUS_PERIOD, self.publish_status, clock=steady)
@@ -147,7 +160,15 @@ class _ArmNode(Node):
         def on_request(request: Any, response: Any) -> Any:
             leaf, base = self.servo.current_leaf, self.servo.base
             asked = request.ik_request
-            return answer(F, asked, response, names=self._names, base=base, leaf=leaf)
+            return answer(
+                F,
+                asked,
+                response,
+                names=self._names,
+                base=base,
+                leaf=leaf,
+                tool=self.servo.tool,
+            )
 
         self.create_service(GetPositionIK, "compute_ik", on_request)
 
@@ -226,6 +247,11 @@ class _ArmNode(Node):
             (v.x, v.y, v.z, w.x, w.y, w.z), self._now(), frame=frame, age=age
         )
 
+    def _on_hand(self, message: PoseStamped) -> None:
+        p, x = message.pose.position, message.pose.orientation
+        age = self._age(message.header.stamp)
+        self.servo.hand((p.x, p.y, p.z), (x.x, x.y, x.z, x.w), self._now(), age=age)
+
     def _on_joints(self, message: JointState) -> None:
         pairs = zip(message.name, message.position, strict=False)
         known = {self._names[name]: q for name, q in pairs if name in self._names}
@@ -237,6 +263,10 @@ class _ArmNode(Node):
 
     def _on_resume(self, _: Any, response: Any) -> Any:
         self.servo.resume()
+        return self._answered(response)
+
+    def _on_clutch(self, request: Any, response: Any) -> Any:
+        self.servo.couple(bool(request.data))
         return self._answered(response)
 
     def _answered(self, response: Any) -> Any:
@@ -303,6 +333,23 @@ def _acceleration(given: dict[str, Any]) -> ArrayLike | str:
             "name such as panda",
         )
     return value
+
+
+def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
+    """Read the bodies whose distance is kept, if a parameter asks for them."""
+    around, distance = given["surroundings"], given["body_distance"]
+    if around is None and distance is None:
+        return {}
+    bodies = Bodies(design.task, surroundings=around)
+    kept = {} if distance is None else {"body_distance": distance}
+    return {"bodies": bodies, **kept}
+
+
+def _hand_axes(given: dict[str, Any]) -> Array | None:
+    """Read the rotation from the axes of the hand's tracker to those of the base."""
+    if given["hand_axes"] is None:
+        return None
+    return placement_of([0.0, 0.0, 0.0, *given["hand_axes"]], "hand_axes").rotation
 
 
 def spin(

@@ -14,8 +14,9 @@ EXAMPLE = """examples:
   repctl ros2 control.json --ros-args -p acceleration:=5.0 -r target_pose:=/pose
   repctl ros2 my.json --robot my_arm.urdf --ros-args -p acceleration:=5.0
 
-Topics in: target_pose, target_twist, joint_states. Topics out: joint_trajectory or commands,
-/diagnostics. Services: ~/hold, ~/resume. Ctrl-C brakes the arm to rest, then ends the node."""
+Topics in: target_pose, target_twist, hand_pose, joint_states. Topics out: joint_trajectory or
+commands, /diagnostics. Services: ~/hold, ~/resume, ~/clutch. Ctrl-C brakes
+the arm to rest, then ends the node."""
 
 
 def add_options(parser: Parser) -> None:
@@ -28,7 +29,8 @@ def add_options(parser: Parser) -> None:
         default=[],
         metavar="...",
         help="last: arguments of ROS, -p NAME:=VALUE for parameters, -r FROM:=TO for topics; "
-        "parameters: acceleration (required), jerk, rate, joints, leaf, output, timeout, tolerance",
+        "parameters: acceleration (required), jerk, rate, joints, leaf, output, timeout, "
+        "tolerance, surroundings, body_distance, tool, hand_scale, hand_axes",
     )
 
 

@@ -13,8 +13,12 @@ from ...arguments import Array, positive, shown
 from ...certificate import beyond
 from ...design.design_result import Design
 from ...errors import InputError, SingularityError
+from ...model.bodies import Bodies
+from ...model.chain_formulas import Placement
+from ...model.tool import require_pose, rigid
 from ...motion.limits import Limits, joint_limits
 from ..cells.cell_design import CellDesign
+from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
 from ..runtime.leaf_change import leaf_change
 from .messages import SAME, JointReadings, SteadyTime, clock_difference, target_of
@@ -31,9 +35,12 @@ _AHEAD = {
     Status.BAD_NUMBER: "one of its numbers is too large, or its matrix is not a rotation",
     Status.OUTSIDE: "the region Ω, or the cell, ends ahead",
     Status.LIMIT: "a joint limit is ahead",
+    Status.BODIES: "two bodies are near each other ahead",
 }
 """Description of what stops the arm, by the governor's status."""
 
+
+_NO_TOOL = pin.SE3.Identity()
 
 _BEYOND = "beyond the proved radius"
 """Words of the status while the command is beyond the closing radius; it is no error."""
@@ -72,6 +79,12 @@ class Servo:
     tolerance
         Maximum distance of a measured joint from its command, rad or m; beyond it, the arm stops,
         because it does not follow.
+    bodies, body_distance
+        Bodies whose distance is kept, and this distance, m, as for :class:`Governor`.
+    tool
+        Placement of the tool in the frame of the design; targets and twists are then the tool's.
+    clutch
+        Clutch between the operator's hand and the arm; by default one of scale 1.
     """
 
     def __init__(
@@ -82,10 +95,16 @@ class Servo:
         *,
         timeout: float = 0.1,
         tolerance: float = 0.2,
+        bodies: Bodies | None = None,
+        body_distance: float = 0.02,
+        tool: Placement | None = None,
+        clutch: Clutch | None = None,
     ) -> None:
         self.dt = 1 / positive(rate, "rate", "1/s")
         self.timeout = positive(timeout, "timeout", "s")
         self.tolerance = positive(tolerance, "tolerance", "rad (m)")
+        if tool is not None and isinstance(design, Design):
+            design, tool = design.with_tool(tool), None
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
         inverse = (
             design.function.inverse
@@ -93,9 +112,16 @@ class Servo:
             else design.inverse
         )
         self._inverse, self.task = inverse, inverse.task
+        self.tool = None if tool is None else rigid(tool)
+        if tool is not None:
+            require_pose(self.task)
         proof = design.proof if isinstance(design, Design) else None
         self._closes = proof.closes if proof else None
-        self._governor = Governor(inverse, self.dt, limits)
+        self._governor = Governor(
+            inverse, self.dt, limits, bodies=bodies, body_distance=body_distance
+        )
+        self._clutch = Clutch() if clutch is None else clutch
+        self._coupled = False
         self._limits = joint_limits(self.task, limits)
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name
@@ -137,8 +163,11 @@ class Servo:
         """
         if self._usable("target", frame, age):
             try:
-                self._target = target_of(position, quaternion, self.task, self.cell)
-                self._twist = None
+                target = target_of(
+                    position, quaternion, self.task, self.cell, self.tool
+                )
+                self._forget()
+                self._target = target
             except InputError as error:
                 self._refuse(f"target refused: {error}")
 
@@ -153,8 +182,42 @@ class Servo:
             if not np.isfinite(twist).all():
                 self._refuse("twist refused: it must be finite numbers")
                 return
-            self._target, self._twist = None, np.array(twist, float)
+            self._forget()
+            self._twist = np.array(twist, float)
             self._heard = self._time.at(now)
+
+    def couple(self, coupled: bool) -> None:
+        """Engage the clutch with the next hand pose, or release it: then the arm stops."""
+        self._forget()
+        self._coupled = coupled and self.state is State.RUNNING
+        if self._coupled:
+            self.reason = ""
+
+    def hand(
+        self,
+        position: Sequence[float],
+        quaternion: Sequence[float],
+        now: float,
+        *,
+        age: float = 0.0,
+    ) -> None:
+        """Set the pose of the operator's hand, in its tracker's frame; it is valid for ``timeout``.
+
+        It moves the target while the arm is coupled. A pose that cannot be used ends that.
+        """
+        if not self._coupled or not self._usable("hand pose", "", age):
+            return
+        try:
+            hand = target_of(position, quaternion, self.task, None)
+        except InputError as error:
+            self._refuse(f"hand pose refused: {error}")
+            return
+        if not self._clutch.engaged:
+            self._clutch.engage(hand, self._placement() * (self.tool or _NO_TOOL))
+        target = self._clutch.target(hand)
+        if target is not None and self.tool is not None:
+            target = target * self.tool.inverse()
+        self._target, self._heard = target, self._time.at(now)
 
     def leaf(self, leaf: ArrayLike) -> str:
         """Set the level c (r,) to which the arm moves before it follows the next target.
@@ -210,6 +273,8 @@ class Servo:
             return None
         if self._twist is not None and now - self._heard > self.timeout:
             self._refuse(f"the last twist is more than {self.timeout:g} s old")
+        if self._clutch.engaged and now - self._heard > self.timeout:
+            self._refuse(f"the last hand pose is more than {self.timeout:g} s old")
         return self._command()
 
     def brake(self) -> Array | None:
@@ -257,6 +322,9 @@ class Servo:
             return (
                 f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
             )
+        if self._governor.nearest_bodies is not None:
+            one, other = self._governor.nearest_bodies
+            return f"{one} and {other} are near each other ahead"
         return _AHEAD[self.status]
 
     @property
@@ -280,9 +348,16 @@ class Servo:
         else:
             waits = self._leaf is not None
             goal, twist = (None, None) if waits else (self._target, self._twist)
+            if twist is not None and self.tool is not None:
+                arm = self._placement().rotation @ self.tool.translation
+                twist = twist - np.r_[np.cross(twist[3:], arm), np.zeros(3)]
             q, self.status = self._governor.step(goal, twist)
         self._commands = [*self._commands[1 - _REST :], q]
         return q
+
+    def _placement(self) -> pin.SE3:
+        """Placement of the frame at the last command."""
+        return self.task.placement(self._governor.q)
 
     def _moving_asked(self) -> bool:
         """Test whether the arm is running and has a target or a twist to follow."""
@@ -302,9 +377,10 @@ class Servo:
             if np.abs(self._inverse.leaf(q) - leaf).max() <= _LEAF:
                 self._leaf = None
             else:
-                self._piece = list(
-                    leaf_change(self._inverse, q, leaf, self._limits, self.dt)
-                )
+                way = leaf_change(self._inverse, q, leaf, self._limits, self.dt)
+                if not self._governor.keeps_distance(np.vstack([q, *way])):
+                    raise InputError("two bodies are near each other on the way to it")
+                self._piece = list(way)
         except (InputError, SingularityError) as error:
             self._leaf = None
             self._stop(f"leaf refused: {error}")
@@ -380,5 +456,7 @@ class Servo:
             self.state, self.reason = State.HOLDING, reason
 
     def _forget(self) -> None:
-        """Drop the target and the twist."""
+        """Drop the target and the twist, and release the clutch."""
         self._target, self._twist, self._heard = None, None, 0.0
+        self._coupled = False
+        self._clutch.release()

@@ -15,23 +15,24 @@ docs/theory.md derives this.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
-from operator import add
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
-from ...model.chain_formulas import skew
+from ...errors import InputError
 from ...model.joint_chain import joint_axes, joint_coupling
+from ...native import ARM_ANGLE, filled_struct, required_library
 from ...potentials.arm_angle import ArmAngle
-from .arm_angle_kernel import gradients_in_c
-from .taylor import TaylorModel, combined, cross, dot, fixed, identity, moved
+from .taylor import basis, space_of
 
-_BATCH = 512
+_MOST = 10
+"""Most joints on which an arm angle may depend; arm_angle.c has room for their monomials."""
+
 _U = 2.0**-52
 """Twice the unit roundoff of double precision."""
 
@@ -91,7 +92,7 @@ class ArmAngleChain:
         axes, revolute = joint_axes(model, ids)
         placements = [model.jointPlacements[j] for j in ids]
         sideways = angle.singular
-        return cls(
+        chain = cls(
             np.array([x.rotation for x in placements]).reshape(-1, 3, 3),
             np.array([x.translation for x in placements]).reshape(-1, 3),
             axes,
@@ -104,6 +105,12 @@ class ArmAngleChain:
             sideways is not None,
             np.asarray(weights, float),
         )
+        if not 0 < len(chain.moving) <= _MOST:
+            raise InputError(
+                f"nothing can be proved of {angle!r}: it depends on {len(chain.moving)} joints",
+                remedy=f"use links that 1 to {_MOST} joints move",
+            )
+        return chain
 
     @property
     def moving(self) -> NDArray[np.intp]:
@@ -131,8 +138,37 @@ class ArmAngleChain:
             both, axis=0, return_index=True, return_inverse=True
         )
         Q, half, which = Q[first], half[first], which.reshape(-1)
-        P, r = gradients_in_c(self, Q[:, on], half[:, on]) or in_numpy(self, Q, half)
+        P, r = self.models(Q[:, on], half[:, on])
         return _bounds(self, P[which], r[which], half[which])
+
+    def models(self, Q: Array, half: Array) -> tuple[Array, Array]:
+        """Compute Taylor models of the gradient on boxes of the joints that move the arm angle.
+
+        Returns their coefficients (K, k, M) and bounds (K, k).
+        """
+        native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
+        space, _ = held = space_of(k)
+        ints = {name: getattr(self, name) for name in ("before", "revolute", "carries")}
+        reals = {name: getattr(self, name) for name in ("R", "p", "a", "o", "place")}
+        reals |= {"direction": self.direction, "S": self.S[:, on]}
+        arm, arrays = filled_struct(
+            ARM_ANGLE,
+            ints | {"joint": self.joint},
+            reals | {"bases": [basis(axis) for axis in self.a]},
+            {
+                "space": space,
+                "P": len(self.p),
+                "stereographic": int(self.stereographic),
+            },
+        )
+        P, r = np.zeros((K, k, space.M)), np.zeros((K, k))
+        Q, half = np.ascontiguousarray(Q, float), np.ascontiguousarray(half, float)
+        address = [ctypes.c_void_p(array.ctypes.data) for array in (Q, half, P, r)]
+        done = native.arm_gradients(ctypes.byref(arm), ctypes.c_long(K), *address)
+        del held, arrays
+        if not done:
+            raise MemoryError("no memory for the Taylor models of an arm angle")
+        return P, r
 
 
 def _carried(
@@ -176,19 +212,6 @@ class GradientBounds:
     size: Array
 
 
-def in_numpy(chain: ArmAngleChain, Q: Array, half: Array) -> tuple[Array, Array]:
-    """Compute Taylor models of the gradient with respect to the joints that move the points.
-
-    Returns their coefficients (K, k, M) and bounds (K, k) on boxes Q ± half, (K, n) each.
-    """
-    parts = [
-        _models(chain, Q[i : i + _BATCH], half[i : i + _BATCH])
-        for i in range(0, len(Q), _BATCH)
-    ]
-    P, r = (np.concatenate(one)[:, chain.moving] for one in zip(*parts, strict=True))
-    return P, r
-
-
 def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBounds:
     """Convert Taylor models of the gradient (K, k) to first-order expansions on boxes."""
     on, (K, n) = chain.moving, half.shape
@@ -204,83 +227,3 @@ def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBo
     V[:, on], rest[:, on] = P[..., 0], more
     dV[:, on[:, None], on] = slopes
     return GradientBounds(V, dV, rest, size)
-
-
-@np.errstate(all="ignore")
-def _models(chain: ArmAngleChain, Q: Array, half: Array) -> tuple[Array, Array]:
-    """Compute Taylor models of the gradient (K, n) on boxes: their coefficients and bounds."""
-    theta, k = _positions(chain, Q, half), len(chain.moving)
-    axes, origins, points = _points(chain, theta)
-    shoulder, elbow, wrist = points
-    e, w = elbow - shoulder, wrist - shoulder
-    alpha, beta = _forces(chain, e, w)
-    forces, carries = [-(alpha + beta), alpha, beta], chain.carries
-    V = TaylorModel.constant(k, np.zeros(Q.shape))
-    P, r = V.P.copy(), V.r.copy()
-    whole = cross(e, alpha) + cross(w, beta)
-    for joint in range(len(chain.p)):
-        on = np.flatnonzero(carries[joint])
-        if chain.revolute[joint] and len(on) == 3:
-            load = whole
-        elif chain.revolute[joint]:
-            load = reduce(
-                add, [cross(points[f] - origins[joint], forces[f]) for f in on]
-            )
-        elif len(on) == 3:
-            continue  # the forces balance
-        else:
-            load = reduce(add, [forces[f] for f in on])
-        one = dot(axes[joint], load)
-        for i in np.flatnonzero(chain.S[joint]):
-            part = one.scaled(chain.S[joint, i])
-            P[:, i] += part.P[:, 0]
-            r[:, i] += part.r[:, 0] + _U * np.abs(P[:, i]).sum(axis=-1)
-    return P, r
-
-
-def _positions(chain: ArmAngleChain, Q: Array, half: Array) -> TaylorModel:
-    """Compute models of the positions of the joints, (K, P)."""
-    on = chain.moving
-    q = TaylorModel.constant(len(on), Q)
-    P = q.P.copy()
-    P[:, on, 1 + np.arange(len(on))] = half[:, on]
-    theta = TaylorModel(q.k, P, q.r).combined(chain.S)
-    return theta + fixed(theta, chain.o)
-
-
-def _points(
-    chain: ArmAngleChain, theta: TaylorModel
-) -> tuple[list[TaylorModel], list[TaylorModel], list[TaylorModel]]:
-    """Compute models (K, 3) of the axes and the origins of all joints, and of the three points."""
-    base = identity(theta), fixed(theta, np.zeros(3))
-    frames, axes, origins = [base], [], []  # of the base, then after each joint
-    for joint, before in enumerate(chain.before):
-        R, o = frames[before + 1]
-        o = o + combined(R, chain.p[joint])
-        R = [combined(R, column) for column in chain.R[joint].T]
-        axes.append(combined(R, chain.a[joint]))
-        origins.append(o)
-        position = theta[:, joint : joint + 1]
-        frames.append(moved(chain.a[joint], chain.revolute[joint], R, o, position))
-    points = []
-    for joint, place in zip(chain.joint, chain.place, strict=True):
-        R, o = frames[joint + 1]
-        points.append(o + combined(R, place))
-    return axes, origins, points
-
-
-def _forces(
-    chain: ArmAngleChain, e: TaylorModel, w: TaylorModel
-) -> tuple[TaylorModel, TaylorModel]:
-    """Compute models of the forces α at the elbow and β at the wrist, (K, 3) each."""
-    a, square = cross(w, e), dot(w, w)
-    rho, inverse, lever = square.power(0.5), square.power(-0.5), dot(a, a).power(-1)
-    alpha = (rho * lever) * a
-    beta = (dot(w, e) * inverse * lever) * a
-    b = w.combined(-skew(chain.direction))  # w × r, or w × t
-    along = w.combined(chain.direction[None])
-    if chain.stereographic:
-        turning = (rho * (rho - along)).power(-1) * b
-    else:
-        turning = (along * inverse * dot(b, b).power(-1)) * b
-    return alpha, turning - beta

@@ -27,16 +27,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Array, read_only
-from ...native import CELL, MARGINS, PROBLEM, filled_struct, required_library
+from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.cell import Cell
 from ..cells.chart import Chart
 from ..cells.monomials import Monomials
 from ..cells.sector import Sector
 from .cell_poses import Poses
-from .chain import FREE, Chain, chain_of, tool_reach
+from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .chart_bounds import Polynomials
-from .commutator import slides_of, tips
-from .remainder import relative_rounding
 from .taylor import ORDER, basis, space_of
 
 _NEAR = 1.25, 0.02
@@ -94,7 +92,7 @@ class CellProof:
     """
 
     def __init__(self, chart: Chart) -> None:
-        self.use(required_library("a proof over a cell"))
+        self.use(required_library("a proof"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials, self.poses = Polynomials.of(chart), Poses.of(cell)
@@ -120,7 +118,7 @@ class CellProof:
     def see_from(self, chain: Chain) -> None:
         """Choose the middle link, in whose frame the screws are expressed."""
         self.chain = chain
-        self._chain, self._held = _chain_struct(chain, self.eps)
+        self._chain = chain.struct()
         self._cell, self._arrays = self._cell_struct()
 
     def _tightness(self, chain: Chain) -> float:
@@ -210,7 +208,7 @@ class CellProof:
             "upper": self.upper,
             "farthest": self.farthest,
             "bases": [basis(axis) for axis in chain.a],
-            "tips": tips(chain, slides_of(chain, self.farthest)),
+            "tips": _tips(chain, self.farthest),
         }
         reals |= {
             name: getattr(poses, name) for name in type(poses).__dataclass_fields__
@@ -218,6 +216,8 @@ class CellProof:
         scalars = {
             "chain": ctypes.addressof(self._chain),
             "space": space,
+            "eps": self.eps,
+            "r": self.task.r,
             "w": self.blur.size,
             "terms": self.chart.monomials.size,
             "F": len(parts.fourth),
@@ -235,21 +235,14 @@ class CellProof:
         return struct, [*arrays, *held[0]]
 
 
-def _chain_struct(
-    chain: Chain, eps: float
-) -> tuple[ctypes.Structure, list[NDArray[np.generic]]]:
-    """Fill the struct Problem with a chain; the arrays must live as long as it."""
-    row, column = np.nonzero(chain.S)
-    ints = {
-        "revolute": chain.revolute,
-        "level": chain.level,
-        "first": np.searchsorted(row, np.arange(len(chain.S) + 1)),
-        "column": column,
-    }
-    reals = {name: getattr(chain, name) for name in ("R", "p", "a", "shift", "reach")}
-    reals |= {"o": chain.o, "S": chain.S[row, column]}
-    sizes = {"P": len(chain.S), "k": chain.middle, "n": chain.n, "N": chain.N}
-    return filled_struct(PROBLEM, ints, reals, {**sizes, "r": chain.N - 6, "eps": eps})
+def _tips(chain: Chain, farthest: Array) -> Array:
+    """Bound the distance of every revolute joint from the frame (P,), m.
+
+    ``farthest`` (n,) are the largest absolute values of the joints.
+    """
+    slides = np.abs(chain.S[:, : chain.n]) @ farthest + np.abs(chain.o)
+    lengths = np.linalg.norm(chain.p, axis=1) + np.where(chain.revolute, 0.0, slides)
+    return np.asarray(lengths[::-1].cumsum()[::-1] - lengths)
 
 
 def farthest(chart: Chart) -> Array:

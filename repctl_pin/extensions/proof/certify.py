@@ -15,7 +15,7 @@ from ...design import Design
 from ...design.subject import subject_of
 from ...errors import InputError, SingularityError
 from ...model.several_frames import one_frame
-from ...native import library
+from ...native import required_library
 from ...paths.task_path import ClosedPath
 from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
@@ -70,7 +70,8 @@ def prove(
         Closing radius to prove: metres, or (metres, radians). By default the largest one that some
         250,000 boxes prove; False for none. A closed path: the largest
         one along it, in place of the surroundings of the start; for a tube, by default along the
-        path of the design's cycle. A function closes all paths in its cell.
+        path of the design's cycle. A function closes all paths in its cell. None is proved of
+        several frames.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     seconds
@@ -88,8 +89,8 @@ def prove(
     Raises
     ------
     InputError
-        If the potentials or the region are functions of the user, of which no bounds are known, or
-        a region is given for a cell.
+        If the potentials or the region are functions of the user, of which no bounds are known, a
+        region is given for a cell, or there is no native library.
 
     Examples
     --------
@@ -107,7 +108,6 @@ def prove(
                 f"what must be a design, such as the result of rp.nearest_repeatable, "
                 f"not a {type(what).__name__}"
             )
-    one_frame(what.task, "a proof")
     goal = None if margin is None else _share(margin)
     least = (
         None
@@ -125,8 +125,12 @@ def prove(
             )
     path = closes if isinstance(closes, ClosedPath) else None
     asked, ratio, closing = _asked_radius(True if path else closes, ratio)
+    if path or asked is not None:
+        one_frame(what.task, "a closing radius")
+    closing = closing and len(what.task.frames) == 1
     if not callable(progress):
         progress = flag(progress, "progress")
+    required_library("a proof")
     with reporting.reporter(progress) as report:
         if isinstance(what, Design):
             over = what.region if region is None else region
@@ -203,8 +207,6 @@ def _of_region(
         path = design.cycle.path
     if not closing:
         return proof
-    if library() is None and radius is None:
-        return proof  # one warning has said so
     report("proving the closing radius", 0.0)
     closes = closing_radius(design, region, problem, path, ratio, radius, seconds)
     named = proof.reason.startswith("J_V is singular between")

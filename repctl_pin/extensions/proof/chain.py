@@ -9,14 +9,18 @@ restricted to the first n entries, is the null space of J.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
 from ...model.joint_chain import joint_chain
+from ...model.several_frames import SeveralFrames
 from ...model.task import Task
+from ...native import CHAIN, filled_struct
+from .potentials import U
 
 FREE: dict[str, tuple[str, str]] = {
     "pose": ("", ""),
@@ -77,11 +81,6 @@ class Chain:
         return self.S.shape[1]
 
     @property
-    def loose(self) -> NDArray[np.bool_]:
-        """True for the columns (N,) of the rotations that a position task leaves free."""
-        return np.asarray(self.S[self.level].any(axis=0))
-
-    @property
     def reach(self) -> Array:
         """Bound on the distance of each joint from the origin (P,), m, with prismatic joints at 0.
 
@@ -106,18 +105,23 @@ class Chain:
         """
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
         shift = np.asarray(half * ahead, float)
-        return Chain(
-            self.R,
-            self.p,
-            self.a,
-            self.revolute,
-            self.level,
-            self.S,
-            self.o,
-            self.n,
-            middle,
-            shift,
-        )
+        return replace(self, middle=middle, shift=shift)
+
+    def struct(self) -> Any:
+        """Create the struct :data:`CHAIN`."""
+        row, column = np.nonzero(self.S)
+        ints = {
+            "revolute": self.revolute,
+            "level": self.level,
+            "first": np.searchsorted(row, np.arange(len(self.S) + 1)),
+            "column": column,
+        }
+        reals = {
+            name: getattr(self, name) for name in ("R", "p", "a", "shift", "reach")
+        }
+        reals |= {"o": self.o, "S": self.S[row, column]}
+        sizes = {"P": len(self.S), "k": self.middle, "n": self.n, "N": self.N}
+        return filled_struct(CHAIN, ints, reals, sizes)[0]
 
 
 def chain_of(task: Task) -> Chain:
@@ -153,6 +157,27 @@ def chain_of(task: Task) -> Chain:
     )
 
 
+def frames_of(task: Task) -> tuple[Task, ...]:
+    """Return the tasks of the frames of a task, each with all of its joints."""
+    return task.parts if isinstance(task, SeveralFrames) else (task,)
+
+
+def chains_of(task: Task) -> tuple[Chain, ...]:
+    """Create the extended chains of the frames of a task.
+
+    Every S has the columns of all: of the task's joints, then of each frame's virtual joints.
+    """
+    chains = [chain_of(part) for part in frames_of(task)]
+    before = np.cumsum([0, *(chain.N - chain.n for chain in chains)])
+    wide = []
+    for chain, first in zip(chains, task.n + before, strict=False):
+        S = np.zeros((len(chain.p), task.n + before[-1]))
+        S[:, : task.n] = chain.S[:, : task.n]
+        S[:, first : first + chain.N - task.n] = chain.S[:, task.n :]
+        wide.append(replace(chain, S=S))
+    return tuple(wide)
+
+
 def tool_reach(chain: Chain) -> float:
     """Bound the distance of the frame from the origin, m, with prismatic joints at 0.
 
@@ -173,3 +198,24 @@ def frame_change(kind: str, distance: Array) -> Array:
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")
     return np.asarray((t + np.sqrt(t * t + 4)) / 2 if turns else np.ones_like(t))
+
+
+def relative_rounding(chain: Chain) -> float:
+    """Bound the relative rounding of any sum or screw of a proof: ``512 (P + N + 2) u``, u = 2⁻⁵³.
+
+    A rotation after k joints has an error of at most 64 k u, a screw one of 128 (k + 2) u times its
+    length, and a sum of N products one of (N + 2) u times the sum of their absolute values; see
+    docs/theory.md.
+    """
+    return 512 * (len(chain.p) + chain.N + 2) * U
+
+
+def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
+    """Bound the rows of J, with its slopes times the half-widths added: (6,), linear, then angular.
+
+    Rounding errors are relative to these sizes. The box of joint positions is θ ± η, (P,) each.
+    """
+    L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
+    columns = np.abs(chain.S).sum(axis=0).max()
+    swing = 1 + 2 * eta.sum()
+    return np.repeat([columns * (1 + L) * swing, columns * swing], 3)

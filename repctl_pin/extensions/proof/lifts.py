@@ -14,7 +14,6 @@ the last box. The theory, "The closing radius", has the theorem.
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
 from time import thread_time
 
@@ -24,9 +23,8 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...errors import SingularityError
 from ...model.task import Task
-from ...native import required_library
 from ...potentials.basis import Potentials
-from .leaf_margin_bounds import LeafMarginProblem, arm_angles_for_c, c_problem, inverses
+from .leaf_margin_bounds import LeafMarginProblem
 
 _BATCH = 4096
 
@@ -298,8 +296,9 @@ def _sampled(
 ) -> tuple[Array, Array, float]:
     """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
 
-    They are such that lines of the same length lead from one box to the next at every place, for
-    the largest sampled rates with some slack, from that in the first box to that in the last one.
+    Around each place grow M nested boxes. Each is wider than the one before by a step times the
+    largest rate that was sampled in it, with a slack that goes from the first of ``slacks`` to the
+    last. All places reach the same length in space.
     Returns the length of these lines, m, too.
     """
     K, n = places.center.shape
@@ -344,30 +343,11 @@ def rate_bounds(
 
     Returns the bounds, the values at the centres, both (K, n), and the joint along which to halve
     each box in order to come below ``most`` (K, n) soonest.
-
-    Raises
-    ------
-    InputError
-        If there is no native library.
     """
-    native = required_library("the closing radius")
-    struct, held = c_problem(problem)
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
-    arms = arm_angles_for_c(problem, Q, half)
-    given = [np.ascontiguousarray(values, float) for values in (Q, half, most)]
-    q, h, T = (ctypes.c_void_p(values.ctypes.data) for values in given)
-    native.inverse_bounds(
-        ctypes.byref(struct),
-        ctypes.c_long(len(Q)),
-        q,
-        h,
-        None if arms is None else ctypes.c_void_p(arms.ctypes.data),
-        T,
-        ctypes.c_double(ratio),
-        *(ctypes.c_void_p(values.ctypes.data) for values in (bound, value, split)),
-    )
-    del held  # alive until here
+    most = np.ascontiguousarray(most, float)
+    problem.run("inverse_bounds", Q, half, most, ratio, bound, value, split)
     return bound, value, split
 
 
@@ -379,9 +359,22 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
         field.gradients(Q.reshape(-1, Q.shape[2])),
     )
     J_V = np.concatenate([J, np.swapaxes(V, 1, 2)], axis=1)
-    G = inverses(J_V)[:, :, : task.m]
+    G = _inverses(J_V)[:, :, : task.m]
     split = 3 if task.kind in ("pose", "axis", "position") else 2
     rates = np.linalg.norm(G[:, :, :split], axis=2)
     if ratio:
         rates = rates + ratio * np.linalg.norm(G[:, :, split:], axis=2)
     return np.nan_to_num(rates, nan=np.inf).reshape(Q.shape)
+
+
+def _inverses(matrices: Array) -> Array:
+    """Invert matrices (K, N, N); NaN where a matrix is singular."""
+    try:
+        return np.asarray(np.linalg.inv(matrices), float)
+    except np.linalg.LinAlgError:
+        regular = np.isfinite(matrices).all(axis=(1, 2)) & (
+            np.linalg.svd(matrices, compute_uv=False)[:, -1] > 1e-14
+        )
+        inverses = np.full_like(matrices, np.nan)
+        inverses[regular] = np.linalg.inv(matrices[regular])
+        return inverses

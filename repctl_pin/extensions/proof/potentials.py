@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
 from ...errors import InputError
-from ...potentials.basis import CustomMap, Potentials
-from ...potentials.maps import PartialMap, SumMap
+from ...potentials.basis import CustomMap, Potentials, SumMap
 from ...potentials.polynomial import PolynomialMap
 from ...regions.box import Box
 
@@ -93,7 +92,7 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
         of a function of the user.
     """
     made = _Builder(n, box)
-    made.add(field, np.arange(n))
+    made.add(field)
     return made.features()
 
 
@@ -119,26 +118,24 @@ class _Builder:
         self.T4: dict[tuple[int, ...], Array] = {}
         self.arms: list[ArmAngleChain] = []
 
-    def add(self, field: Potentials, joints: NDArray[np.intp]) -> None:
-        """Add potentials of the joints with the given indices."""
+    def add(self, field: Potentials) -> None:
+        """Add potentials."""
         if isinstance(field, SumMap):
             for part in field.maps:
-                self.add(part, joints)
-        elif isinstance(field, PartialMap):
-            self.add(field.part, joints[field.variables])
+                self.add(part)
         elif isinstance(field, PolynomialMap):
-            self._polynomial(field, joints)
+            self._polynomial(field)
         else:
-            self._add_other(field, joints)
+            self._add_other(field)
 
-    def _add_other(self, field: Potentials, joints: NDArray[np.intp]) -> None:
+    def _add_other(self, field: Potentials) -> None:
         """Add potentials that few designs have, and that a study need not import."""
         from ...potentials.arm_angle import ArmAngle
         from ...potentials.fourier import FourierMap
         from .arm_angle import ArmAngleChain
 
         if isinstance(field, FourierMap):
-            self._fourier(field, joints)
+            self._fourier(field)
         elif isinstance(field, CustomMap) and isinstance(field.basis, ArmAngle):
             self._room(field.A.shape[1])
             self.arms.append(ArmAngleChain.of(field.basis, field.A[0]))
@@ -188,9 +185,9 @@ class _Builder:
 
     # ---- families -----------------------------------------------------------------------------
 
-    def _polynomial(self, field: PolynomialMap, joints: NDArray[np.intp]) -> None:
+    def _polynomial(self, field: PolynomialMap) -> None:
         """Add the terms of ``h = Σ c_β u^β`` with ``u = (q − center) / scale``."""
-        scale = field.scale
+        scale, joints = field.scale, field.joints
         rows = np.zeros((len(joints), self.n))
         rows[np.arange(len(joints)), joints] = 1 / scale
         z = [
@@ -267,12 +264,10 @@ class _Builder:
         ) * self._argument_error(z[i])
         return self._feature(PRODUCT, parent, z[i], bound, error + U * bound)
 
-    def _fourier(self, field: FourierMap, joints: NDArray[np.intp]) -> None:
+    def _fourier(self, field: FourierMap) -> None:
         """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
         T = self._room(field.sines.shape[1])
-        for wave, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
-            row = np.zeros(self.n)
-            row[joints] = wave
+        for row, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
             z = self._argument(row, 0.0)
             error = self._argument_error(z) + 8 * U
             sine, cosine = (

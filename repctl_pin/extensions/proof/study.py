@@ -49,7 +49,7 @@ def with_certificate(
 
 def unproved_note(design: Design) -> list[str]:
     """Write that a study's time did not suffice for a certificate, and how to get one."""
-    several = len(design.task.frames) > 1  # there is no proof for them
+    several = len(design.task.frames) > 1  # they have no closing radius
     if design.proof is not None or library() is None or several:
         return []
     try:

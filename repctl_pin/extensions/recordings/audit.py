@@ -264,8 +264,8 @@ def audit(
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
         Frame of the end effector and kind of task; by default the end of the arm, and the first
-        redundant kind. Of a list of frames, as :meth:`Robot.task` takes it, all must be back at
-        once.
+        redundant kind. If they are several, as :meth:`Robot.task` takes them, all frames must be
+        back at once.
     degrees
         True if revolute joints are in degrees.
     tolerance : float, optional

@@ -53,7 +53,7 @@ def add_options(parser: Parser) -> None:
     )
     out = "folder of audit.html and audit.png (default repctl-out/LOG)"
     add("--out", metavar="FOLDER", help=out)
-    add("--json", action="store_true", help="print JSON instead of text")
+    parser.json()
 
 
 def run(options: Options) -> int:

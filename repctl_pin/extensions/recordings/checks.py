@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...arguments import Array, percentage, row
 from ...errors import InputError
@@ -90,10 +91,10 @@ def require_agreement(
 ) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
-    A constant offset of the tool or of the base is refused if it is larger than the misses that
-    remain without it, which are the noise of the data, and than the calibration of an arm. Other
-    differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the numbers
-    that would explain it, if one is found.
+    A constant offset of the tool or of the base is refused if it exceeds both the noise, which is
+    what remains when the offset is taken out, and what the calibration of an arm usually corrects.
+    Other differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the
+    numbers that would explain it, if one is found.
 
     Parameters
     ----------
@@ -156,7 +157,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     d = np.linalg.lstsq(
         R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6
     )[0]
-    D = _mean_rotation(back @ R) if task.kind.turns else np.eye(3)
+    D = mean_rotation(back @ R) if task.kind.turns else np.eye(3)
     at = row(np.round(d, 3) + 0.0)
     tool = f": the poses are of a frame at {at} m in {task.frame}{_turned(D)}"
     moved = p_own + R_own @ d
@@ -192,18 +193,17 @@ def _turned(R: Array) -> str:
     return f", turned by {angle:.2g} rad" if angle > _CALIBRATED_RAD else ""
 
 
-def _mean_rotation(R: Array) -> Array:
+def mean_rotation(R: Array) -> Array:
     """Average rotations (K, 3, 3): the rotation nearest to their mean."""
-    U, _, Vt = np.linalg.svd(R.mean(axis=0))
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    return Rotation.from_matrix(R).mean().as_matrix()
 
 
 def _base_rotation(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> Array:
-    """Find the rotation B of the base, from the rotations or, if they are free, the positions."""
+    """Find the rotation B of the base: R ≈ B R_own for a pose task, else from the positions."""
     if task.m == 6:
-        return _mean_rotation(R @ np.swapaxes(R_own, 1, 2))
+        return mean_rotation(R @ np.swapaxes(R_own, 1, 2))
     a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))
     U, _, Vt = np.linalg.svd(b.T @ a)
     signs = np.ones(len(rows))
@@ -227,11 +227,8 @@ def _orders(n: int) -> list[list[int]]:
 
 def _first_is_w(R: Array) -> Array:
     """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(
-        Rotation.from_matrix(R).as_quat()[:, [1, 2, 3, 0]]
-    ).as_matrix()
+    x = Rotation.from_matrix(R).as_quat()
+    return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:

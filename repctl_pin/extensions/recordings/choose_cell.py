@@ -18,6 +18,7 @@ from ..cells.function import InverseFunction
 from ..cells.nearest_function import nearest_inverse_function
 from ..cells.rotations import exp3
 from ..cells.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from .checks import mean_rotation
 from .recording import Recording, thinned
 
 _SHARES = (1.0, 0.98, 0.9)
@@ -145,16 +146,14 @@ def _box(recording: Recording, share: float) -> Cell:
     p = recording.positions
     R = recording.rotations
     positions = min(3, task.m)
-    turns = task.m - min(3, task.m)
-    middle = pin.SE3(_mean_rotation(R), np.median(p, axis=0))
+    turns = task.m - positions
+    middle = pin.SE3(mean_rotation(R), np.median(p, axis=0))
     probe = Cell(task, middle, 1.0, 0.5 if turns else 0.0)
     Y = _within(_measured(probe, p, R), share)
     between = (Y.max(axis=0) + Y.min(axis=0)) / 2
     origin, turned = middle.translation.copy(), middle.rotation
     origin[task.rows[:positions]] += between[:positions]
-    if (
-        turns
-    ):  # the middle of rotation vectors is not that of the rotations: measured again
+    if turns:  # the middle of rotation vectors is not that of the rotations
         turned = exp3(probe.vectors(between[None, positions:]))[0] @ turned
     probe = Cell(task, pin.SE3(turned, origin), 1.0, 0.5 if turns else 0.0)
     w = _widths(_within(_measured(probe, p, R), share), positions)
@@ -169,7 +168,7 @@ def _sector(recording: Recording, share: float) -> Cell:
     mean = _mean_angle(np.arctan2(p[:, 1], p[:, 0]))
     angle = np.angle(np.exp(1j * (np.arctan2(p[:, 1], p[:, 0]) - mean)))
     back = Rotation.from_rotvec(np.outer(-angle, [0.0, 0.0, 1.0])).as_matrix()
-    turned = _mean_rotation(back @ R)
+    turned = mean_rotation(back @ R)
     rho, z = float(np.median(away)), float(np.median(p[:, 2]))
     for _ in range(2):
         point = np.array([rho * np.cos(mean), rho * np.sin(mean), z])
@@ -235,10 +234,6 @@ def _widths(Y: Array, positions: int) -> Array:
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)
     widths = np.where(reach < _HELD, 0.0, _WIDER * reach + pad)
     return widths if widths.any() else pad
-
-
-def _mean_rotation(R: Array) -> Array:
-    return Rotation.from_matrix(R).mean().as_matrix()
 
 
 def _mean_angle(angle: Array) -> float:

@@ -53,7 +53,7 @@ def add_options(parser: Parser) -> None:
         metavar="FOLDER",
         help="output folder (default repctl-out/NAME of the file)",
     )
-    add("--json", action="store_true", help="print JSON instead of the table")
+    parser.json("the table")
 
 
 def run(options: Options) -> int:

@@ -1,17 +1,37 @@
-"""Page of a relabelled recording: joints before and after, and figures of merit."""
+"""Page of a relabelled recording, and its figures: joints, misfit and limit margin."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...arguments import Array
 from ...show.page.html import render
-from ...show.plots.motions import png
+from ...show.page.scene import is_planar
+from ...show.page.snapshot import bones, viewed
+from ...show.palette import BLUE, INK, VERMILLION
+from ...show.plots.motions import axis_label, legend_below, png, quiet, titled
 from ...show.report import DPI, framed, picture, versions
 from ...show.text.headline import Headline
 from ...show.text.lines import Span
 from ...show.text.parts import redundant_part
 from .relabel import Relabeled
-from .relabel_plots import arms_figure, labels_figure, shares_figure
+
+_POINTS = 1500
+_COLUMNS = 2
+_BEFORE, _AFTER = "recorded", "relabelled"
+
+_MOST_ARMS = 6
+"""Maximum number of arms drawn at one pose."""
+
+_TRIED = 200
+"""Number of frames at which the arms are compared."""
+
+_NEAR = 0.1
+"""Distance of two poses in the cell's coordinates, in which the cell is ±1, that hardly counts."""
 
 
 def relabel_sentence(relabeled: Relabeled) -> str:
@@ -56,10 +76,10 @@ def relabel_page(relabeled: Relabeled, *, command: str | None = None) -> str:
         headline=Headline((Span(relabel_sentence(relabeled)),), _notes(relabeled)),
         figures=[
             *_arms(relabeled),
-            ("Joints", framed(png(labels_figure(relabeled), DPI), _LABELS)),
+            ("Joints", framed(png(_labels_figure(relabeled), DPI), _LABELS)),
             (
                 "Shares of the frames",
-                framed(png(shares_figure(relabeled), DPI), _SHARES),
+                framed(png(_shares_figure(relabeled), DPI), _SHARES),
             ),
         ],
         terms_of=relabeled.figures(),
@@ -95,7 +115,7 @@ _GLOSSARY = {
 
 def _arms(relabeled: Relabeled) -> list[tuple[str, dict[str, object]]]:
     """Make the figure of the arms at one pose; empty with one session, or without joints."""
-    figure = arms_figure(relabeled)
+    figure = _arms_figure(relabeled)
     return [] if figure is None else [("Arms", picture(figure, _ARMS))]
 
 
@@ -114,3 +134,147 @@ def _notes(relabeled: Relabeled) -> tuple[Span, ...]:
         text = f"Limit margin {before:.2g} → {margin:.2g} {unit}."
         notes.append(Span(text, "bad" if margin < 0 else ""))
     return tuple(notes)
+
+
+def _arms_figure(relabeled: Relabeled) -> Figure | None:
+    """Draw the arms of several sessions at nearly one pose, before and after.
+
+    None if the joints were not recorded, or if fewer than two sessions come to one pose.
+    """
+    rows = _at_one_pose(relabeled)
+    before, task = relabeled.recording.joints, relabeled.recording.task
+    if before is None or len(rows) < 2:
+        return None
+    arms = {_BEFORE: before[rows], _AFTER: relabeled.joints[rows]}
+    lines = {name: [bones(task, q) for q in Q] for name, Q in arms.items()}
+    every = np.concatenate([*lines[_BEFORE], *lines[_AFTER]])
+    flat = is_planar(every)
+    figure = Figure(figsize=(10.0, 4.6), layout="constrained")
+    axes: list[Any] = []
+    for k, (name, drawn) in enumerate(lines.items(), 1):
+        ax: Any = figure.add_subplot(1, 2, k, projection=None if flat else "3d")
+        colour = VERMILLION if name == _BEFORE else BLUE
+        for line in drawn:
+            ax.plot(*line.T[: 2 if flat else 3], color=colour, lw=2.4, marker="o", ms=4.5,
+                    alpha=0.75, solid_capstyle="round")  # fmt: skip
+        ax.set_title(f"{name}, {len(rows)} sessions", fontsize=10)
+        axes.append(ax)
+    return viewed(figure, axes, every, flat)
+
+
+def _at_one_pose(relabeled: Relabeled) -> list[int]:
+    """Choose a frame of each of several sessions, all at nearly one pose, far apart in the joints.
+
+    Some frames of the first session are tried; the one is taken whose neighbours in the other
+    sessions differ most in the joints per distance of their poses.
+    """
+    recording, found = relabeled.recording, relabeled.found
+    if recording.joints is None:
+        return []
+    cell = relabeled.design.cell
+    U, _ = cell.coordinates(recording.positions, recording.rotations)
+    sessions = [
+        np.flatnonzero(found & (recording.session == k))
+        for k in range(len(recording.names))
+    ]
+    sessions = [frames for frames in sessions if len(frames)][:_MOST_ARMS]
+    if len(sessions) < 2:
+        return []
+    best: list[int] = []
+    most = 0.0
+    some = np.linspace(0, len(sessions[0]) - 1, _TRIED).astype(int)
+    for first in np.unique(sessions[0][some]):
+        gaps = [np.linalg.norm(U[frames] - U[first], axis=1) for frames in sessions]
+        rows = [int(at[gap.argmin()]) for at, gap in zip(sessions, gaps, strict=True)]
+        spread = float(np.ptp(recording.joints[rows], axis=0).max())
+        score = spread / (_NEAR + max(float(gap.min()) for gap in gaps))
+        best, most = (rows, score) if score > most else (best, most)
+    return best
+
+
+def _labels_figure(relabeled: Relabeled) -> Figure:
+    """Draw each joint over the frames, recorded and relabelled, and the level c of the leaf.
+
+    Dashed lines are joint limits that lie within a panel, and thin lines separate the sessions.
+    """
+    recording, task = relabeled.recording, relabeled.recording.task
+    order = np.argsort(recording.session, kind="stable")
+    order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]
+    borders = np.flatnonzero(np.diff(recording.session[order])).astype(float) + 0.5
+    panels = task.n + (relabeled.recorded_leaves is not None)
+    rows = -(-panels // _COLUMNS)
+    figure = titled(10.0, 0.8 + 1.35 * rows, "")
+    axes = list(figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel())
+    for ax in axes[panels:]:
+        ax.set_visible(False)
+    before = recording.joints
+    for joint, ax in zip(range(task.n), axes, strict=False):
+        old = None if before is None else before[order, joint]
+        _series(ax, old, relabeled.joints[order, joint], borders)
+        low, high = ax.get_ylim()
+        for limit in (task.lower[joint], task.upper[joint]):
+            if low < limit < high:
+                ax.axhline(limit, color=INK, lw=0.9, ls="--")
+        ax.set_ylabel(axis_label(task, joint), fontsize=8)
+    if relabeled.recorded_leaves is not None:
+        new = np.where(relabeled.found, relabeled.leaf[0], np.nan)[order]
+        _series(axes[panels - 1], relabeled.recorded_leaves[order, 0], new, borders)
+        axes[panels - 1].set_ylabel("leaf c (elbow)", fontsize=8)
+    for ax in axes[max(0, panels - _COLUMNS) : panels]:
+        ax.set_xlabel("frames, by session", fontsize=9)
+        ax.set_xticks([])
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=2,
+        markerscale=5,
+        frameon=False,
+    )
+    return figure
+
+
+def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:
+    frames = np.arange(len(new))
+    if old is not None:
+        ax.plot(frames, old, ".", color=VERMILLION, ms=2, label=_BEFORE)
+    ax.plot(frames, new, ".", color=BLUE, ms=2, label=_AFTER)
+    for border in borders if len(borders) < 40 else []:
+        ax.axvline(border, color="#bbbbbb", lw=0.6, zorder=0)
+    ax.tick_params(labelsize=8)
+    quiet(ax)
+
+
+def _shares_figure(relabeled: Relabeled) -> Figure:
+    """Draw the cumulative distributions of the misfit of a smooth fit and of the limit margin."""
+    unit, found = relabeled.recording.task.unit, relabeled.found
+    figure = titled(10.0, 3.4, "")
+    left, right = figure.subplots(1, 2)
+    misfits = relabeled.ambiguity.misfits
+    for values, colour, label in _pairs(
+        misfits[0] if len(misfits) > 1 else None, misfits[-1]
+    ):
+        _share_below(left, np.maximum(values, 1e-12), colour, label)
+    left.set_xscale("log")
+    left.set_xlabel(f"misfit of a smooth fit q(pose), {unit}")
+    before = relabeled.margins_before
+    old = None if before is None else before[found]
+    for values, colour, label in _pairs(old, relabeled.margins_after[found]):
+        if np.isfinite(values).all():
+            _share_below(right, values, colour, label)
+    right.axvline(0.0, color=INK, lw=0.9, ls="--")
+    right.set_xlabel(f"joint-limit margin, {unit}")
+    left.set_ylabel("share of the frames below, %")
+    return legend_below(figure, left)
+
+
+def _pairs(old: Array | None, new: Array) -> list[tuple[Array, str, str]]:
+    pairs = [] if old is None else [(old, VERMILLION, _BEFORE)]
+    return [*pairs, (new, BLUE, _AFTER)]
+
+
+def _share_below(ax: Axes, values: Array, colour: str, label: str) -> None:
+    share = np.linspace(0.0, 1.0, min(_POINTS, len(values)))
+    ax.plot(np.quantile(values, share), 100 * share, color=colour, lw=2, label=label)
+    quiet(ax)

@@ -100,8 +100,7 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     one where the hand stayed longest. A path that passes a pose farther away is thus not preferred.
     If nearly all visits of a pose are rests of 0.2 s, they count twice, because the hand passes the
     poses on its way there and back twice. Nearby poses are searched in a k-d tree. Its points are
-    ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand and a length ℓ that counts as much as
-    1 rad.
+    ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; the length ℓ counts as much as 1 rad.
 
     Parameters
     ----------

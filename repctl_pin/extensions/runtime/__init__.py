@@ -6,6 +6,7 @@ EXTENSION = Extension(
     __name__,
     names={
         "codegen.export": "export_c",
+        "clutch": "Clutch",
         "governor": "Governor Status",
         "impedance": "LeafImpedance",
     },

@@ -33,9 +33,7 @@ def add_options(parser: Parser) -> None:
         default="arm_control",
         help="prefix of the files and of every name in C (default arm_control)",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print JSON instead of text"
-    )
+    parser.json()
 
 
 def run(options: Options) -> int:

@@ -9,9 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, as_numbers, positive, require_type, row, shown
+from ...arguments import (
+    Array,
+    as_configurations,
+    as_numbers,
+    positive,
+    require_type,
+    row,
+    shown,
+)
 from ...certificate import ClosingRadius, beyond
 from ...errors import InputError
+from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement, as_placement
 from ...model.several_frames import one_frame
 from ...model.task import Task
@@ -19,6 +28,10 @@ from ...motion.limits import JointLimits, Limits, joint_limits
 from ...native import GOVERNOR_CALL, filled_struct, required_library
 from ...strategies.native_arm import native_arm
 from ...strategies.repeatable import RepeatableInverse
+from .body_guard import ROOM, BodyGuard
+
+_ASK = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_int)
+"""Function of Python that C calls for every plan within the limits."""
 
 _TARGET, _TWIST = 1, 2
 """Bits that tell C which of its two inputs is given."""
@@ -42,6 +55,9 @@ class Status(IntEnum):
         On the way, as fast as the limits of speed, acceleration and jerk allow.
     LIMIT
         A joint limit is ahead: the arm slows down and stops before it.
+    BODIES
+        Two bodies are near each other ahead, :attr:`Governor.nearest_bodies`: the arm slows down
+        and stops before their distance is below the one to keep.
 
     Examples
     --------
@@ -58,10 +74,7 @@ class Status(IntEnum):
     OUTSIDE = 3
     SLOWED = 4
     LIMIT = 5
-
-
-_BLOCKED = (Status.LIMIT, Status.OUTSIDE, Status.SINGULAR)
-"""Outcomes of a tick in which something ahead stops the arm."""
+    BODIES = 6
 
 
 _STATUS = {int(status): status for status in Status}
@@ -92,6 +105,10 @@ class Governor:
     closes
         Closing radius of the design's certificate, ``design.proof.closes``, for
         :attr:`beyond_closing_radius`.
+    bodies
+        Bodies of the robot and its surroundings whose distance is kept, ``rp.Bodies(task)``.
+    body_distance
+        Minimum distance of these bodies, m; pairs of :attr:`Bodies.only_contact` do not collide.
 
     Attributes
     ----------
@@ -103,7 +120,7 @@ class Governor:
     Raises
     ------
     InputError
-        If a limit is missing or not above 0, or dt is not.
+        If a limit is missing or not above 0, or dt is not, or the bodies are of another task.
 
     Examples
     --------
@@ -123,6 +140,8 @@ class Governor:
         *,
         margin: float = 0.0,
         closes: ClosingRadius | None = None,
+        bodies: Bodies | None = None,
+        body_distance: float = 0.02,
     ) -> None:
         self._inverse = require_type(
             inverse,
@@ -147,6 +166,8 @@ class Governor:
         if closes is not None:
             require_type(closes, ClosingRadius, "closes", "design.proof.closes")
         self._closes = closes
+        kept = positive(body_distance, "body_distance", "m", zero=True)
+        self._guard = None if bodies is None else BodyGuard(bodies, task, kept)
         native = required_library("a governor")
         self._on = False
         self._state = np.zeros(native.governor_bytes(), np.uint8)
@@ -163,11 +184,18 @@ class Governor:
             "twist": np.zeros(6),
             "q": np.zeros(task.n),
             "result": np.zeros(task.n),
+            "samples": np.zeros((ROOM, task.n)),
+            "ways": np.zeros((ROOM, task.n)),
         }
         inverse = self._inverse
         self._arm = native_arm(task, inverse.potentials, inverse.region)
         own = {"arm": ctypes.addressof(self._arm), "state": self._state.ctypes.data}
-        self._call = filled_struct(GOVERNOR_CALL, {}, memory, own | {"dt": self._dt})[0]
+        own |= {"room": ROOM, "dt": self._dt}
+        self._samples, self._ways = memory["samples"], memory["ways"]
+        self._ask = _ASK(self._allows)
+        if self._guard is not None:
+            own["allows"] = ctypes.cast(self._ask, ctypes.c_void_p)
+        self._call = filled_struct(GOVERNOR_CALL, {}, memory, own)[0]
         self._address = ctypes.c_void_p(ctypes.addressof(self._call))
         self._target, self._twist = memory["target"].reshape(4, 4), memory["twist"]
         self._begin, self._q = memory["q"], memory["result"]
@@ -175,7 +203,8 @@ class Governor:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what a copy needs; its connection to C is made again."""
-        own = ("_arm", "_call", "_address", "_target", "_twist", "_begin", "_native")
+        connected = "arm call address target twist begin native ask samples ways error"
+        own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}
         return kept | {"_state": self._state.copy(), "_q": self._q.copy()}
 
@@ -208,6 +237,26 @@ class Governor:
         that of one leaf: on another one, every pose is beyond it."""
         return beyond(self._closes, self._inverse, self.q) if self._closes else None
 
+    @property
+    def nearest_bodies(self) -> tuple[str, str] | None:
+        """Links of the two bodies that stop the arm, while the status is ``BODIES``; else None."""
+        if self._guard is None or not self._on or self._said is not Status.BODIES:
+            return None
+        return self._guard.nearest
+
+    def keeps_distance(self, Q: ArrayLike) -> bool:
+        """Tell whether the bodies keep their distance on a motion that the governor does not make.
+
+        Parameters
+        ----------
+        Q : (K, n) array
+            Its configurations; between two of them the joints move on a straight line. The answer
+            can be no where the distance is kept by less than 1 mm, or where they are far apart.
+        """
+        self._check_started()
+        Q = as_configurations(Q, self._task.n, repr(self._task))
+        return self._guard is None or self._guard.keeps(Q)
+
     def start(self, q: ArrayLike) -> None:
         """Start or restart at rest at a configuration; the motion stays on its leaf.
 
@@ -219,7 +268,8 @@ class Governor:
         Raises
         ------
         InputError
-            If q is within ``margin`` of a joint limit, or outside the region Ω.
+            If q is within ``margin`` of a joint limit, outside the region Ω, or if two bodies are
+            closer than ``body_distance``.
         SingularityError
             If J_V is singular there.
         """
@@ -238,12 +288,14 @@ class Governor:
                 "or use an inverse without a region"
             )
         self._inverse(q)
+        if self._guard is not None:
+            self._guard.start(q)
         self._leaf = self._inverse.leaf(q)
         self._begin[...] = q
         status = Status(self._native.call_governor_start(self._address))
         assert status is Status.OK, status  # all else was refused above
         self._q[...] = q
-        self._on = True
+        self._on, self._said = True, Status.OK
 
     def step(
         self, target: Placement | None = None, twist: ArrayLike | None = None
@@ -284,8 +336,29 @@ class Governor:
         elif twist is not None:
             self._twist[...] = _as_twist(twist)
             given = _TWIST
+        if self._guard is None:
+            status = self._native.call_governor_step(self._address, given)
+            return self._q.copy(), _STATUS[status]
+        return self._guarded_step(self._guard, given)
+
+    def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
+        """Step with bodies; an error of the guard is raised after its tick."""
+        guard.begin_tick()
+        self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)
-        return self._q.copy(), _STATUS[status]
+        if self._error is not None:
+            raise self._error
+        self._said = _STATUS[status]
+        return self._q.copy(), self._said
+
+    def _allows(self, count: int) -> int:
+        """Tell C whether the bodies allow the plan of which it wrote the samples."""
+        try:
+            assert self._guard is not None
+            return int(self._guard.allows(self._samples[:count], self._ways[:count]))
+        except BaseException as error:  # it must not pass through C
+            self._error = error
+            return 0
 
     def _check_started(self) -> None:
         if not self._on:

@@ -158,19 +158,30 @@ def fastest_with_jerk(
     seams: tuple[int, ...] = (),
     weight: float = 1.0,
 ) -> _JerkSegment:
-    """Find the time-optimal profile with bounded jerk along a smooth joint path, from rest to rest.
+    """Find the time-optimal profile with bounded jerk along a smooth joint path Q (T, n).
+
+    ``stages`` is the minimum number of stages. See :func:`with_jerk`.
+    """
+    return with_jerk(fastest(Q, limits, stages), limits, seams, weight)
+
+
+def with_jerk(
+    first: Segment,
+    limits: JointLimits,
+    seams: tuple[int, ...] = (),
+    weight: float = 1.0,
+) -> _JerkSegment:
+    """Find the time-optimal profile with bounded jerk along a curve, from rest to rest.
 
     Parameters
     ----------
-    Q : (T, n) array
-        Joint path: configurations.
+    first
+        Profile without a limit of jerk. Its stages are used; a few more are added next to rest.
     limits
         Limits to keep; they include jerk.
-    stages
-        Minimum number of stages; a few more are added next to rest.
     seams
-        Indices of two points of Q with equal ṡ and s̈, so that the profile between them can be
-        repeated; or empty.
+        Indices of two points, of those that ``first.passed`` counts, with equal ṡ and s̈, so that
+        the profile between them can be repeated; or empty.
     weight
         Number of times that the profile between the seams is run.
 
@@ -179,7 +190,6 @@ def fastest_with_jerk(
     InputError
         If no speed at all is within the limits.
     """
-    first = fastest(Q, limits, stages)
     knots = first.s[np.searchsorted(first.t, first.passed)]
     path = _Path.of(first.curve, _graded(first.s, first.curve, limits), limits)
     s = path.s

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,9 @@ STAGES = 450
 _LEAST_STAGES = 50
 """Minimum number of stages (grid points of the profile) between two stops."""
 
+_BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
+"""Points at which limits are checked between two stages, as fractions of the time."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -38,7 +41,7 @@ class Segment:
     Attributes
     ----------
     curve
-        q(s), a scipy spline.
+        q(s), a scipy spline or piecewise polynomial.
     s, speed, t : (K,) arrays
         s at the stages, ṡ, and the time from the segment's start, s.
     passed : (T,) array
@@ -65,38 +68,17 @@ class Segment:
         """Evaluate q, q̇, q̈ and q⃛ (T, n) at times (T,) from the segment's start."""
         s, *rates = self.law(t)
         v, a, j = (rate[:, None] for rate in rates)
-        q, q1, q2, q3 = _spline(self.curve, s)
+        q, q1, q2, q3 = (self.curve(s, k) for k in range(4))
         return q, q1 * v, q2 * v**2 + q1 * a, q3 * v**3 + 3 * q2 * v * a + q1 * j
 
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which time must be stretched to keep the limits; 1 if kept.
 
-        They are checked at the stages and halfway between them, that of jerk not at all.
+        They are checked at both ends of every interval between stages and halfway through its time;
+        that of jerk is not checked.
         """
-        u = (self.speed[1:] ** 2 - self.speed[:-1] ** 2) / (2 * np.diff(self.s))
-        factor = 1.0
-        for share in (0.0, 0.5, 1.0):
-            s = self.s[:-1] + share * np.diff(self.s)
-            x = (1 - share) * self.speed[:-1] ** 2 + share * self.speed[
-                1:
-            ] ** 2  # linear in s
-            slope, bend = self.curve(s, 1), self.curve(s, 2)
-            qdot = slope * np.sqrt(x)[:, None]
-            qddot = bend * x[:, None] + slope * u[:, None]
-            factor = max(factor, most_used(limits, self.curve(s), qdot, qddot))
-        return factor
-
-
-def _spline(curve: Any, s: Array) -> tuple[Array, Array, Array, Array]:
-    """Evaluate a cubic spline and its three derivatives at s: (K, n) each."""
-    i = np.clip(np.searchsorted(curve.x, s, side="right") - 1, 0, len(curve.x) - 2)
-    u, (d, c, b, a) = (s - curve.x[i])[:, None], curve.c[:, i]
-    return (
-        a + u * (b + u * (c + u * d)),
-        b + u * (2 * c + 3 * u * d),
-        2 * c + 6 * u * d,
-        6 * d,
-    )
+        t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
+        return most_used(limits, *self.derivatives(t)[:3])
 
 
 def most_used(
@@ -169,19 +151,6 @@ class Profile:
             np.concatenate([x + run.s for x, run in zip(lengths, runs, strict=False)]),
             np.concatenate([run.speed for run in runs]),
         )
-
-    def positions(self, clock: Array) -> Array:
-        """Evaluate the configurations (T, n) at times (T,); at rest outside the profile."""
-        which = np.clip(
-            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
-        )
-        Q = np.empty((len(clock), self.runs[0].curve(0.0).size))
-        for j in np.unique(which):
-            rows = which == j
-            run = self.runs[j]
-            s, *_ = run.law(np.clip(clock[rows] - self.starts[j], 0.0, run.t[-1]))
-            Q[rows] = run.curve(s)
-        return Q
 
     def derivatives(self, clock: Array) -> Array:
         """Evaluate q and its first three derivatives (4, T, n) at times (T,).
@@ -278,8 +247,26 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         If no speed is within the limits: the path is too rough, or a joint's torque limit does not
         hold the arm.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
+    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
+    grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
+    found = fastest_along(CubicSpline(s, Q, bc_type="not-a-knot"), grid, limits)
+    return replace(found, passed=found.t[::finer])
+
+
+def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
+    """Compute the time-optimal profile of a curve q(s), from rest to rest.
+
+    The curve is a scipy spline or piecewise polynomial, ``grid`` (K,) its stages.
+
+    Raises
+    ------
+    InputError
+        As :func:`fastest` does.
+    """
     needed("toppra", by="a motion from rest to rest")
-    import toppra
     from toppra.algorithm import TOPPRA
     from toppra.constraint import (
         JointAccelerationConstraint,
@@ -288,10 +275,6 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         JointVelocityConstraintVarying,
     )
 
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(Q, axis=0), axis=1))])
-    curve = toppra.SplineInterpolator(s, Q, bc_type="not-a-knot")
-    finer = int(np.ceil(max(stages, _LEAST_STAGES) / (len(s) - 1)))
-    grid = np.interp(np.arange(finer * (len(s) - 1) + 1) / finer, np.arange(len(s)), s)
     velocity = JointVelocityConstraint(np.minimum(limits.velocity, 1e6))
     if limits.tool is not None:
         velocity = JointVelocityConstraintVarying(
@@ -306,7 +289,7 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         constraints[-1].set_discretization_type(1)
     solver = TOPPRA(
         constraints,
-        curve,
+        _path_of(curve),
         grid,
         solver_wrapper="seidel",
         parametrizer="ParametrizeConstAccel",
@@ -321,7 +304,21 @@ def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
         )
         raise InputError(f"no speed along this joint path is within the limits: {why}")
     t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[1:] + speed[:-1]))])
-    return Segment(curve.cspl, grid, speed, t, t[::finer])
+    return Segment(curve, grid, speed, t, t)
+
+
+def _path_of(curve: Any) -> Any:
+    """Make the path of toppra from a curve q(s)."""
+    from toppra.interpolator import AbstractGeometricPath
+
+    class Path(AbstractGeometricPath):
+        dof = curve.c.shape[2]
+        path_interval = curve.x[[0, -1]]
+
+        def __call__(self, s: Any, order: int = 0) -> Any:
+            return curve(s, order)
+
+    return Path()
 
 
 def _speeds_at(limits: JointLimits, curve: Any, s: float) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ...arguments import MOST_STEPS, Array, flag, positive, require_choice, require_type
 from ...errors import InputError
 from ...model.bodies import bodies_of
+from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
@@ -259,7 +260,7 @@ def _sampled(
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
     back, before, q, after, beyond = (
-        profile.positions((clock + k * moment) / factor) for k in (-2, -1, 0, 1, 2)
+        profile.derivatives((clock + k * moment) / factor)[0] for k in range(-2, 3)
     )
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
@@ -298,7 +299,7 @@ _LOOKED_AT = 101
 
 def approach(
     q_now: ArrayLike,
-    motion: Motion,
+    motion: JointMotion,
     limits: Limits,
     *,
     to: Literal["start", "nearest"] = "start",
@@ -344,7 +345,7 @@ def approach(
     True
     """
     task = require_type(
-        motion, Motion, "motion", "a motion, such as rp.follow makes"
+        motion, JointMotion, "motion", "a motion, such as rp.follow makes"
     ).task
     bodies = flag(bodies, "bodies")
     kept = joint_limits(task, limits)

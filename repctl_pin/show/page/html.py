@@ -41,7 +41,7 @@ from ...errors import RepctlError
 from ..text.headline import Headline
 
 _SCRIPTS = (
-    *("dom", "numbers", "viewer", "eye", "arm", "panes", "traces", "stage"),
+    *("dom", "numbers", "viewer", "arm", "eye", "panes", "traces", "stage"),
     *("callouts", "chart", "clock", "address", "controls", "paper", "save"),
     *("law", "run", "sentence", "own", "live", "console", "plain", "main"),
 )

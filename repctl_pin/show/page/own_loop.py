@@ -19,9 +19,8 @@ from ...model.length import arm_length
 from ...model.task import Task
 from ...model.visuals import Visuals
 from ...motion import Motion, elbow
-from ...potentials.basis import Potentials
+from ...potentials.basis import Potentials, SumMap
 from ...potentials.fourier import FourierMap
-from ...potentials.maps import PartialMap, SumMap
 from ...potentials.polynomial import PolynomialMap
 from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
 from ...studies.study_result import Study
@@ -200,21 +199,18 @@ def _potentials(h: Potentials) -> list[_Numbers] | None:
         return [
             {name: getattr(h, name).tolist() for name in ("waves", "sines", "cosines")}
         ]
-    whole, joints = h, range(h.n) if isinstance(h, PolynomialMap) else ()
-    if isinstance(h, PartialMap):
-        whole, joints = h.part, h.variables.tolist()
-    if not isinstance(whole, PolynomialMap):
+    if not isinstance(h, PolynomialMap):
         return None
     terms = [
         [[i for i, power in enumerate(beta) for _ in range(power)], factors.tolist()]
-        for beta, factors in whole.terms.items()
+        for beta, factors in h.terms.items()
         if any(beta)
     ]
     return [
         {
-            "joints": list(joints),
-            "center": whole.center.tolist(),
-            "scale": whole.scale.tolist(),
+            "joints": h.joints.tolist(),
+            "center": h.center.tolist(),
+            "scale": h.scale.tolist(),
             "terms": terms,
         }
     ]

@@ -27,11 +27,10 @@ from ...motion.joint_motion import JointMotion, cycle_of
 from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
+from ..text.motion_summary import MotionSummary, motion_summary, with_outlook
 from ..text.parts import part_name
-from ..text.verdict import MotionSummary, motion_summary
 from .body_points import body_drift
 from .scene import Arm, FirstViolation, Frames, animation_page, frames_for, is_planar
-from .summaries import for_headline
 
 _OTHERS = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 
@@ -314,7 +313,7 @@ def _is_of(chain: Task, task: Task) -> bool:
 
 
 def _broken(
-    played: Sequence[JointMotion], rows: Array, timed: bool, whole: Motion | None
+    played: Sequence[JointMotion], rows: Array, timed: bool, whole: JointMotion | None
 ) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion; None without any.
 
@@ -370,21 +369,15 @@ def _summary(
     summaries = [
         motion_summary(track.label, one, moved, bodies=alone) for one in played
     ]
-    overall = [
-        summary.overall_speed
-        for summary in summaries
-        if summary.overall_speed is not None
-    ]
     violations = [
         summary.limit_violation for summary in summaries if summary.limit_violation
     ]
-    loss = None if track.motion is None else track.motion.path_loss
+    loss = track.motion.path_loss if isinstance(track.motion, Motion) else None
     worst = replace(
         summaries[0],
         hand_off=max(summary.hand_off for summary in summaries),
         ends=summaries[0].ends if alone else {},
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
-        overall_speed=float(np.linalg.norm(overall)) if overall else None,
         path_loss=None
         if loss is None
         else (cycle_of(loss[0], track.cycles), *loss[1:]),
@@ -394,7 +387,7 @@ def _summary(
         else max(summary.speed_ratio for summary in summaries),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
-    return for_headline(worst, played)
+    return with_outlook(worst, played)
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:

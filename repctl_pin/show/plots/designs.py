@@ -189,11 +189,11 @@ def design_figure(
     return figure
 
 
-Map = tuple[NDArray[np.float64], str, float | None]
+_Map = tuple[NDArray[np.float64], str, float | None]
 """Values over two joints, their label, and the best value if large is good, else None."""
 
 
-def maps_that_vary(*maps: Map) -> list[Map]:
+def maps_that_vary(*maps: _Map) -> list[_Map]:
     """Select the maps that vary enough to be drawn; the first one if none does."""
     return [one for one in maps if varies(one[0], one[2])] or [maps[0]]
 

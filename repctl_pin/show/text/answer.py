@@ -12,15 +12,14 @@ from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
-from ..page.summaries import row_summary, study_headline
-from .headline import end_name, ends_off, off_of, stopped_cell
-from .lines import Span, fitted, with_options, wrapped
+from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
+from .lines import COLUMNS, Span, fitted, with_options, wrapped
+from .motion_summary import MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
-from .verdict import MotionSummary, without_shape
 
-ROWS, COLUMNS = 24, 80
-"""Size of the terminal into which the answer fits."""
+ROWS = 24
+"""Number of rows of the terminal into which the answer fits."""
 
 _NOT_SHOWN = "posture_off"
 """Strategy that only the full table shows."""
@@ -147,7 +146,7 @@ def _unchecked(study: Study) -> int:
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     """List the rows of the short table: name of a quantity, and its value for every strategy."""
-    summaries = [row_summary(study, row) for row in rows]
+    summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
     unit = "" if some is None else f", {some.task.unit}"
     names = [

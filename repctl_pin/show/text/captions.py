@@ -1,21 +1,16 @@
-"""Sentences of the report: its summary, its glossary, and a description of each figure for readers
-who cannot see it."""
+"""Sentences of the report: its glossary, and a description of each figure for readers who cannot
+see it."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...arguments import ratio_in_percent
-from ...model.bodies import bodies_of
+from ...design.design_map import ReportMaps
 from ...motion import Motion
 from ...motion.displacement import cycle_displacements
-from ...studies.study_maps import StudyMaps
-from ...studies.study_result import Row, Study
-from ..page.summaries import row_summary
-from ..palette import COLOURS
+from ...studies.study_result import Study
 from .headline import names_of
-from .numbers import counted, displacement, number, percent
-from .verdict import without_shape
+from .numbers import displacement, number
 
 GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
@@ -42,92 +37,6 @@ GLOSSARY = {
     "of Ω at zero in the null space.",
 }
 """Definitions of the terms of a report."""
-
-
-def summary(study: Study) -> list[str]:
-    """Summarise a study in a few sentences, one per paragraph."""
-    task, path = study.task, study.path
-    plain, closed = study.row("pseudoinverse"), study.row("repeatable")
-    some = next(row.motion for row in study.rows if row.motion is not None)
-    out = [
-        f"The frame {task.frame} of {study.robot.name} followed a closed path, {path.name}, "
-        f"{counted(some.cycles, 'time')}. The task ({task.kind}) has {task.m} coordinates and "
-        f"the arm {task.n} joints, which leaves {task.r} free: many joint motions move the frame "
-        "in the same way."
-    ]
-    if plain.motion is not None:
-        cycles = counted(plain.motion.cycles, "cycle")
-        out.append(
-            f"Under the usual control, the pseudoinverse J⁺, {_off(study, plain)} after "
-            f"{cycles}. The joints drift by {_amount(plain.motion, 0)} in the first cycle and by "
-            f"{_amount(plain.motion, -1)} in {cycles} (the norm over all joints)."
-        )
-    else:
-        out.append(f"The usual control, the pseudoinverse J⁺, {plain.failure}.")
-    for row in study.rows:
-        if row.key not in COLOURS:
-            own = (
-                f"the joints drift by {_amount(row.motion, -1)}"
-                if row.motion
-                else f"the motion {row.failure}"
-            )
-            out.append(f"Under your controller {row.label}, {own}.")
-    if closed.motion is not None:
-        assert closed.distance is not None and closed.leaf_margin is not None
-        out.append(
-            f"Under the repeatable control {_off(study, closed)} after "
-            f"{counted(closed.motion.cycles, 'cycle')}, and the joints drift by "
-            f"{_amount(closed.motion, -1)}. "
-            f"It differs from J⁺ by {ratio_in_percent(closed.distance)} on average over Ω, "
-            f"and {_price(plain, closed)}. Its smallest leaf margin is "
-            f"{closed.leaf_margin:.2f} (1 is best, 0 is singular)."
-        )
-    else:
-        out.append(f"The repeatable control {closed.failure}.")
-    broken = [
-        f"{row.label}: {violation}"
-        for row in study.rows
-        for violation in row.violations
-    ]
-    known = any(row.body_distance is not None for row in study.rows)
-    kept = "No joint exceeds its limits" + (
-        ", and no two bodies collide." if known else "."
-    )
-    out.append(f"{'; '.join(broken)}." if broken else kept)
-    if unchecked := len(bodies_of(task).unchecked):
-        out.append(f"Collisions not checked: {without_shape(unchecked)}.")
-    near = [
-        f"{names_of(row.label)['title']} {row.body_distance:.3f} m "
-        f"({' and '.join(row.motion.coarse.nearest_bodies[1].links)})"
-        for row in study.rows
-        if row.motion is not None and row.body_distance is not None
-    ]
-    if near:
-        out.append(
-            f"Minimum body distance, at 100 points per cycle: {'; '.join(near)}."
-        )
-    times = [
-        f"{names_of(row.label)['title']} {row.cycle_time:.3f} s"
-        f"{'' if row.motion.closes else ' (does not close)'}"
-        for row in study.rows
-        if row.motion is not None and row.cycle_time is not None
-    ]
-    if times:
-        out.append(
-            "Fastest first cycle, from rest to rest within the speed limits and these "
-            f"accelerations ({study.setting['accelerations']}): {'; '.join(times)}."
-        )
-    return out
-
-
-def _off(study: Study, row: Row) -> str:
-    """Write which part is off most at the end of a motion, and how far."""
-    one = row_summary(study, row)
-    assert one is not None
-    if one.back:
-        return "the whole arm is back"
-    the = "" if any(letter.isdigit() for letter in one.part) else "the "
-    return f"{the}{one.part} is {displacement(one.off)} off"
 
 
 def _amount(motion: Motion, cycle: int) -> str:
@@ -197,17 +106,17 @@ def cycles_words(study: Study) -> str:
     )
 
 
-def maps_words(study: Study, maps: StudyMaps) -> str:
+def maps_words(study: Study, maps: ReportMaps) -> str:
     """Describe the maps over two joints, for readers who cannot see it."""
-    i, j = maps.design.joints
+    i, j = maps.grid.joints
     with np.errstate(invalid="ignore"):
-        distance = maps.design.distance / maps.design.reference
+        distance = maps.grid.distance / maps.grid.reference
     ranges = [
         f"{name} from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}"
         for name, values in (
             ("the defect of J⁺ (0 where it is repeatable)", maps.defect),
             ("the distance ‖G − J⁺‖ / ‖J⁺‖", distance),
-            ("the leaf margin", maps.design.leaf_margin),
+            ("the leaf margin", maps.grid.leaf_margin),
         )
     ]
     costs = [f"{cost:.4g} at degree {degree}" for degree, cost, _ in maps.degrees]
@@ -234,15 +143,6 @@ def still_words(study: Study) -> str:
     names = [names_of(row.label)["title"] for row in rows]
     parts = [f"{name} {end}" for name, end in zip(names, ends, strict=True)]
     return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
-
-
-def _price(plain: Row, closed: Row) -> str:
-    if plain.motion is None or closed.motion is None:
-        return "its extra joint speed is unknown"
-    price = closed.motion.first_rms_speed / plain.motion.first_rms_speed - 1
-    overall = closed.motion.rms_speed / plain.motion.rms_speed - 1
-    more = f" and {percent(overall)} over all cycles" if plain.motion.cycles > 1 else ""
-    return f"its extra joint speed (rms) is {percent(price)} over the first cycle{more}"
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:

@@ -13,10 +13,10 @@ from ...motion.follow import UNRESOLVED
 from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
 from ...paths.winding import winding_words
-from ...studies.study_result import Row
+from ...studies.study_result import Row, Study
 from .lines import Span, capital
+from .motion_summary import SMALL, TURNED, MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, percent, radians
-from .verdict import SMALL, TURNED, MotionSummary, without_shape
 
 NEAR = 0.02
 """Body distance, m, below which the two links are named."""
@@ -63,6 +63,11 @@ class Headline:
     sentence: tuple[Span, ...]
     notes: tuple[Span, ...]
 
+    def __str__(self) -> str:
+        sentence = "".join(span.text for span in self.sentence)
+        notes = (span.text for span in self.notes)
+        return " ".join([sentence.rstrip(" "), *notes]).replace("\u00a0", " ")
+
 
 NO_HEADLINE = Headline((), ())
 
@@ -96,6 +101,17 @@ def stopped_words(label: str, failure: str) -> str:
 def stopped_cell(row: Row) -> str:
     """Write the cell of a table for a row without a motion."""
     return "–" if row.stopped.startswith(UNRESOLVED) else "stopped"
+
+
+def study_headline(study: Study) -> Headline:
+    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse."""
+    rows = [study.row("pseudoinverse"), study.row("repeatable")]
+    stopped = [
+        stopped_words(row.label, row.failure) for row in rows if row.motion is None
+    ]
+    found = [one for row in rows if (one := row_summary(row)) is not None]
+    cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
+    return headline_of(found, cycles, stopped, hands=len(study.task.frames))
 
 
 def headline_of(
@@ -146,7 +162,7 @@ def _drifted(
     summaries: Sequence[MotionSummary], worst: MotionSummary
 ) -> tuple[str, str, list[Span]]:
     """Write which part or joint is off, the verb, and by how much it is off under each."""
-    subject = f"{worst.part} of the arm"
+    subject = worst.part if worst.part[:4] == "arm " else f"{worst.part} of the arm"
     if not any(letter.isdigit() for letter in worst.part):
         subject = f"the {worst.part}"
     if worst.off >= SMALL:

@@ -10,8 +10,7 @@ from ...arguments import percentage, ratio_in_percent
 from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ...studies.quantities import JOINTS, QUANTITIES, SHARE, Quantity
-from ..page.summaries import study_verdict
-from .headline import stopped_cell
+from .headline import stopped_cell, study_headline
 from .lines import fitted, terminal_width, with_options
 from .numbers import number
 
@@ -75,7 +74,7 @@ def study_table(study: Study) -> str:
     cells = table(header, [[name, *values] for name, values in study_cells(study)])
     legend = textwrap.wrap(study_legend(study), min(terminal_width(), 100))
     notes = [f"note: {with_options(note)}" for note in study_notes(study)]
-    before = fitted("\n".join([*loud, study_verdict(study), "", *head]))
+    before = fitted("\n".join([*loud, str(study_headline(study)), "", *head]))
     return "\n".join(
         [before, "", cells, *legend, *(["", fitted("\n".join(notes))] if notes else [])]
     )

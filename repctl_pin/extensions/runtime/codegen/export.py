@@ -22,7 +22,7 @@ from ...cells.cell import Cell
 from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.sector import Sector
-from .kdl import kdl_header
+from .kdl import kdl_header, quoted
 from .source import about, region_of, write_source
 from .text import checked_name, filled, pose, poses, row, table, value
 from .vectors import (
@@ -126,6 +126,8 @@ def export_c(
         "closing": source.closing,
         "functions": functions,
         "torque": filled("torque.hpp", name, {}),
+        "names": "{" + ", ".join(map(quoted, control.task.joint_names)) + "}",
+        "frame": quoted(control.task.frame),
     }
     texts = {
         f"{name}.h": source.header,

@@ -36,7 +36,6 @@ def kdl_header(
     )
     parts = {
         "about": about,
-        "names": "{" + ", ".join(map(_quoted, task.joint_names)) + "}",
         "start": row(start),
         "rates": _rates(task),
         "solver": filled(solver, name, {}).rstrip("\n"),
@@ -62,7 +61,7 @@ def _rates(task: Task) -> str:
     return "\n".join(lines)
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """Write a C string literal; bytes other than letters, digits and ``_`` as octal escapes."""
     return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 

@@ -9,7 +9,7 @@ extern "C" {
 #define ARM_N @n /* joints */
 #define ARM_M @m /* task coordinates */
 #define ARM_R @r /* degree of redundancy, potentials */
-#define ARM_FRAMES @frames /* frames: placements, targets and twists are arrays of so many, one after the other */
+#define ARM_FRAMES @frames /* frames: placements, targets and twists are arrays, one entry per frame */
 
 typedef enum {
     ARM_OK = 0,

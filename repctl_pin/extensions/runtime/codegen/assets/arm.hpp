@@ -12,6 +12,8 @@
 namespace arm {
 
 inline constexpr std::size_t joints = ARM_N, coordinates = ARM_M, potentials = ARM_R;
+inline constexpr const char* joint_names[ARM_N] = @names;
+inline constexpr const char* frame = @frame;
 
 using Joints = std::array<double, ARM_N>;
 using Rates = std::array<double, ARM_M>;

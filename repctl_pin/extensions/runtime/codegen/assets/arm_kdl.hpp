@@ -18,8 +18,6 @@
 /* The functions of arm.h as solvers of Orocos KDL. Requires C++17; link with orocos-kdl. */
 namespace arm {
 
-inline constexpr const char* joint_names[ARM_N] = @names;
-
 /* Convert between KDL's types and those of arm.hpp. */
 inline Pose from_kdl(const KDL::Frame& x) noexcept
 {

@@ -40,14 +40,12 @@ export class ArmView {
     let at = this.end;
     // the points by which each moving body is measured
     this.corners = [];
-    this.part = []; // numbers, in this.moving, of the bodies of the part that is pointed at
     let row = 0;
     data.shapes.forEach((shape, s) => {
       if (shape.pose) return;
       const points = Array.from({ length: shape.points }, (_, k) => new T.Vector3().fromArray(motion, at + 3 * k));
       at += 3 * shape.points;
       if (!this.rows[row++]) return;
-      if (data.part[s]) this.part.push(this.corners.length);
       this.corners.push(points);
     });
     this.study = { run: this.run, start };
@@ -65,9 +63,6 @@ export class ArmView {
     }
     if (this.fan) { this.group.remove(this.fan); this.fan = null; }
   }
-
-  // Point at the bodies of the part of this link from now on.
-  pointAt(isPart) { this.part = this.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : [])); }
 
   // Stand as at frame i, a part f on the way to frame i + 1.
   pose(i, f, rows = this.rows) {
@@ -128,12 +123,14 @@ export class ArmView {
   partOff() { return this.part.reduce((most, k) => Math.max(most, this.off[k]), 0); }
   handOff() { const { frame, base, first, f } = this.now; return this.point("tip", 0, frame, f).distanceTo(base.point("tip", 0, first, f)); }
 
-  // The middle of that part, now; of the whole arm where nothing is off.
-  partCentre() {
-    const box = new MeshCat.THREE.Box3(), p = new MeshCat.THREE.Vector3();
-    for (const k of this.part) for (const c of this.corners[k]) box.expandByPoint(p.copy(c).applyMatrix4(this.moving[k].matrix));
-    return box.isEmpty() ? this.point("elbow", 0, this.now.frame) : box.getCenter(p);
-  }
+  // The corners of that part, as it stands.
+  partCorners() { return this.part.flatMap((k) => this.corners[k].map((c) => this.placed(k, c))); }
+
+  // A point of body k, now.
+  placed(k, point) { this.moving[k].updateMatrix(); return point.clone().applyMatrix4(this.moving[k].matrix); }
+
+  // The place on that part which is off most in the end, now; the elbow where there is no part.
+  partSpot() { return this.spot ? this.placed(this.spot.k, this.spot.point) : this.point("elbow", 0, this.now.frame); }
 
   // Where the joint is that breaks its limit, now.
   mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
@@ -252,6 +249,23 @@ export function referenceOf(arms) {
     return arm.rows.every((place, k) => !place === !found.rows[k] && (!place || !elsewhere(place, found.rows[k])));
   };
   return arms.every(alike) ? found : null;
+}
+
+// Point at the part of these bodies in all arms from now on.
+export function pointAt(arms, isPart) {
+  for (const arm of arms) arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
+  const { arm: worst, before, after } = displaced(arms), ways = after.map((p, i) => p.distanceTo(before[i])), most = Math.max(...ways);
+  const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c])), [k] = corners[ways.indexOf(most)] || [];
+  const point = new MeshCat.THREE.Vector3();
+  let all = 0;
+  corners.forEach(([body, c], i) => { if (body === k) { const weight = most > SAME ? (ways[i] / most) ** 4 : 1; point.addScaledVector(c, weight); all += weight; } });
+  for (const arm of arms) arm.spot = all ? { k, point: point.clone().divideScalar(all) } : null;
+}
+
+// The arm that is off most after all cycles, and where the corners of its part are before and after them.
+export function displaced(arms) {
+  const arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a)), at = (i) => { arm.pose(i, 0); return arm.partCorners(); };
+  return { arm, before: at(0), after: at(arm.frames - 1) };
 }
 
 // How far off a body of these arms is coloured in full, m: as far as one is after any cycle.

@@ -4,6 +4,8 @@ import { tint } from "./chart.js";
 import { byId, element } from "./dom.js";
 import { inMetres } from "./numbers.js";
 
+const RIM = 13; // px from the hand to the rim of its ring
+
 export class Callouts {
   constructor(panes, scene) {
     Object.assign(this, { panes, scene });
@@ -31,14 +33,14 @@ export class Callouts {
 
   // The part's above the arm, the hand's below it; each with a line to what it speaks of.
   place() {
-    const { panes } = this;
+    const { panes } = this, rim = this.scene.own ? RIM : 0;
     if (byId("panes").classList.contains("quiet")) return;
     const sizes = this.sets.map(({ part, hand }, k) => [panes.frames[k].firstChild, part.box, hand.box].map(({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({ x, y, w, h }))); // all are read before any is moved
     this.sets.forEach(({ arm, part, hand }, k) => {
       const { width, height } = panes.place(k), [label, box, below] = sizes[k], { beside } = panes;
-      const at = panes.seen(k, arm.partCentre()), tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
+      const at = panes.seen(k, arm.partSpot()), tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
       put(part, box, at, beside ? 8 : label.y + label.h + 6, width, height, beside ? label.x + label.w + 8 : 8);
-      put(hand, below, tip, Math.min(tip.y + 0.09 * height, height - below.h - 34), width, height, 8, at);
+      put(hand, below, { x: tip.x, y: tip.y + rim }, Math.min(tip.y + 0.09 * height, height - below.h - 34), width, height, 8, at);
     });
   }
 }

@@ -76,7 +76,7 @@ export class Chart {
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(2, foot - level(off)); // a zero is seen, too
+        const x = at(c + 1) - group + k * wide, off = arm.data.off[c][1], tall = Math.max(0.13 * em, foot - level(off)); // a zero is seen, too
         draw.fillStyle = arm.data.color;
         draw.globalAlpha = finished ? 1 : 0.3;
         draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
@@ -89,7 +89,8 @@ export class Chart {
     }
     draw.textAlign = "left";
     if (draw.measureText("cycle").width + 1.2 * em < pitch - group / 2) draw.fillText("cycle", INSET + 2, height - 0.25 * em);
-    if (room > 0.8 * em) haloed(draw, inMetres(scale), INSET + 2, level(scale) + (top > 1.4 * scale ? -0.3 : 0.95) * em, 0.3 * em);
+    const beside = room < 2 * em ? 0.3 : top > 1.4 * scale ? -0.3 : 0.95; // in the line, over it or under it
+    if (room > 0.8 * em) haloed(draw, inMetres(scale), INSET + 2, Math.max(level(scale) + beside * em, 0.75 * em), 0.3 * em);
     draw.strokeStyle = tone("--ink"); draw.lineWidth = 1.5;
     line(draw, at(cycle + part), 0, at(cycle + part), foot, []);
   }

@@ -1,11 +1,11 @@
 // Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still and the elbow walks.
-// It opens on the end for two seconds, goes through the cycles' ends once, and then runs.
+// It opens on the end for three seconds, goes through the cycles' ends once, invites to draw, as long, and then runs.
 
-const END = 2, HOLD = 1.4; // s
+const END = 3, HOLD = 1.4; // s
 
 export class Clock {
   constructor(cycles, seconds, changed) {
-    Object.assign(this, { cycles, seconds, changed, time: cycles, playing: false, stepping: false, opening: false, speed: 1, rest: 0, done: null, ended() {} });
+    Object.assign(this, { cycles, seconds, changed, time: cycles, playing: false, stepping: false, opening: false, speed: 1, rest: 0, done: null, invite() {} });
   }
 
   open() { Object.assign(this, { opening: true, stepping: true, playing: true }); this.changed(); }
@@ -41,14 +41,15 @@ export class Clock {
     } else if (this.time >= this.cycles) {
       this.rest += seconds;
       if (this.rest < (this.opening ? END : HOLD)) return;
-      if (this.opening && this.opened) this.ended();
-      if (this.opening && this.opened) Object.assign(this, { opening: false, stepping: false });
-      this.opened = true;
+      if (this.walked) this.hold();
       this.seek(0);
     } else if (this.stepping) {
       this.rest += seconds * this.speed;
       const hold = Math.min(Math.max(4 / this.cycles, 0.2), 0.5), count = Math.floor(this.rest / hold), left = this.rest - count * hold;
-      if (count) { this.seek(Math.floor(this.time) + count); this.rest = left; }
+      if (!count) return;
+      this.seek(Math.floor(this.time) + count);
+      this.rest = left;
+      if (this.opening && this.time >= this.cycles) { this.walked = true; this.invite(); }
     } else this.seek(this.time + (this.speed * seconds) / this.seconds);
   }
 }

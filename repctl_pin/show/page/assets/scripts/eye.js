@@ -1,5 +1,7 @@
 // The one camera of all panes: where it looks from, and how far away it stands.
 
+import { displaced } from "./arm.js";
+
 export class Eye {
   // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as a drawing
   constructor(viewer, out, flat) {
@@ -111,13 +113,9 @@ export function towards(tip, whole) {
 // the part that is off most stands at the end and where it stood at the start, as far as nothing hides the part and the hand.
 // `usual`: the direction that counts where views are alike, or nothing is off
 export function clearest(arms, usual) {
-  const T = MeshCat.THREE, arm = arms.reduce((a, b) => (b.data.off.at(-1)[1] > a.data.off.at(-1)[1] ? b : a));
+  const T = MeshCat.THREE, { arm, before, after } = displaced(arms);
   if (!(arm.data.off.at(-1)[1] > 1e-4) || !arm.part.length) return usual;
-  const corners = () => arm.part.flatMap((k) => { const place = arm.moving[k]; place.updateMatrix(); return arm.corners[k].map((c) => c.clone().applyMatrix4(place.matrix)); });
-  arm.pose(0, 0);
-  const before = corners();
-  arm.pose(arm.frames - 1, 0);
-  const after = corners(), centre = new T.Box3().setFromPoints(after).getCenter(new T.Vector3()), tip = arm.point("tip", 0, arm.frames - 1);
+  const centre = new T.Box3().setFromPoints(after).getCenter(new T.Vector3()), tip = arm.point("tip", 0, arm.frames - 1);
   const others = [...arm.moving, ...arm.still].filter((place) => !arm.part.includes(arm.moving.indexOf(place))).flatMap(boxOf), all = others.flatMap(({ corners: c }) => c);
   const plan = Math.atan2(usual.y, usual.x);
   let best = { score: -1 };

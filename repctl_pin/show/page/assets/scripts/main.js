@@ -1,7 +1,7 @@
 // The page: what is loaded, and what happens when.
 
 import { keep, wishes } from "./address.js";
-import { fullDrift, GAIN, referenceOf } from "./arm.js";
+import { fullDrift, GAIN, pointAt, referenceOf } from "./arm.js";
 import { Callouts } from "./callouts.js";
 import { Chart } from "./chart.js";
 import { Clock } from "./clock.js";
@@ -142,8 +142,9 @@ async function main() {
     play: (result) => play(Array.from({ length: result.cycles }, (_, c) => c + 1), result.perCycle, result.seconds, result.runs.map((one) => [one]), [result.path.map((p) => new MeshCat.THREE.Vector3(...p))]),
     study() {
       scene.part = study.part;
-      for (const arm of arms) arm.pointAt((s) => arm.data.part[s]);
       play(study.cycles, study.perCycle, study.seconds, arms.map((arm) => [arm.study.run, arm.study.start]), paths);
+      pointAt(arms, (s) => study.arms[0].part[s]);
+      show();
     },
     show,
   };

@@ -20,6 +20,3 @@ export function niceStep(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   return [5, 2, 1].map((k) => k * power).find((step) => step <= length * 1.0001) || power;
 }
-
-// j2s6s200…joint_3: its end tells one joint from the next
-export const shortened = (name) => (name.length > 18 ? `${name.slice(0, 7)}…${name.slice(-10)}` : name);

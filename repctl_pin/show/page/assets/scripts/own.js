@@ -1,19 +1,21 @@
 // The visitor's own loop: take the hand at its ring, draw, let go; both arms follow, and the page says what has happened.
 
+import { pointAt } from "./arm.js";
 import { download } from "./save.js";
 import { byId, element, tone } from "./dom.js";
 import { Chain, Law, pieces, stepped } from "./law.js";
 import { inMetres } from "./numbers.js";
-import { computed, drawnAt } from "./run.js";
+import { computed, drawnAt, resolved } from "./run.js";
 import { answer } from "./sentence.js";
-import { Trail } from "./traces.js";
+import { dots, Trail } from "./traces.js";
 
 const CYCLES = 10;
 const POINTS = 40; // of a loop, as it is kept
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
 const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
-const HOW = ["The dashed line closes the loop."];
+const HOW = ["The dotted line closes the loop."];
+const DOTS = 200; // of that line, at most
 const RACE = 4; // times the joint speed at the start, or times the limit at the study's speed, at which it stops
 const FLAT = 0.35; // part of the smallest sine between the rows of J at the start, below which it stops
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
@@ -37,11 +39,11 @@ export class Own {
     byId("copy").addEventListener("click", ({ currentTarget }) => { navigator.clipboard.writeText(location.href).then(() => { currentTarget.textContent = "Copied"; }, () => {}); });
     byId("best").addEventListener("click", () => { byId("loops").open = false; this.open(this.best.points); });
     byId("loops").hidden = false;
-    clock.ended = () => this.pulse();
+    clock.invite = () => { if (this.state === "study") for (const ring of this.rings) ring.classList.add("pulse"); };
   }
 
   ring(frame, k) {
-    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me");
+    const words = element("span", { class: "drag-me", "aria-hidden": "true" }, "Drag me", element("i", {}, ": draw a loop"));
     const ring = element("button", { class: "ring", type: "button", "aria-label": "Drag me: lead the hand by the pointer, or by the arrow keys and Enter, to draw a loop", title: "Drag the hand to draw a loop" }, words);
     if (k) ring.tabIndex = -1;
     ring.addEventListener("pointerdown", (event) => {
@@ -54,8 +56,6 @@ export class Own {
     frame.append(ring);
     return ring;
   }
-
-  pulse() { if (this.state === "study") for (const ring of this.rings) ring.classList.add("pulse"); }
 
   // ---- the gesture
 
@@ -76,9 +76,7 @@ export class Own {
     arms.forEach((arm) => { arm.use({ data: { ...arm.study.run.data, broken: null }, motion: new Float64Array(2 * (arm.stride + 6)), frames: 2, perCycle: 1 }); arm.notice.textContent = ""; });
     this.player.clear();
     this.lead.shown = arms.map((arm) => {
-      const group = arm.traces, line = new T.Line(new T.BufferGeometry(), new T.LineDashedMaterial({ color: arm.data.color, dashSize: 0.02 * this.extent, gapSize: 0.012 * this.extent }));
-      line.geometry.setAttribute("position", new T.Float32BufferAttribute(6, 3)).setAttribute("lineDistance", new T.Float32BufferAttribute(2, 1));
-      line.frustumCulled = false;
+      const group = arm.traces, line = dots(new T.BufferGeometry().setAttribute("position", new T.Float32BufferAttribute(3 * DOTS, 3)), arm.data.color);
       group.add(line);
       if (chain.proved) group.add(disc(home, normal, chain.proved));
       return { line, tip: new Trail(group, arm.data.color), elbow: new Trail(group, arm.data.color) };
@@ -114,10 +112,16 @@ export class Own {
       return;
     }
     if (!this.lead) this.take(k, null);
-    const { plane, hand, queue } = this.lead, T = MeshCat.THREE, { elements } = this.panes.viewer.camera.matrixWorld, from = new T.Vector3(...(queue.at(-1) || hand));
-    const axis = (column) => new T.Vector3(elements[4 * column], -elements[4 * column + 2], elements[4 * column + 1]).projectOnPlane(plane.normal).normalize();
-    queue.push(from.addScaledVector(axis(0), way[0] * 0.015 * this.chain.size).addScaledVector(axis(1), way[1] * 0.015 * this.chain.size).toArray());
+    const { hand, queue } = this.lead, from = new MeshCat.THREE.Vector3(...(queue.at(-1) || hand));
+    this.axes().forEach((axis, i) => from.addScaledVector(axis, way[i] * 0.015 * this.chain.size));
+    queue.push(from.toArray());
     this.soon();
+  }
+
+  // Right and up on the screen, in the plane in which the hand is led.
+  axes() {
+    const { elements } = this.panes.viewer.camera.matrixWorld, { normal } = this.lead.plane;
+    return [0, 4].map((k) => new MeshCat.THREE.Vector3(elements[k], -elements[k + 2], elements[k + 1]).projectOnPlane(normal).normalize());
   }
 
   // Step towards the points that the hand was led to, as many as there is time for until the next picture.
@@ -188,13 +192,14 @@ export class Own {
 
   // Draw both arms where they have been led; the ghost is the last of them.
   draw() {
-    const { lead, chain, arms } = this, T = MeshCat.THREE;
+    const { lead, chain, arms } = this;
     arms.forEach((arm, k) => {
       drawnAt(chain, arm, lead.qs.at(-1), arm.run, 0);
       drawnAt(chain, arm, lead.qs[k], arm.run, 1);
-      const { geometry } = lead.shown[k].line, from = new T.Vector3(...lead.hand), to = new T.Vector3(...chain.home);
-      geometry.attributes.position.copyArray([...from.toArray(), ...to.toArray()]).needsUpdate = true;
-      geometry.attributes.lineDistance.copyArray([0, from.distanceTo(to)]).needsUpdate = true;
+      const { geometry } = lead.shown[k].line, count = Math.min(DOTS, Math.floor(gap(lead.hand, chain.home) / (0.018 * this.extent)));
+      for (let i = 0; i < count; i++) geometry.attributes.position.setXYZ(i, ...lead.hand.map((v, c) => v + ((i + 0.5) / count) * (chain.home[c] - v)));
+      geometry.setDrawRange(0, count);
+      geometry.attributes.position.needsUpdate = true;
     });
     const beyond = this.beyond(lead.trail);
     if (lead.why !== lead.said || beyond !== lead.beyond) {
@@ -233,7 +238,9 @@ export class Own {
   follow(points, cycle, also = "") {
     const { chain, laws, arms } = this, way = pieces(points, chain.speed, chain.steps), result = computed(laws, arms, way, CYCLES);
     const length = way.reduce((sum, { count, h }) => sum + count * h, 0) * chain.speed;
-    if (!result.cycles) { this.leave([["Your loop leads through a singularity, where the hand cannot go on.", "bad"]]); return; }
+    const fine = pieces(points, chain.speed, 2 * chain.steps), lost = !result.cycles ? "Your loop leads through a singularity, where the hand cannot go on."
+      : laws.every((law, k) => law.r || resolved(law, result.motions[k], fine)) ? "" : "The usual control passes close to a singularity on your loop; its drift is not a number.";
+    if (lost) { this.leave([[lost, "bad"]]); return; }
     Object.assign(this, { points, result, length, also, shape: { encloses: enclosing(points) > 0, turns: windings(chain.axis, points) }, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
@@ -247,11 +254,11 @@ export class Own {
     const { chain, arms, result, shape, also } = this, { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
     this.scene.part = part;
-    for (const arm of arms) arm.pointAt((s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
+    pointAt(arms, (s) => Boolean(chain.links[s]) && chain.links[s][1] === part);
     if (result.cycles < CYCLES) sentence.push([` In cycle ${result.cycles + 1} an arm comes to a singularity.`, "bad"]);
     notes.push(...this.said());
     this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1)] : notes, `your loop, ${inMetres(this.length)} long`);
-    byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more from the start";
+    byId("again").textContent = cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
   }
 
@@ -307,8 +314,7 @@ export class Own {
   preset(kind) {
     if (this.lead) this.leave();
     this.take(0, null);
-    const { plane } = this.lead, T = MeshCat.THREE, { elements } = this.panes.viewer.camera.matrixWorld, home = new T.Vector3(...this.chain.home);
-    const [right, up] = [0, 1].map((column) => new T.Vector3(elements[4 * column], -elements[4 * column + 2], elements[4 * column + 1]).projectOnPlane(plane.normal).normalize());
+    const [right, up] = this.axes(), home = new MeshCat.THREE.Vector3(...this.chain.home);
     const start = { hand: this.lead.hand, qs: this.lead.qs, worst: this.lead.worst };
     for (let size = 0.16 * this.chain.size; size > 0.004 * this.chain.size; size *= 0.8)
       for (let turn = 0; turn < 8; turn++) {
@@ -347,6 +353,9 @@ export class Own {
 
   // Give sentence and notes the room of their longest words, so that nothing moves when they change.
   reserve() {
+    const [ring] = this.rings;
+    ring.classList.remove("under"); // there the words are shorter
+    this.wide = ring.firstChild.offsetWidth ? ring.offsetWidth / 2 + 4 + ring.firstChild.offsetWidth : this.wide;
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
     const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
@@ -369,9 +378,11 @@ export class Own {
     this.rings.forEach((ring, k) => {
       const { x, y } = panes.seen(k, hand), { width } = panes.place(k);
       const away = !lead && part > 0 && arms[k].point("tip", 0, arms[k].now.frame, arms[k].now.f).distanceTo(hand) > 0.02 * this.extent;
-      ring.style.transform = `translate(${x - 22}px, ${y - 22}px)`;
+      ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
       ring.classList.toggle("away", away && clock.playing);
-      ring.classList.toggle("left", x > width - 130);
+      const { wide } = this, left = x + wide > width;
+      ring.classList.toggle("left", left && x > wide);
+      ring.classList.toggle("under", left && x <= wide);
     });
   }
 }

@@ -4,6 +4,8 @@ import { followed } from "./law.js";
 
 const SAMPLES = 126; // of a cycle
 const TOO_FAST = 1 + 1e-9;
+const RESOLVED = 0.01; // of the drift, within which the ends of cycles are with twice the steps
+const CLOSED = 1e-5; // or this near, rad or m
 
 // What the arms do on this way, see pieces(): {cycles, perCycle, runs}, a run an arm; as many cycles as all of them end.
 export function computed(laws, arms, way, wanted) {
@@ -13,6 +15,15 @@ export function computed(laws, arms, way, wanted) {
   for (const { V } of motions) V.forEach((v, i) => { V[i] = v / slower; });
   const runs = cycles ? motions.map((motion, k) => runOf(laws[k], arms[k], motion, rows, cycles)) : [];
   return { cycles, perCycle: F, runs, motions, slower };
+}
+
+// Whether an arm ends each cycle of its motion in the same place with twice the steps, on the way `fine`; where it does not, it
+// passes close to a singularity, and how far it drifts is not a number.
+export function resolved(law, motion, fine) {
+  const { n } = law.chain, again = followed(law, law.start, fine, motion.cycles), end = ({ Q, perCycle }, c) => [...Q.subarray(c * perCycle * n, c * perCycle * n + n)];
+  const apart = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
+  return again.cycles === motion.cycles && Array.from({ length: motion.cycles }, (_, c) => [end(motion, c + 1), end(again, c + 1)])
+    .every(([q, finer]) => apart(q, finer) <= Math.max(RESOLVED * apart(q, law.start), CLOSED));
 }
 
 // The largest share of a rate's limit in cycle 1.

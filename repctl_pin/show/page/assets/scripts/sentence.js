@@ -17,7 +17,7 @@ export function answer(chain, arms, result, cycles, { encloses, turns }) {
   if (turns && !back) said.push([`Your loop winds around the axis of ${chain.axis.name}, so it need not close under any control. `]);
   const lost = runs.flatMap(({ hand }, i) => (hand[k] > 1e-3 * chain.size ? [[`Under ${arms[i].data.under} the hand is not back after ${times} of your loop: `], [`${inMetres(hand[k])} off`, "bad"], [". "]] : []));
   said.push(...(lost.length ? lost : [[`After ${times} of your loop the hand is back. `]]));
-  const name = /\d/.test(most.part) ? `${most.part} of the arm` : `the ${most.part}`, value = (i, unit) => {
+  const name = !/\d/.test(most.part) ? `the ${most.part}` : most.part.startsWith("arm ") ? most.part : `${most.part} of the arm`, value = (i, unit) => {
     const { off, part } = worst[i], zero = off < BACK;
     return [`${inMetres(off)}${zero && i ? "" : unit}${zero || part === most.part ? "" : ` (${part})`}`.replaceAll(" ", "\u00a0"), toneOf(off)];
   };

@@ -1,6 +1,6 @@
 // What stands on the stage: the arms, their ways, the light, and a camera that sees them all.
 
-import { ArmView, cornersOf } from "./arm.js";
+import { ArmView, cornersOf, pointAt } from "./arm.js";
 import { byId, summed, unpack } from "./dom.js";
 import { clearest, Eye, towards } from "./eye.js";
 import { inMetres } from "./numbers.js";
@@ -13,6 +13,7 @@ export async function setStage(viewer, scene) {
   const F = scene.perCycle, frames = F * scene.cycles.length;
   let at = 0;
   const arms = scene.arms.map((data) => { const arm = new ArmView(viewer, data, motion, at, frames, F); at = arm.end; return arm; });
+  if (!scene.live) pointAt(arms, (s) => arms[0].data.part[s]);
   const paths = scene.paths.map((count) => Array.from({ length: count }, () => { const p = new T.Vector3().fromArray(motion, at); at += 3; return p; }));
 
   const tips = arms.flatMap((arm) => Array.from({ length: arm.chains }, (_, k) => [arm.point("tip", k, 0), arm.point("tip", k, F >> 1)]).flat());

@@ -113,6 +113,12 @@ export function drawWays(arms, scene, extent) {
   return ways;
 }
 
+// Points of 3 px, seen through bodies: a line is never wider than one pixel.
+export function dots(geometry, color) {
+  const material = new MeshCat.THREE.PointsMaterial({ color, size: 3 * (window.devicePixelRatio || 1), sizeAttenuation: false, depthTest: false });
+  return Object.assign(new MeshCat.THREE.Points(geometry, material), { frustumCulled: false, renderOrder: 7 });
+}
+
 // What a point leaves behind, as it comes; the oldest half is forgotten when there is no room.
 export class Trail {
   constructor(parent, color) {
@@ -121,9 +127,7 @@ export class Trail {
     this.points = new Float32Array(3 * LONGEST);
     this.geometry.setAttribute("position", new T.BufferAttribute(this.points, 3));
     this.count = 0;
-    const line = new T.Line(this.geometry, new T.LineBasicMaterial({ color, transparent: true, opacity: 0.8 }));
-    line.frustumCulled = false;
-    parent.add(line);
+    for (const line of [Object.assign(new T.Line(this.geometry, new T.LineBasicMaterial({ color })), { frustumCulled: false }), dots(this.geometry, color)]) parent.add(line);
   }
 
   add(point) {

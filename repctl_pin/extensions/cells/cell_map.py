@@ -1,0 +1,144 @@
+"""Map of the workspace: sections of the places where a box of poses works, and its price."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array, read_only
+from ...model.bodies import bodies_of
+from ...progress import Report
+from .cell import Cell
+from .growth import STEPS, Grown, drawn, grown
+from .kinematics import bases, placed
+from .monomials import Monomials
+
+_DRAWN, _GRID, _NEAREST, _AGAIN = 2048, 27, 4, 2
+"""Number of random configurations, of places along the longer side of a section, of nearest
+configurations from which each place is solved, and of rounds from the configurations beside it."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Section:
+    """Places of a box in a plane parallel to two axes of the base.
+
+    Attributes
+    ----------
+    axes : tuple of int
+        The two axes: 0, 1, 2 for x, y, z.
+    a, b : (A,) and (B,) arrays
+        Positions of the middles along them, m.
+    share : (B, A) array
+        Share of the box, edge per edge, that J⁺ reaches inside the limits; 0 if the middle is out
+        of reach, or bodies collide in the middle or at a corner.
+    extra : (B, A) array
+        Estimated extra joint speed; NaN where the whole box does not fit.
+    """
+
+    axes: tuple[int, int]
+    a: Array
+    b: Array
+    share: Array
+    extra: Array
+
+
+def sections(box: Cell, report: Report, seed: int = 0) -> list[Section]:
+    """Evaluate a box around places in planes through its middle: from above, and from the side.
+
+    The price is that of polynomials of degree 2 through the configurations to which J⁺ leads at
+    the corners, from the middle: the self-motion in their slopes at the corners, relative to J⁺.
+    """
+    report("drawing configurations", 0.0)
+    known = grown(box, *drawn(box, _DRAWN, np.random.default_rng(seed)))
+    axes = [int(row) for row in box.task.rows[: min(3, box.task.m)]]
+    middle = box.placement.translation
+    if len(axes) < 2:
+        return []
+    pairs = [(axes[0], axes[1])]
+    if len(axes) == 3:
+        pairs.append((int(abs(middle[1]) > abs(middle[0])), 2))
+    made = []
+    for i, pair in enumerate(pairs):
+        report(f"section {i + 1} of {len(pairs)}", (i + 0.2) / len(pairs))
+        made.append(_section(box, known, pair))
+    return made
+
+
+def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
+    """Evaluate one section, from configurations that reach the orientation elsewhere.
+
+    A place where the box does not fit is tried again from its neighbours' configurations.
+    """
+    n = box.task.n
+    low, high = known.p[:, axes].min(axis=0), known.p[:, axes].max(axis=0)
+    step = max(high - low) / (_GRID - 1)
+    a, b = (np.arange(x, y + step / 2, step) for x, y in zip(low, high, strict=True))
+    places = np.tile(box.placement.translation, (len(b), len(a), 1))
+    places[..., axes[0]], places[..., axes[1]] = np.meshgrid(a, b)
+    places = places.reshape(-1, 3)
+    share, extra = np.zeros(len(places)), np.full(len(places), np.nan)
+    Q = np.full((len(places), n), np.nan)
+
+    def evaluate(where: NDArray[np.intp], starts: Array) -> None:
+        """Take the best box at some places, from configurations that are tried there."""
+        found = grown(box, places[where], starts)
+        if not len(found.p):
+            return
+        column, row = np.rint((found.p[:, axes] - low) / step).astype(int).T
+        price = np.full(len(found.p), np.inf)
+        fits = found.steps == STEPS
+        price[fits] = _extra_speed(box, found.rows(fits))
+        best = np.lexsort((price, -found.steps))
+        at, first = np.unique((row * len(a) + column)[best], return_index=True)
+        found, price = found.rows(best[first]), price[best[first]]
+        free = _separate(box, found)
+        gained = found.steps / STEPS * free
+        better = gained > share[at]
+        at = at[better]
+        share[at], Q[at] = gained[better], found.Q[better]
+        extra[at] = np.where(gained == 1, price, np.nan)[better]
+
+    every = np.arange(len(places))
+    far = np.linalg.norm(places[:, None] - known.p, axis=2)
+    near = np.argsort(far, axis=1)[:, :_NEAREST]
+    evaluate(every.repeat(near.shape[1]), known.Q[near].reshape(-1, n))
+    for _ in range(_AGAIN):
+        shape = Q.reshape(len(b), len(a), n)
+        wide = np.pad(shape, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+        beside = [wide[:-2, 1:-1], wide[2:, 1:-1], wide[1:-1, :-2], wide[1:-1, 2:]]
+        starts = np.stack(beside, axis=2).reshape(-1, 4, n)
+        some = (share < 1)[:, None] & np.isfinite(starts).all(axis=2)
+        evaluate(every[:, None].repeat(4, axis=1)[some], starts[some])
+    size = (len(b), len(a))
+    return Section(axes, a, b, share.reshape(size), extra.reshape(size))
+
+
+def _separate(box: Cell, found: Grown) -> NDArray[np.bool_]:
+    """Test in which boxes no bodies collide, in the middle and at the corners: (K,)."""
+    K, C, n = found.ends.shape
+    Q = np.concatenate([found.Q[:, None], found.ends], axis=1).reshape(-1, n)
+    distances = bodies_of(box.task).distances(Q).reshape(K, C + 1)
+    return np.asarray(distances.min(axis=1) >= 0)
+
+
+def _extra_speed(box: Cell, found: Grown) -> Array:
+    """Estimate the extra joint speed (K,) of boxes by polynomials of degree 2."""
+    K, C, n = found.ends.shape
+    U = np.concatenate([np.zeros((1, box.k)), box.corners()])
+    monomials = Monomials(box.k, 2)
+    T = monomials.values(U)
+    nodes = np.concatenate([found.Q[:, None], found.ends], axis=1)
+    coefficients = np.linalg.pinv(T) @ nodes  # (K, N, n)
+    slopes = monomials.slopes(T[1:])  # (C, N, k)
+    moved = np.einsum("CNk,KNn->KCnk", slopes, coefficients)
+    J = placed(box.task, found.ends.reshape(-1, n))[2]
+    G, N, _ = bases(J, np.zeros((K * C, n, box.task.r)))
+    along = box.widths > 0
+    usual = (G[:, :, along] * box.widths[along]).reshape(K, C, n, box.k)
+    self_motion = np.swapaxes(N, 1, 2) @ moved.reshape(K * C, n, box.k)
+    own = self_motion.reshape(K, C, box.task.r, box.k)
+    ratio = (own**2).sum(axis=(1, 2, 3)) / (usual**2).sum(axis=(1, 2, 3))
+    return np.asarray(np.sqrt(1 + ratio) - 1)

@@ -1,0 +1,201 @@
+"""Lines between two poses of a cell: straight for the tool, or straight in the cell's coordinates.
+
+A line is a curve of poses x(a), a from 0 to 1. Two lines that meet at a pose are blended by a
+curve of continuous curvature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ...paths.bend import Bend
+from ..cells.cell import Cell
+from ..cells.function import InverseFunction
+from ..cells.rotations import exp3, log3
+from ..cells.targets import homogeneous
+from ..cells.tool_function import ToolFunction
+
+Function = InverseFunction | ToolFunction
+"""Function of a cell, or that of another tool."""
+
+Curve = Callable[[Array], Array]
+"""Function of a (K,) that returns poses: homogeneous matrices (K, 4, 4)."""
+
+_PER_RADIAN = 0.1
+"""Length, m, that 1 rad counts on a line along which the position is constant."""
+
+_TURNS = 1e-3
+"""A line on which the position moves less than this fraction of its rotation, at 0.1 m per rad, is
+a rotation."""
+
+_SAMPLES = np.linspace(0.0, 1.0, 65)
+"""Points between which the length of a line is measured."""
+
+_NEAR = 1e-4
+"""Step of a over which the velocity at the end of a line is measured."""
+
+_GENTLEST, _SHARPEST = 1e-3, np.pi - 1e-3
+"""Range of the angle of a corner, rad, that can be blended."""
+
+_LEAST_CUT = 1e-6
+"""Minimum length that a blend replaces of a line, m."""
+
+_STRAIGHT = 1e-9
+"""Difference between the velocities of two lines, per metre, up to which they are one line."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Line:
+    """Line between two poses.
+
+    Attributes
+    ----------
+    kind : str
+        ``tool`` for a straight line of the tool, ``cell`` for one in the cell's coordinates.
+    at
+        The poses x(a).
+    length : float
+        Length of the way of the position, m; of a rotation, 0.1 m per rad.
+    turns : bool
+        True if the line is a rotation, with a constant position.
+    ends : (2, k) array or None
+        Coordinates at both ends of a line in the cell's coordinates.
+    """
+
+    kind: Literal["tool", "cell"]
+    at: Curve
+    length: float
+    turns: bool
+    ends: Array | None = None
+
+    @classmethod
+    def of(
+        cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None
+    ) -> Line:
+        """Create a line, and measure its length."""
+        X = at(_SAMPLES)
+        moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
+        steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
+        turned = _PER_RADIAN * float(steps.sum())
+        turns = moved < _TURNS * turned
+        return cls(kind, at, turned if turns else moved, turns, ends)
+
+    def velocity(self, a: float) -> tuple[Array, Array]:
+        """Evaluate v and ω (3,) at an end, m and rad per metre; exact on a line of the tool."""
+        X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
+        v = X[1, :3, 3] - X[0, :3, 3]
+        omega = log3(X[1:, :3, :3] @ X[0, :3, :3].T)[0]
+        return v / _NEAR / self.length, omega / _NEAR / self.length
+
+
+def tool_line(cell: Cell, start: Array, end: Array) -> Line:
+    """Create the straight line of the tool between two poses (4, 4).
+
+    The position moves straight, ``p₀ + a (p₁ − p₀)``, in the components that the task commands, and
+    the frame turns about one axis, ``exp(a ω̂) R₀``.
+    """
+    p, R = start[:3, 3], start[:3, :3]
+    e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]
+    rows = min(3, len(e))
+    way, turn = np.zeros(3), np.zeros(3)
+    way[cell.task.rows[:rows]] = e[:rows]
+    if len(e) == 6:
+        turn = e[3:]
+    elif len(e) == 5:  # the tilt of the tool's axis, in axes of the tool
+        turn = R[:, :2] @ e[3:]
+
+    def at(a: Array) -> Array:
+        return homogeneous(p + a[:, None] * way, exp3(a[:, None] * turn) @ R)
+
+    return Line.of("tool", at)
+
+
+def cell_line(F: Function, start: Array, end: Array) -> Line:
+    """Create the line between two poses (4, 4) that is straight in the cell's coordinates u.
+
+    A cell is a box in u, hence convex: the whole line lies in it.
+    """
+    X = np.stack([start, end]) @ np.linalg.inv(tool_of(F))
+    U, _ = F.cell.coordinates(X[:, :3, 3], X[:, :3, :3])
+    return Line.of("cell", lambda a: _placed(F, _between(U, a)), U)
+
+
+def _between(U: Array, a: Array) -> Array:
+    """Interpolate between two coordinates U (2, k): (K, k) for a (K,)."""
+    return np.asarray((1 - a)[:, None] * U[0] + a[:, None] * U[1])
+
+
+def _placed(F: Function, U: Array) -> Array:
+    """Convert coordinates U (K, k) of the cell to poses (K, 4, 4) of the tool."""
+    return homogeneous(*F.cell.placements(U)) @ tool_of(F)
+
+
+def tool_of(F: Function) -> Array:
+    """Return the placement (4, 4) of the tool in the frame that the cell is of."""
+    return F.tool.homogeneous if isinstance(F, ToolFunction) else np.eye(4)
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Blend:
+    """Curve that leaves one line before a pose and joins the next line after it.
+
+    With the shares α and β of a bend, see :meth:`.Bend.shares`, and the pose x₁ in between,
+
+    ``p = p_in(1 − α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``;
+
+    between two lines in the cell's coordinates, ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
+
+    Attributes
+    ----------
+    at
+        The poses x(a).
+    length : float
+        Length, m.
+    cut_in, cut_out : float
+        Parts c_in and c_out of the two lines that the blend replaces.
+    """
+
+    at: Curve
+    length: float
+    cut_in: float
+    cut_out: float
+
+
+def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
+    """Blend two lines that meet; None where the arm must rest.
+
+    The blend begins and ends where an arc of the radius would, m, on at most half of each line. If
+    the two lines are one, its length is 0.
+    """
+    if into.turns or out.turns or not radius:
+        return None
+    v_in, v_out = into.velocity(1.0), out.velocity(0.0)
+    if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:
+        return Blend(into.at, 0.0, 0.0, 0.0)
+    d_in, d_out = (v / np.linalg.norm(v) for v, _ in (v_in, v_out))
+    phi = 2 * np.arctan2(np.linalg.norm(d_out - d_in), np.linalg.norm(d_out + d_in))
+    if not _GENTLEST < phi < _SHARPEST:
+        return None
+    bend, cut = Bend.of(float(phi)), radius * np.tan(phi / 2)
+    cut_in, cut_out = cut / into.length, cut / out.length
+    if cut < _LEAST_CUT or max(cut_in, cut_out) > 0.5:
+        return None
+    u_in, u_out, x_1 = into.ends, out.ends, into.at(np.ones(1))[0]
+
+    def at(a: Array) -> Array:
+        alpha, beta = bend.shares(a)
+        before, after = 1 - alpha * cut_in, beta * cut_out
+        if u_in is not None and u_out is not None:
+            u = _between(u_in, before) - u_in[1] + _between(u_out, after)
+            return _placed(F, u)
+        X, Y = into.at(before), out.at(after)
+        R = X[:, :3, :3] @ x_1[:3, :3].T @ Y[:, :3, :3]
+        return homogeneous(X[:, :3, 3] - x_1[:3, 3] + Y[:, :3, 3], R)
+
+    return Blend(at, bend.length(cut), cut_in, cut_out)

@@ -1,0 +1,304 @@
+"""Timed motion through poses of a cell, ``q(t) = F(x(t))``, from rest to rest, within limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...arguments import (
+    MOST_STEPS,
+    Array,
+    as_numbers,
+    flag_or_function,
+    positive,
+    read_only,
+    require_type,
+)
+from ...errors import InputError
+from ...model.chain_formulas import Placement, as_placements
+from ...model.task import Task
+from ...motion.joint_motion import JointMotion
+from ...motion.limits import Limits, joint_limits
+from ...motion.timed_motion import TimedMotion
+from ...progress import reporter
+from ..cells.cell_arguments import stacked
+from ..cells.function import InverseFunction
+from ..cells.targets import as_poses, homogeneous
+from ..cells.tool_function import ToolFunction
+from ..timing.profile import Segment
+from .lines import Function
+from .parts import parts_of
+
+_LOOKED_AT = 50
+"""Number of points per line at which limit margins and body distances are evaluated."""
+
+_MOST_SAMPLES = MOST_STEPS // 5
+"""Maximum number of samples of a motion."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+@read_only
+class MotionBetween(TimedMotion):
+    """Motion through poses of a cell, from rest to rest: result of :func:`motion_between`.
+
+    It is a :class:`TimedMotion`: :func:`write_motion` writes it, :class:`Run` runs it with a feed
+    override. The first and the last sample are at rest, and the derivatives are exact. ``motion``
+    holds its configurations at fewer points, with their limit margins and body distances.
+
+    Attributes
+    ----------
+    t : (T,) array
+        Time, s, from 0.
+    q, qdot, qddot : (T, n) arrays
+        Positions, velocities and accelerations, rad or m.
+    starts : (2,) array
+        Times of the start and the end, s.
+    length, speed : (T,) arrays
+        Length of the joint path from the start, and its rate, rad or m, and per s.
+    velocity, acceleration, jerk : (n,) arrays
+        The limits kept, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it is
+        not limited.
+    poses : (P, 4, 4) array
+        The poses, homogeneous matrices with positions in m.
+    lines : tuple of str
+        The line from each pose to the next, P − 1: ``tool`` for the straight line of the tool,
+        ``cell`` for the straight line in the cell's coordinates.
+    times : (P,) array
+        Time of each pose, s; of a blended one, the time of the middle of the blend.
+    rests : tuple of int
+        Indices of the poses at which the arm is at rest, counted from 0. There, the sample is F of
+        the pose, to the last bit.
+
+    Examples
+    --------
+    >>> F = found.function
+    >>> poses = [F.cell.at(u) for u in ([0.0, 0.0], [0.9, 0.0], [0.5, -0.9])]
+    >>> moved = rp.motion_between(F, poses, rp.Limits(acceleration=5.0))  # rad/s²
+    >>> moved.rests, moved.lines
+    ((0, 1, 2), ('tool', 'tool'))
+    >>> bool((moved.q[-1] == F(poses[-1])).all())
+    True
+    """
+
+    poses: Array
+    lines: tuple[str, ...]
+    times: Array
+    rests: tuple[int, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"<MotionBetween {len(self.poses)} poses: {self.duration:.4g} s, "
+            f"{len(self.rests)} at rest, {len(self.t):,} samples>"
+        )
+
+    def at(self, t: ArrayLike) -> Array:
+        """Evaluate the configuration at a time, (n,), or at times (T,), (T, n), s.
+
+        It is at rest before the start and after the end.
+        """
+        times = as_numbers(t)
+        if times is None or times.ndim > 1 or not np.isfinite(times).all():
+            raise InputError("t must be a finite number, s, or an array (T,) of them")
+        q = np.asarray(self.trajectory.derivatives(np.atleast_1d(times))[0], float)
+        return q if times.ndim else q[0]
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Course:
+    """The motion as a function of time: profiles in order, each with its time stretched.
+
+    Attributes
+    ----------
+    segments
+        The profiles.
+    begins : (R + 1,) array
+        Times at which they begin, and the last one ends, s.
+    """
+
+    segments: tuple[Segment, ...]
+    begins: Array
+
+    def derivatives(self, t: Array) -> Array:
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,)."""
+        last = len(self.segments) - 1
+        which = np.clip(np.searchsorted(self.begins, t, side="right") - 1, 0, last)
+        found = np.zeros((4, len(t), self.segments[0].curve.c.shape[2]))
+        for k in np.unique(which):
+            rows, segment = np.flatnonzero(which == k), self.segments[k]
+            end = segment.t[-1]
+            factor = (self.begins[k + 1] - self.begins[k]) / end
+            own = (t[rows] - self.begins[k]) / factor
+            moved = segment.derivatives(np.clip(own, 0.0, end))
+            found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
+            found[1:, rows[(own < 0) | (own > end)]] = 0.0
+        return found
+
+
+def motion_between(
+    F: InverseFunction | ToolFunction,
+    poses: Sequence[Placement] | ArrayLike,
+    limits: Limits,
+    *,
+    blend: float = 0.0,
+    rate: float = 1000.0,
+    progress: bool | Callable[[str, float], None] = False,
+) -> MotionBetween:
+    """Time a motion through poses of a cell, as quickly as the limits allow.
+
+    The joints are ``q(t) = F(x(t))``: at every pose, the configuration is that of F, whatever the
+    order of the poses. Between two poses, the tool moves on a straight line and turns about one
+    axis. Where that line leaves the cell, it moves on a straight line in the cell's coordinates,
+    which always lies inside.
+
+    Parameters
+    ----------
+    F
+        Function of a cell or sector, such as ``design.function``, or ``F.with_tool(…)``.
+    poses : list of placements, or (P, 4, 4) or (P, 7) array
+        Two poses or more, as ``F.batch`` takes them.
+    limits
+        Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
+    blend
+        Radius, m, of the arcs that would round the corners, as for :func:`waypoints`. A pose that
+        can be blended is passed without a rest, at a distance; the arm rests at the other poses,
+        and at all poses with 0.
+    rate
+        Samples per second, Hz. The time between two rests is a whole number of samples.
+    progress
+        True for a progress bar on stderr, or a callback (step: str, fraction: float).
+
+    Returns
+    -------
+    MotionBetween
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two poses, a pose equals the one before, F has no configuration at
+        a pose or on the way, or the limits do not fit the robot. The message names the pose by its
+        number, counted from 0.
+
+    Examples
+    --------
+    >>> F = found.function
+    >>> poses = [F.cell.at(u) for u in ([-0.9, 0.0], [0.9, 0.5])]
+    >>> rp.motion_between(F, poses, rp.Limits(acceleration=5.0, jerk=100.0)).lines
+    ('tool',)
+    """
+    progress = flag_or_function(
+        progress,
+        "progress",
+        "a function of what is being done and the share that is done",
+        2,
+    )
+    if not isinstance(F, ToolFunction):
+        what = "a function of a cell, such as design.function"
+        require_type(F, InverseFunction, "F", what)
+    X = homogeneous(*_poses(F.task, poses))
+    names = [f"pose {k}" for k in range(len(X))]
+    return between(F, X, limits, names, blend=blend, rate=rate, progress=progress)
+
+
+def between(
+    F: Function,
+    X: Array,
+    limits: Limits,
+    names: Sequence[str],
+    *,
+    blend: float,
+    rate: float,
+    progress: bool | Callable[[str, float], None],
+) -> MotionBetween:
+    """Time a motion through poses X (P, 4, 4) that have names; see :func:`motion_between`."""
+    kept = joint_limits(F.task, limits)
+    blend = positive(blend, "blend", "m", zero=True)
+    rate = positive(rate, "rate", "samples per second")
+    ends = _configurations(F, X, names)
+    lines, parts = parts_of(F, X, names, blend)
+    segments, durations = [], []
+    with reporter(progress) as report:
+        for k, part in enumerate(parts):
+            report("timing the motion", k / len(parts))
+            segment, duration = part.timed(kept)
+            segments.append(segment)
+            durations.append(duration)
+    if not sum(durations) * rate < _MOST_SAMPLES:
+        raise InputError(
+            f"{sum(durations):.3g} s at {rate:g} samples per second exceed "
+            f"{_MOST_SAMPLES:,} samples; lower the rate"
+        )
+    samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
+    rows = np.concatenate([[0], np.cumsum(samples)])
+    course = _Course(tuple(segments), rows / rate)
+    t = np.arange(rows[-1] + 1) / rate
+    q, qdot, qddot, _ = course.derivatives(t)
+    rests = [0, *(part.last for part in parts)]
+    q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
+    passed = [np.zeros(1)]
+    for part, segment, ends_at in zip(parts, segments, pairwise(t[rows]), strict=True):
+        share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]
+        passed.append(ends_at[0] + share * (ends_at[1] - ends_at[0]))
+    times = np.concatenate(passed)
+    return MotionBetween(
+        joints=F.task.robot_joints,
+        t=t,
+        q=q,
+        qdot=qdot,
+        qddot=qddot,
+        starts=t[[0, -1]],
+        length=np.insert(np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)), 0, 0.0),
+        speed=np.linalg.norm(qdot, axis=1),
+        velocity=kept.velocity,
+        acceleration=kept.acceleration,
+        jerk=kept.jerk,
+        stops=len(rests) - 2,
+        motion=_looked_at(F.task, course, times),
+        trajectory=course,
+        poses=X,
+        lines=tuple(line.kind for line in lines),
+        times=times,
+        rests=tuple(rests),
+    )
+
+
+def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
+    """Convert poses to positions (P, 3), m, and rotations (P, 3, 3)."""
+    if isinstance(poses, np.ndarray) and poses.shape[1:] in ((4, 4), (7,)):
+        return as_poses(task, poses)
+    what = "a list of placements, or a (P, 4, 4) or (P, 7) array"
+    return stacked(task, as_placements(poses, "pose", what), "pose")
+
+
+def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
+    """Evaluate F at poses X (P, 4, 4), each as a call of F does: (P, n)."""
+    if len(X) < 2:
+        count = "only one" if len(X) else "none"
+        raise InputError(f"a motion requires at least two poses; got {count}")
+    Q = []
+    for name, x in zip(names, X, strict=True):
+        if not np.isfinite(x).all():
+            raise InputError(f"{name} must be finite numbers, m and a rotation")
+        try:
+            Q.append(F(pin.SE3(x)))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+    return np.array(Q)
+
+
+def _looked_at(task: Task, course: _Course, times: Array) -> JointMotion:
+    """Evaluate the motion at the points at which limits and bodies are checked.
+
+    ``times`` are those of the poses.
+    """
+    share = np.arange(_LOOKED_AT) / _LOOKED_AT
+    t = times[:-1, None] + np.diff(times)[:, None] * share
+    t = np.append(t, times[-1])
+    q, qdot, *_ = course.derivatives(t)
+    return JointMotion(task, t, q, qdot, 1, len(t) - 1)

@@ -1,0 +1,165 @@
+"""``repctl move``: time a motion through poses of a cell, and write it to files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import repctl_pin as rp
+
+from ...cli.given import Options, positive
+from ...cli.options import Parser
+from ...cli.terminal import in_percent, progress, report
+from ...errors import InputError
+from ...files import write_whole
+from ...show.text.lines import fitted
+from ...show.text.numbers import counted, number
+
+if TYPE_CHECKING:
+    from ...motion.joint_motion import JointMotion
+
+HELP = (
+    "move through poses of a saved cell, from rest to rest: at each pose, the joints are always "
+    "the same"
+)
+EXAMPLE = """examples:
+  repctl move cell.json --through poses.csv --acceleration panda --csv day.csv
+  repctl move cell.json --through poses.csv --acceleration 5 --jerk 100 \\
+      --blend 0.02 --tool-speed 0.5 --yaml day.yaml
+
+poses.csv has a line x,y,z or x,y,z,qx,qy,qz,qw per pose, m in the base frame.
+Without quaternions, the orientation is that of the cell's middle."""
+
+
+def add_options(parser: Parser) -> None:
+    """Add the options of this subcommand."""
+    parser.what("a saved function of a cell (.json) of repctl cell")
+    parser.set_defaults(frame=None, task=None)
+    parser.surroundings()
+    add = parser.add_argument
+    add("--through", metavar="FILE", required=True, help="CSV of the poses, in order")
+    add(
+        "--blend",
+        type=positive,
+        default=0.0,
+        metavar="R",
+        help="radius of the curves that round the poses, m (default: rest at every pose)",
+    )
+    parser.limits()
+    rate = "samples per second (default 1000)"
+    add("--rate", type=positive, default=1000.0, help=rate)
+    csv = "write time, positions, velocities and accelerations"
+    add("--csv", metavar="FILE", help=csv)
+    add("--yaml", metavar="FILE", help="write a ROS JointTrajectory")
+    add(
+        "--allow-violations",
+        action="store_true",
+        help="write --csv and --yaml even if bodies collide",
+    )
+    parser.json(quiet=True)
+
+
+def run(options: Options) -> int:
+    """Time the motion, evaluate it, and write it."""
+    from ...motion.csv_file import csv_text
+    from ...motion.joint_motion import refuse_violations
+    from ...motion.write_motion import yaml_text
+    from .motion_between import between
+
+    say = progress(options.quiet or options.json)
+    if options.csv is not None and options.csv == options.yaml:
+        raise InputError("--csv and --yaml name the same file; give each another name")
+    design = options.load_saved()
+    if not isinstance(design, rp.CellDesign):
+        raise InputError(
+            f"this command takes the function of a cell, but {options.what} is another design",
+            remedy="make one with repctl cell",
+        )
+    limits = options.asked_limits()
+    X, names = _poses(options.through, design.cell)
+    moved = between(
+        design.function,
+        X,
+        limits,
+        names,
+        blend=options.blend,
+        rate=options.rate,
+        progress=in_percent(say),
+    )
+    motion = moved.motion
+    assert motion is not None
+    say("checking for collisions")
+    result = _result(moved, motion)
+    if not options.allow_violations:
+        refuse_violations(
+            motion, "move the poses, or write it anyway with --allow-violations"
+        )
+    texts = ((options.csv, csv_text), (options.yaml, yaml_text))
+    files = [write_whole(name, text(moved)) for name, text in texts if name is not None]
+    return report(
+        options,
+        lambda: result,
+        lambda: fitted("\n".join(_lines(result, moved))),
+        files,
+    )
+
+
+def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
+    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines."""
+    import numpy as np
+
+    from ...paths.waypoint_file import read_waypoints
+    from ..cells.targets import homogeneous
+
+    table = read_waypoints(file)
+    if table.times is not None:
+        raise InputError(
+            f"{file} has times, but the limits determine them; remove that column"
+        )
+    R = table.rotations
+    if R is None:
+        R = np.tile(cell.placement.rotation, (len(table.points), 1, 1))
+    return homogeneous(table.points, R), [f"line {line}" for line in table.lines]
+
+
+def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
+    """Convert the motion's figures to plain Python types, for JSON output."""
+    from ...studies.study_result import bodies_dict
+
+    return {
+        **motion.task.as_dict(),
+        "joints": moved.joints,
+        "duration": moved.duration,
+        "times": moved.times,
+        "rests": moved.rests,
+        "lines": moved.lines,
+        "samples": len(moved.t),
+        "limit_margin": float(motion.limit_margin.min()),
+        **bodies_dict(motion),
+    }
+
+
+def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
+    """Yield the lines of text that report the motion."""
+    poses, rests = len(moved.poses), len(moved.rests)
+    distance = result["body_distance"]
+    hits = distance is not None and distance < 0
+    said = "bodies collide." if hits else "limits respected."
+    yield f"{counted(poses, 'pose')} in {moved.duration:.4g} s from rest to rest; {said}"
+    yield ""
+    blended = f", blended at {poses - rests}" if rests < poses else ""
+    yield f"poses           at rest at {rests}{blended}"
+    tool = moved.lines.count("tool")
+    cell = len(moved.lines) - tool
+    yield f"lines           {tool} of the tool, {cell} in the coordinates of the cell"
+    margin = result["limit_margin"]
+    yield f"limit margin    {number(margin) if isfinite(margin) else 'no limits'}"
+    if distance is not None:
+        links = " and ".join(result["nearest_bodies"]["links"])
+        least = (
+            f"overlap up to {number(-distance)} m"
+            if hits
+            else f"minimum {number(distance)} m"
+        )
+        yield f"body distance   {least}, between {links}"

@@ -1,0 +1,152 @@
+"""Parts of a motion between two rests: lines and blends, the joints along them, and their times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...arguments import Array, read_only
+from ...errors import InputError
+from ...motion.limits import JointLimits
+from ..timing.profile import Segment, fastest_along, most_used
+from .joint_curve import cut, joined, joints_along
+from .lines import Blend, Function, Line, blend_of, cell_line, tool_line
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
+
+_SAME = 1e-9
+"""Distance between two poses, m or rad, below which they are equal."""
+
+_STAGES = 48
+"""Number of stages of the profile along a line, and along a blend."""
+
+_CHECKED = np.linspace(0.0, 1.0, 33)
+"""Points at which limits are checked between two stages, as fractions of the time."""
+
+_ROUNDING = 2e-5
+"""Part of the limits that is left free for what lies between the points that are checked."""
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class Part:
+    """Part of a motion between two rests, through one line or several.
+
+    Attributes
+    ----------
+    last : int
+        Index of the pose at its end.
+    curve
+        The joints q(s).
+    grid : (K,) array
+        Stages of the profile, s.
+    passed : array
+        s at the poses after the first; of a blended pose, at the middle of the blend.
+    """
+
+    last: int
+    curve: PPoly
+    grid: Array
+    passed: Array
+
+    def timed(self, limits: JointLimits) -> tuple[Segment, float]:
+        """Compute the time-optimal profile, and its duration, s.
+
+        The duration is longer than the profile's where that exceeds a limit between its stages.
+        """
+        found = fastest_along(self.curve, self.grid, limits)
+        if limits.jerk is not None:
+            from ..timing.jerk import with_jerk  # most motions have no such limit
+
+            found = with_jerk(found, limits)
+        steps = np.diff(found.t)[:, None] * _CHECKED * (1 - 1e-9)
+        moved = found.derivatives((found.t[:-1, None] + steps).ravel())
+        factor = most_used(limits, *moved) * (1 + _ROUNDING)
+        return found, float(found.t[-1] * factor)
+
+
+def parts_of(
+    F: Function, X: Array, names: Sequence[str], radius: float
+) -> tuple[list[Line], list[Part]]:
+    """Choose the lines between poses X (P, 4, 4), and join those that blend to parts.
+
+    ``radius`` is that of the blends, m.
+    """
+    found = [
+        _line_between(F, *ends, *called)
+        for ends, called in zip(pairwise(X), pairwise(names), strict=True)
+    ]
+    lines = [line for line, _ in found]
+    blends = [*(_blend(F, *both, radius) for both in pairwise(lines)), None]
+    parts = []
+    curves: list[PPoly] = []
+    lengths: list[float] = []
+    passed: list[float] = []
+    begin = 0.0
+    for k, ((line, curve), after) in enumerate(zip(found, blends, strict=True)):
+        end = 1.0 if after is None else 1.0 - after[0].cut_in
+        curves.append(cut(curve, begin, end))
+        lengths.append((end - begin) * line.length)
+        if after is None:
+            parts.append(_part(k + 1, curves, lengths, passed))
+            curves, lengths, passed, begin = [], [], [], 0.0
+            continue
+        blend, curve = after
+        passed.append(sum(lengths) + blend.length / 2)
+        if curve is not None:
+            curves.append(curve)
+            lengths.append(blend.length)
+        begin = blend.cut_out
+    return lines, parts
+
+
+def _part(
+    last: int, curves: list[PPoly], lengths: list[float], passed: list[float]
+) -> Part:
+    """Join curves of given lengths, m, to a part; ``passed`` are lengths from its start, m."""
+    curve, s = joined(curves, lengths)
+    grid = [np.linspace(*ends, _STAGES + 1)[:-1] for ends in pairwise(s)]
+    marks = np.append(passed, sum(lengths)) * (s[-1] / sum(lengths))
+    return Part(last, curve, np.append(np.concatenate(grid), s[-1]), marks)
+
+
+def _line_between(
+    F: Function, start: Array, end: Array, first: str, second: str
+) -> tuple[Line, PPoly]:
+    """Choose the line between two poses (4, 4), which have names, and fit the joints along it."""
+    ends = (
+        end[None, :3, 3],
+        end[None, :3, :3],
+        start[None, :3, 3],
+        start[None, :3, :3],
+    )
+    if np.linalg.norm(F.cell.errors(*ends)) < _SAME:
+        raise InputError(f"{second} is equal to {first}; remove one of them")
+    for line in (tool_line(F.cell, start, end), cell_line(F, start, end)):
+        curve = joints_along(F, line.at)
+        if curve is not None:
+            return line, curve
+    try:
+        F.batch(line.at(np.linspace(0.0, 1.0, 101)))
+        why = "F is not smooth there"
+    except InputError as error:
+        why = str(error).partition(": ")[2]
+    raise InputError(
+        f"no motion from {first} to {second}: {why}; go through an intermediate pose"
+    )
+
+
+def _blend(
+    F: Function, into: Line, out: Line, radius: float
+) -> tuple[Blend, PPoly | None] | None:
+    """Blend two lines, and fit the joints along the blend; None where the arm must rest."""
+    blend = blend_of(F, into, out, radius)
+    if blend is None or not blend.length:
+        return None if blend is None else (blend, None)
+    curve = joints_along(F, blend.at)
+    return None if curve is None else (blend, curve)

@@ -1,0 +1,139 @@
+r"""Clutch of teleoperation: from the pose of an operator's hand to a target of the arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ...arguments import Array, as_numbers, positive, shown
+from ...errors import InputError
+from ...model.chain_formulas import (
+    Placement,
+    as_placement,
+    is_rotation,
+    require_rotation,
+)
+
+_TURN = 2 * np.pi
+
+
+class Clutch:
+    r"""Moves the target of an arm as a hand moves, while engaged; without a jump at any time.
+
+    Let the hand be at (p_h, R_h) in the frame of its tracker, and at (p_h0, R_h0) when it was
+    engaged with the arm's frame at (p_0, R_0). The target is
+
+    .. math:: p = p_0 + s\,B\,(p_h - p_{h0}), \qquad
+              R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
+
+    with the rotation B from the tracker's axes to those of the base. So the first target is the
+    arm's own pose. The logarithm is continued beyond half a turn.
+
+    Parameters
+    ----------
+    scale
+        Factor s of translations, m per m.
+    rotation_scale
+        Factor ρ of rotations, rad per rad; 0 holds the rotation.
+    axes
+        Rotation B (3, 3) from the tracker's axes to those of the arm's base; None for I.
+
+    Raises
+    ------
+    InputError
+        If a scale is negative, or axes is no rotation.
+
+    Examples
+    --------
+    >>> clutch = rp.Clutch(scale=0.5)
+    >>> clutch.engage(task.placement(q0), task.placement(q0 + 0.1))
+    >>> target = clutch.target(task.placement(q0))
+    >>> bool((target.translation == task.placement(q0 + 0.1).translation).all())
+    True
+    """
+
+    def __init__(
+        self,
+        *,
+        scale: float = 1.0,
+        rotation_scale: float = 1.0,
+        axes: ArrayLike | None = None,
+    ) -> None:
+        self._scale = positive(scale, "scale", "", zero=True)
+        self._turned = positive(rotation_scale, "rotation_scale", "", zero=True)
+        self._axes = np.eye(3) if axes is None else _axes(axes)
+        self._start: tuple[pin.SE3, pin.SE3] | None = None
+
+    def __repr__(self) -> str:
+        state = "engaged" if self.engaged else "released"
+        return f"<Clutch of scale {self._scale:g}, {state}>"
+
+    @property
+    def engaged(self) -> bool:
+        """True from :meth:`engage` to :meth:`release`, or to a hand pose that is no placement."""
+        return self._start is not None
+
+    def engage(self, hand: Placement, at: Placement) -> None:
+        """Begin to move the target with the hand.
+
+        Parameters
+        ----------
+        hand : pinocchio.SE3 or (4, 4) array
+            Pose of the hand, in the tracker's frame. The clutch stays released if it is not finite.
+        at : pinocchio.SE3 or (4, 4) array
+            Commanded pose of the arm's frame, ``task.placement(governor.q)``.
+        """
+        hand, at = as_placement(hand, "hand"), as_placement(at, "at")
+        self._start = (hand, at) if _usable(hand) and _usable(at) else None
+        self._angle = np.zeros(3)
+
+    def release(self) -> None:
+        """End it: there is no target until the clutch is engaged again."""
+        self._start = None
+
+    def target(self, hand: Placement) -> pin.SE3 | None:
+        """Compute the target of the arm for a pose of the hand; None while released.
+
+        A pose that is not finite, or has no rotation matrix, releases the clutch: where the tracker
+        finds the hand again, the arm must not go there. ``governor.step(None)`` stops the arm.
+        """
+        hand = as_placement(hand, "hand")
+        if self._start is None or not _usable(hand):
+            self.release()
+            return None
+        hand_0, at = self._start
+        way = self._axes @ (hand.translation - hand_0.translation)
+        turn = pin.exp3(self._turned * (self._axes @ self._rotation(hand, hand_0)))
+        return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
+
+    def _rotation(self, hand: pin.SE3, hand_0: pin.SE3) -> Array:
+        """Compute log(R_h R_h0ᵀ) (3,), rad, plus the full turns that continue the last one."""
+        if (hand.rotation == hand_0.rotation).all():
+            angle: Array = np.zeros(3)
+        else:
+            angle = pin.log3(hand.rotation @ hand_0.rotation.T)
+        size = float(np.linalg.norm(angle))
+        last = float(np.linalg.norm(self._angle))
+        axis = angle / size if size > 1e-6 else self._angle / max(last, 1e-300)
+        turns = (
+            np.round((self._angle @ axis - size) / _TURN) if last > np.pi / 2 else 0.0
+        )
+        self._angle = angle + _TURN * turns * axis
+        return self._angle
+
+
+def _usable(place: pin.SE3) -> bool:
+    """Test whether a placement has finite numbers and a rotation matrix."""
+    finite = bool(np.isfinite(place.translation).all())
+    return finite and is_rotation(place.rotation.ravel().tolist())
+
+
+def _axes(value: ArrayLike) -> Array:
+    axes = as_numbers(value)
+    if axes is None or axes.shape != (3, 3):
+        raise InputError(
+            f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes"
+        )
+    require_rotation(axes, "axes")
+    return axes

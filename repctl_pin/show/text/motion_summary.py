@@ -1,0 +1,188 @@
+"""Summaries of motions, for headlines and tables: displacement, speed, limits, bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...model.bodies import bodies_of
+from ...model.length import arm_length
+from ...motion.displacement import end_displacements, farthest_link, leaves_range
+from ...motion.joint_motion import JointMotion, cycle_of
+from ...motion.motion import Motion
+from ...paths.winding import winding
+from ...studies.study_result import Row
+from .numbers import NOTHING
+from .parts import part_name
+
+SMALL = 0.01
+"""Displacement of a part, m, below which it has hardly drifted."""
+
+TURNED = 0.1
+"""Displacement of a joint, rad, from which it is named if no part is displaced."""
+
+
+@dataclass(frozen=True)
+class MotionSummary:
+    """The quantities of one motion that headlines and short tables report.
+
+    Attributes
+    ----------
+    label : str
+        Name of the controller.
+    off : float
+        Displacement at the end of the part that is off most, m, see :mod:`.displacement`.
+    speed : float
+        Joint speed ‖q̇‖ over the first cycle, rms.
+    limit_violation : (int, str) or None
+        The cycle in which a joint first exceeds its limits, and that joint.
+    body_distance : float or None
+        Minimum distance between bodies, m; None without bodies.
+    collision_cycle : int
+        The cycle in which two bodies first collide; 0 if none do.
+    speed_ratio : float
+        Maximum ratio of a joint's speed to its limit; above 1 the limit is violated.
+    joint_displacement : (float, str)
+        Maximum displacement of a revolute joint at the end, rad, and that joint; 0 if the motion is
+        closed.
+    path_loss : (int, float, float) or None
+        The cycle in which the frame leaves its path, and its largest errors, m and rad; None if it
+        never does.
+    size : float
+        Length of the arm, m.
+    part : str
+        Display name of the part that is displaced most at the end.
+    link : str
+        That part's link in the URDF.
+    hand_off : float
+        Distance of the frame from its start at the end, m, in the coordinates that the task
+        controls.
+    ends : dict of str to float
+        Displacement at the end of each other end effector that moves with the arm, m, by link.
+    unchecked : int
+        Number of bodies without a collision shape, which are not checked for collisions.
+    leaves : (int, str) or None
+        The cycle in which a joint leaves its range if it drifts on at this rate, and the joint.
+    near : tuple of str
+        The two links with the minimum body distance; empty without bodies.
+    winding : (int, str)
+        Number of turns of the path around the axis of the first joint, and that joint.
+    """
+
+    label: str
+    off: float
+    speed: float
+    limit_violation: tuple[int, str] | None = None
+    body_distance: float | None = None
+    collision_cycle: int = 0
+    speed_ratio: float = 0.0
+    joint_displacement: tuple[float, str] = (0.0, "")
+    path_loss: tuple[int, float, float] | None = None
+    size: float = 1.0
+    part: str = ""
+    link: str = ""
+    hand_off: float = 0.0
+    ends: Mapping[str, float] = field(default_factory=dict)
+    unchecked: int = 0
+    leaves: tuple[int, str] | None = None
+    near: tuple[str, ...] = ()
+    winding: tuple[int, str] = (0, "")
+
+    @property
+    def back(self) -> bool:
+        """True if every part of the arm is back where it began, within a tenth of a millimetre."""
+        return self.off < NOTHING
+
+    @property
+    def turned(self) -> bool:
+        """True if a joint is displaced although no part is."""
+        return self.off < SMALL and self.joint_displacement[0] >= TURNED
+
+
+def motion_summary(
+    label: str, motion: JointMotion, moved: tuple[str, float], *, bodies: bool = True
+) -> MotionSummary:
+    """Extract the quantities of a motion that a headline reports, without its outlook.
+
+    Parameters
+    ----------
+    label
+        Name of the controller.
+    motion
+        The motion.
+    moved : (str, float)
+        The part that is off most at the end, as its link, and how far it is off, m.
+    bodies
+        True to evaluate body distances. They are wrong if joints outside the task move.
+    """
+    task, closes = motion.task, motion.closes
+    (link, off), first, last = moved, motion.q[0], motion.q[-1]
+    hand = task.error(last, task.placements(first))[task.kind.linear]
+    violation, coarse = motion.first_violation, motion.coarse
+    loss = motion.path_loss if isinstance(motion, Motion) else None
+    turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
+    body_distance, collision = (
+        (float(coarse.body_distance.min()), coarse.first_touch)
+        if bodies
+        else (np.inf, None)
+    )
+    return MotionSummary(
+        label,
+        off,
+        motion.first_rms_speed,
+        None if violation is None else (motion.broken_cycle, violation[1]),
+        body_distance if np.isfinite(body_distance) else None,
+        0 if collision is None else cycle_of(collision[0], motion.cycles),
+        motion.speed_ratio,
+        (float(turned.max()), task.joint_names[int(turned.argmax())]),
+        None if loss is None else (cycle_of(loss[0], motion.cycles), *loss[1:]),
+        arm_length(task, first) or 1.0,
+        part_name(task, first, link),
+        link,
+        float(np.linalg.norm(hand)),
+        {
+            link: float(d[-1])
+            for link, d in end_displacements(task, motion.q[[0, -1]]).items()
+        },
+        len(bodies_of(task).unchecked) if bodies else 0,
+        winding=(winding(task, motion.path), task.joint_names[0])
+        if isinstance(motion, Motion)
+        else (0, ""),
+    )
+
+
+def with_outlook(
+    summary: MotionSummary, played: Sequence[JointMotion]
+) -> MotionSummary:
+    """Add to the summary of a motion where it leads, and the two links that come nearest.
+
+    Parameters
+    ----------
+    summary
+        Summary of the motion.
+    played
+        The motion of each chain of the robot.
+    """
+    found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
+    near = (
+        ()
+        if summary.body_distance is None
+        else played[0].coarse.nearest_bodies[1].links
+    )
+    return replace(summary, leaves=min(found, default=None), near=near)
+
+
+def row_summary(row: Row) -> MotionSummary | None:
+    """Summarise one row of a study; None if its motion stopped."""
+    motion = row.motion
+    if motion is None:
+        return None
+    moved = farthest_link(motion.task, motion.q[[0, -1]])
+    return with_outlook(motion_summary(row.label, motion, moved), [motion])
+
+
+def without_shape(count: int) -> str:
+    """Write how many bodies have no collision shape."""
+    return f"{count} {'body' if count == 1 else 'bodies'} without a shape"

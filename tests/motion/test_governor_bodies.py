@@ -1,0 +1,203 @@
+"""A governor that keeps a distance between bodies, also between its samples, and can leave them."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from controls import control
+
+import repctl_pin as rp
+
+DT, A, J, D = 0.002, 6.0, 400.0, 0.02
+Q0 = np.array([0.3, 0.8, 0.8])
+LIMITS = rp.Limits(velocity=2.0, acceleration=A, jerk=J)
+
+LINK = """<joint name="j{k}" type="revolute"><parent link="l{before}"/><child link="l{k}"/>
+<origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+<link name="l{k}"><collision><origin xyz="0.25 0 0" rpy="0 1.5708 0"/>
+<geometry><cylinder radius="0.03" length="0.4"/></geometry></collision></link>"""
+TOOL = """<joint name="e" type="fixed"><parent link="l3"/><child link="tool"/>
+<origin xyz="0.5 0 0"/></joint><link name="tool"/>"""
+POST = """<robot name="w"><link name="room"/><link name="{name}"><collision><geometry>
+<box size="{size}"/></geometry></collision></link><joint name="a" type="fixed">
+<parent link="room"/><child link="{name}"/><origin xyz="{at}"/></joint></robot>"""
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory: pytest.TempPathFactory) -> rp.Task:
+    """Planar arm of three cylinders beside a wire of 1 mm."""
+    folder = tmp_path_factory.mktemp("arm")
+    links = "".join(LINK.format(k=k, before=k - 1, x=0.5 * (k > 1)) for k in (1, 2, 3))
+    (folder / "arm.urdf").write_text(
+        f'<robot name="arm"><link name="l0"/>{links}{TOOL}</robot>'
+    )
+    around = folder / "post.urdf"
+    around.write_text(POST.format(name="post", size="0.001 0.001 1", at="0.6 1.15 0"))
+    return rp.Robot.load(folder / "arm.urdf", surroundings=around).task("tool", "xy")
+
+
+def governed(task: rp.Task, **more: object) -> rp.Governor:
+    inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+    governor = rp.Governor(inverse, DT, LIMITS, **more)  # type: ignore[arg-type]
+    governor.start(Q0)
+    return governor
+
+
+def beyond(task: rp.Task, x: float, y: float) -> pin.SE3:
+    place = task.placement(Q0)
+    return pin.SE3(place.rotation, place.translation + [x, y, 0.0])
+
+
+def between(Q: np.ndarray, count: int) -> np.ndarray:
+    """Configurations on the straight lines between samples."""
+    shares = np.arange(count)[:, None, None] / count
+    return (Q[:-1] + shares * np.diff(Q, axis=0)).reshape(-1, Q.shape[1])
+
+
+def test_the_distance_is_kept_between_samples_and_the_arm_leaves(
+    task: rp.Task,
+) -> None:
+    """Random targets and twists, most of them beyond the wire."""
+    governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
+    assert governor.nearest_bodies is None
+    rng, Q, stops = np.random.default_rng(2), [Q0] * 4, set()
+    for k in range(12):
+        twist = rng.normal(size=6) * [1, 1, 0, 0, 0, 0] if k % 3 == 0 else None
+        target = (
+            None if k % 3 == 0 else beyond(task, *rng.normal(size=2) * 0.2 + [0, 0.1])
+        )
+        for _ in range(200):
+            q, status = governor.step(target, twist)
+            Q.append(q)
+            if status is rp.Status.BODIES:
+                assert governor.nearest_bodies is not None
+                stops.add(governor.nearest_bodies)
+            else:
+                assert governor.nearest_bodies is None
+    assert ("l3", "post") in stops
+    ways = np.array(Q)
+    distances = rp.Bodies(task).distances(between(ways, 3))
+    assert D <= distances.min() < D + 0.003  # it comes as near as it may
+    for k, most in enumerate((2.0, A, J), 1):
+        assert np.abs(np.diff(ways, k, axis=0)).max() / DT**k <= most * (1 + 1e-9)
+    for _ in range(2000):
+        q, status = governor.step(beyond(task, 0, 0))
+        if status is rp.Status.OK:
+            break
+    assert status is rp.Status.OK and np.abs(q - Q0).max() < 1e-6
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.01])
+def test_an_arm_that_was_stopped_leaves(task: rp.Task, dt: float) -> None:
+    inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+    governor = rp.Governor(inverse, dt, LIMITS, bodies=rp.Bodies(task), body_distance=D)
+    governor.start(Q0)
+    for _ in range(round(0.8 / dt)):
+        q, status = governor.step(twist=[0, 0.3, 0, 0, 0, 0])
+    assert status is rp.Status.BODIES
+    assert D + 0.0009 < rp.Bodies(task).nearest(q).distance < D + 0.003
+    stopped = task.placement(q).translation
+    for _ in range(round(1.5 / dt)):
+        q, _ = governor.step(twist=[0, -0.3, 0, 0, 0, 0])
+    assert np.linalg.norm(task.placement(q).translation - stopped) > 0.1
+
+
+def test_a_distance_changes_no_faster_than_its_bound(task: rp.Task) -> None:
+    """|d(q) − d(q')| ≤ ρ·|q − q'| for every pair, also where the first joint slides."""
+    path = task.robot.description.path
+    text = path.read_text().replace("revolute", "prismatic", 1)
+    sliding = path.with_name("sliding.urdf")
+    sliding.write_text(text.replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"', 1))
+    slid = rp.Robot.load(sliding, surroundings=path.with_name("post.urdf"))
+    rng = np.random.default_rng(0)
+    for own in (task, slid.task("tool", "xy")):
+        guard = governed(own, bodies=rp.Bodies(own))._guard
+        model, reach = guard._model, guard._reach
+        every = np.arange(len(reach))
+        largest = 0.0
+        for _ in range(60):
+            q = rng.uniform(own.lower, own.upper)
+            other = q + 0.02 * rng.normal(size=own.n) * (rng.random(own.n) < 0.4)
+            d, e = model.some_distances(q, every), model.some_distances(other, every)
+            apart = (d > 0) & (e > 0)
+            change, most = np.abs(d - e), reach @ np.abs(q - other)
+            assert (change <= most + 3e-6)[apart].all()
+            largest = max(largest, (change[apart] / (most[apart] + 1e-4)).max())
+        assert largest > 0.9  # no bound of thin air
+
+
+def test_far_bodies_change_no_bit(task: rp.Task, tmp_path: Path) -> None:
+    far = tmp_path / "far.urdf"
+    far.write_text(POST.format(name="post", size="1 1 1", at="9 9 9"))
+    plain = governed(task)
+    kept = governed(task, bodies=rp.Bodies(task, surroundings=far), body_distance=0.001)
+    for _ in range(300):
+        ours, theirs = (g.step(beyond(task, -0.1, 0.2)) for g in (plain, kept))
+        assert (ours[0] == theirs[0]).all() and ours[1] is theirs[1]
+
+
+def test_a_copy_goes_on_as_the_governor_does(task: rp.Task) -> None:
+    governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
+    for _ in range(150):
+        governor.step(beyond(task, 0.5, 0.1))
+    copy = pickle.loads(pickle.dumps(governor))
+    for _ in range(200):
+        ours, theirs = (g.step(beyond(task, 0.5, 0.1)) for g in (governor, copy))
+        assert (ours[0] == theirs[0]).all() and ours[1] is theirs[1]
+    assert copy.nearest_bodies == governor.nearest_bodies
+
+
+def test_other_motions_are_judged_too(task: rp.Task) -> None:
+    bodies = rp.Bodies(task)
+    governor = governed(task, bodies=bodies, body_distance=D)
+    rng, answers = np.random.default_rng(3), []
+    for _ in range(24):
+        Q = np.linspace(Q0, Q0 + 0.6 * rng.normal(size=3), 40)
+        answers.append(governor.keeps_distance(Q))
+        if answers[-1]:
+            assert bodies.distances(between(Q, 5)).min() >= D
+    assert any(answers) and not all(answers)
+    assert governed(task).keeps_distance(np.zeros((2, 3)))
+
+
+def test_a_fault_of_the_geometry_stops_the_arm(
+    task: rp.Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
+    monkeypatch.setattr(governor._guard, "allows", lambda Q, S: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        governor.step(beyond(task, 0.1, 0.0))
+    assert (governor.q == Q0).all()
+
+
+def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
+    inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+    near = tmp_path / "near.urdf"
+    near.write_text(POST.format(name="wall", size="1 0.1 1", at="0.5 1.4 0"))
+    walled = rp.Bodies(task, surroundings=near)
+    planar = rp.Robot.load("planar3r").task("tool", "xy")
+    empty = control(planar, Q0, rp.Polynomial(Q0, 2, 0.5))
+    for own, bodies, distance, words in (
+        (inverse, rp.Bodies(planar), D, "the bodies are of .* but the governor moves"),
+        (inverse, walled, -1.0, "body_distance must be 0 m or more"),
+        (inverse, task, D, "bodies must be"),
+        (empty, rp.Bodies(planar), D, "there are no bodies whose distance can be kept"),
+    ):
+        with pytest.raises(rp.InputError, match=words) as caught:
+            rp.Governor(own, DT, LIMITS, bodies=bodies, body_distance=distance)  # type: ignore[arg-type]
+        assert "\n" not in str(caught.value)
+    now = walled.nearest(Q0).distance
+    governor = rp.Governor(inverse, DT, LIMITS, bodies=walled, body_distance=now + 1e-6)
+    with pytest.raises(
+        rp.InputError, match=r"l3 and wall are \d+\.?\d* mm from each other, and"
+    ):
+        governor.start(Q0)
+    with pytest.raises(rp.InputError, match="has not started"):
+        governor.step(twist=np.zeros(6))
+    with pytest.raises(rp.InputError, match="surroundings"):
+        rp.Bodies(task, surroundings=3)  # type: ignore[arg-type]

@@ -1,0 +1,33 @@
+/* Doors for tests to what is static in the kernels of proofs: one operation on Taylor models of one box, and the bound of
+   two solutions. */
+
+#include "cell_bounds.c"
+
+static void load(const Space *g, const double *from, Model *x) {
+  for (int m = 0; m < g->M; m++) x->p[m] = all(from[m]);
+  x->r = all(from[g->M]);
+  finish(g, x);
+}
+
+/* x and y are the M coefficients of a model, and its bound; there are up to four results. */
+EXPORT void operate(const Space *g, int what, double s, const double *x, const double *y, double *out) {
+  Model a, b, c[4];
+  load(g, x, &a), load(g, y, &b);
+  switch (what) {
+    case 0: add(g, &a, s, &b, c); break;
+    case 1: product(g, &a, &b, c); break;
+    case 2: sine_cosine(g, &a, c, c + 1); break;
+    case 3: exponential(g, &a, c); break;
+    case 4: power_model(g, &a, s, c); break;
+    case 5: copy(g, &a, c), scale(g, s, c); break;
+    default: sum_of(g, (double[3]){2, -1, s}, &a, &b, &a, c);
+  }
+  for (int i = 0; i < (what == 2 ? 2 : what == 3 ? 4 : 1); i++) {
+    for (int m = 0; m < g->M; m++) out[i * (g->M + 1) + m] = c[i].p[m][0];
+    out[i * (g->M + 1) + g->M] = c[i].r[0];
+  }
+}
+
+EXPORT int two_solutions(const Cell *s, const double *norms, const double *steps, double *D) {
+  return commutator(s, norms, steps, D);
+}
