@@ -159,7 +159,11 @@ class ClosingRadius:
 
 
 def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
-    """Whether a repeatable inverse's configuration is on another leaf, or its pose is too far."""
+    """Tell whether a closing radius does not cover a configuration of a repeatable inverse.
+
+    It is then on another leaf than the start, or its pose is farther from the start's than the
+    radius.
+    """
     if not inverse.same_leaf(q, closes.start):
         return True
     return not closes.contains(inverse.task.placement(q))

@@ -301,7 +301,9 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
 
 
 def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Move from every row of Q along G, in every task direction, and evaluate ‖s‖ at the ends.
+    """Move from points Q of the surface s = 0 along G, in every task direction.
+
+    On a stable surface, ‖s‖ stays 0.
 
     Returns for each row the maximum ‖s‖, and the minimum fraction of the length that was completed
     before a singularity: (K,) each. The length is 0.2 rad, or shorter where G changes direction

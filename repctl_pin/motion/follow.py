@@ -183,7 +183,7 @@ def follow(
         advance = locked_steps(strategy, path, grid, q, period, integrator)
         method = _Method(advance)
     else:
-        method = _integrated(strategy, path, steps, q, period, integrator, feedback)
+        method = _integrated(strategy, path, steps, period, integrator, feedback)
     targets = _kept(_placements, path)(path, steps)
     size = _size([target.translation for target in targets])
     Q, Qdot, used = _run(method, task, path, (cycles, len(grid) - 1), size, q)
@@ -215,7 +215,7 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
     steps = motion.steps
     period = float(motion.t[-1] - motion.t[0]) / motion.cycles
     q = motion.q[0]
-    method = _integrated(strategy, path, 2 * steps, q, period, "rk4", 0.0)
+    method = _integrated(strategy, path, 2 * steps, period, "rk4", 0.0)
     fine = len(path_grid(path, 2 * steps)) - 1
     size = _size(path.points())
     for k, coarse in enumerate(motion.q[steps::steps]):
@@ -300,7 +300,6 @@ def _integrated(
     strategy: Strategy,
     path: TaskPath,
     steps: int,
-    q: Array,
     period: float,
     integrator: str,
     feedback: float,

@@ -181,8 +181,8 @@ class JointLimits:
     torque, dynamics
         Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
     tool
-        Function of q and q′ (K, n) → (K,): the fraction of the tool's speed limit used at
-        ṡ = 1; or None.
+        Function of q and dq/ds (K, n) → (K,): the tool's speed as a fraction of its limit if the
+        path q(s) is followed at ds/dt = 1; None without a limit.
     """
 
     velocity: Array

@@ -30,7 +30,7 @@ _LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
 _LEVELLED = (
     "cell_bounds.c",
     "arm_angle.c",
-    "function_lanes.c",
+    "function.c",
 )
 """Files that are compiled for each level of the vector units, and these levels on x86-64."""
 

@@ -189,12 +189,13 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
     frames = task.frames
     if text in frames or not text:
         return text or frames[0]
-    meant = [frame for frame in frames if text in frame]
+    meant = [frame for frame in frames if frame.startswith(text)]
+    meant = meant or [frame for frame in frames if text in frame]
     if len(meant) != 1:
         raise InputError(
             f"{file}: the columns {text}.x … name {'no' if not meant else 'more than one'} frame "
             f"of {', '.join(frames)}",
-            remedy="write the name of a frame, or a part that is in no other's, before the dot",
+            remedy="write the name of a frame, or a beginning or part of only one, before the dot",
         )
     return meant[0]
 

@@ -247,7 +247,10 @@ class Figures(Part):
 
 
 class ClosingRadiusFile(Part):
-    """Closing radius, see :class:`repctl_pin.certificate.ClosingRadius`; null: no orientation."""
+    """Closing radius, see :class:`repctl_pin.certificate.ClosingRadius`.
+
+    ``radians`` is null if the task commands no orientation.
+    """
 
     metres: float
     radians: float | None

@@ -202,7 +202,10 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
 
 
 def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list[str]:
-    """Check that the frames of arm angles are where they were; as :func:`require_ranges`."""
+    """Check that the frames of arm angles are where they were when the design was saved.
+
+    Returns the names of what an older file does not hold.
+    """
     if isinstance(basis, JoinedFile):
         parts = [require_arm_angles(part, made_for, task) for part in basis.parts]
         return [name for names in parts for name in names]

@@ -1,6 +1,7 @@
 """The control of several frames: J⁺ drifts, a design closes, C equals NumPy, doors refuse."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from page_file import read
 
@@ -130,6 +131,93 @@ def test_a_design_of_several_frames_is_saved_and_loaded(study, tmp_path):
     other = rp.Robot.load("pr2").task([(HANDS[0], "pose", "torso_lift_link"), HANDS[1]])
     with pytest.raises(rp.InputError, match="hands.json is for"):
         rp.load_design(file, other)
+
+
+def table(task, q0, file, header, frames):
+    """Write a CSV of waypoints: a triangle of each frame, from where it is at q0."""
+    corners = 0.05 * np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]])
+    start = [task.placements(q0)[k].translation for k in frames]
+    np.savetxt(
+        file,
+        np.hstack([p + corners for p in start]),
+        delimiter=",",
+        header=header,
+        comments="",
+    )
+    return rp.Problem(task, start=q0, path=str(file))
+
+
+def test_a_csv_names_the_frames_that_move(hands, tmp_path):
+    task, q0 = hands
+    both = "l_gripper.x,l_gripper.y,l_gripper.z,r_gripper_tool_frame.x,r_gripper_tool_frame.y,"
+    file = tmp_path / "loop.csv"
+    path = table(task, q0, file, f"{both}r_gripper_tool_frame.z", [0, 1]).path
+    assert [round(one.length, 3) for one in path.paths] == [0.171, 0.171]
+    for k, moved in enumerate(path.placement(1 / 3)):
+        way = moved.translation - task.placements(q0)[k].translation
+        assert np.linalg.norm(way) > 0.04
+    right = table(task, q0, file, "r_.x,r_.y,r_.z", [1]).path
+    assert [one.length > 0 for one in right.paths] == [False, True]
+    plain = table(task, q0, file, "x,y,z", [0]).path
+    assert [one.length > 0 for one in plain.paths] == [True, False]
+    with pytest.raises(rp.InputError, match="columns are named|of several frames"):
+        table(task, q0, file, "r_.x,r_.y,r_.z", [1])
+        rp.read_waypoints(file)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("gripper.x,gripper.y,gripper.z", "more than one frame"),
+        ("left.x,left.y,left.z", "name no frame of l_gripper_tool_frame"),
+        ("l_.x,l_.y,z", "column 'z' names no frame"),
+        ("l_.x,l_.y,l_.w", "name them x, y, z"),
+    ],
+)
+def test_columns_of_no_frame_are_refused_in_one_line(hands, tmp_path, header, message):
+    with pytest.raises(rp.InputError, match=message) as refused:
+        table(*hands, tmp_path / "loop.csv", header, [0])
+    assert "\n" not in str(refused.value)
+
+
+def test_an_audit_counts_visits_of_both_hands(hands, constant):
+    """Both hands return and the joints do not; or the left one alone, while the right climbs."""
+    task, q0 = hands
+    path = rp.several_paths(task, q0, [circle, circle])
+    plain = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=6, steps=80)
+    found = rp.audit((plain.t, plain.q), task)
+    assert found.creeps and found.returns == 6
+    closed = rp.follow(constant, path, q0, cycles=6, steps=80)
+    assert rp.audit((closed.t, closed.q), task)
+    right, leaf, Q = task.placements(q0)[1], constant.leaf(q0), [q0]
+    for k in range(1, 481):
+        left = path.placement(k / 80 % 1.0)[0]
+        right = pin.SE3(right.rotation, right.translation - [0, 0, 1e-4])
+        Q.append(constant.step(Q[-1], (left, right), 0.0625, leaf=leaf))
+    log = np.array(Q)
+    assert rp.audit((plain.t, log), task).verdict == "no return"
+    alone = task.single_tasks[0]
+    own = [task.joint_names.index(joint) for joint in alone.joint_names]
+    assert rp.audit((plain.t, log[:, own]), alone).returns == 6
+
+
+def test_the_torques_of_a_tree_pull_both_hands_home(hands, constant):
+    """J M⁻¹ (τ − b) is the spring's acceleration of both hands, and h is not moved."""
+    task, q0 = hands
+    spring = rp.LeafImpedance(constant, stiffness=(400.0, 30.0))
+    still, leaf = np.zeros(task.n), constant.leaf(q0)
+    target = task.placements(q0 + 0.01)
+    change = spring.torque(q0, still, target, leaf=leaf)
+    change -= spring.torque(q0, still, task.placements(q0), leaf=leaf)
+    M, J = task.inertias(q0[None])[0], task.jacobian(q0)
+    qddot = np.linalg.solve(M, change)
+    K = np.where(task.kind.linear, 400.0, 30.0)
+    Lambda = np.linalg.inv(J @ np.linalg.solve(M, J.T))
+    np.testing.assert_allclose(
+        Lambda @ J @ qddot, K * task.error(q0, target), atol=1e-7
+    )
+    V = constant.potentials.gradient(q0)
+    np.testing.assert_allclose(V.T @ qddot, 0, atol=1e-7)
 
 
 def test_what_takes_one_frame_only_says_so(hands, constant):

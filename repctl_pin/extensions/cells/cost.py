@@ -261,7 +261,10 @@ def _products(features: Array, L: Array, r: int) -> Array:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """Evaluate ``max(0, asked − margin)`` (L, P) at the configurations Q (L, n) of a penalty."""
+    """Evaluate how far each of P margins falls short of what is asked at Q (L, n): (L, P).
+
+    It is ``max(0, asked − margin)``.
+    """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 

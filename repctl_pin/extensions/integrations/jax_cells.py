@@ -46,7 +46,10 @@ def inside(cell: Cell, x: Numbers) -> Numbers:
 
 
 def shift(cell: Cell, x: Numbers) -> Numbers:
-    """Evaluate the joint angles (n,) that symmetries of the arm add to q_ref at a pose."""
+    """Evaluate the joint angles (n,) to add to q_ref for the coordinates that u leaves out.
+
+    Along these, by a symmetry of the arm, F changes by these angles only.
+    """
     return (
         jnp.asarray(cell.along, x.dtype)
         @ _measured(cell, x)[np.array(cell._removed, int)]

@@ -62,9 +62,9 @@ def bound_leaf_margin(
     end, whole = thread_time() + seconds, search.volume()
     while len(search.low) and not search.reason:
         if thread_time() > end:
-            search.reason = f"stopped after {seconds:g} s"
+            search.give_up(f"after {seconds:g} s")
         elif len(search.low) > _MOST:
-            search.reason = f"stopped at {_MOST} undecided boxes"
+            search.give_up(f"at {_MOST} undecided boxes")
         else:
             search.advance()
             report("proving", 1 - min(1.0, search.volume() / whole))
@@ -85,6 +85,7 @@ class _Search:
         self.worst = ((low[0] + high[0]) / 2, (high[0] - low[0]) / 2)
         self.at_least_bound = self.worst
         self.boxes, self.reason = 0, ""
+        self.gave_up = False
 
     def volume(self) -> float:
         """Compute the total volume of the undecided boxes."""
@@ -186,23 +187,27 @@ class _Search:
             why = "the arm angle is not defined there"
         self.reason, self.worst = why, (Q[at], half[at])
 
+    def give_up(self, when: str) -> None:
+        """Stop the search while boxes are still undecided."""
+        self.reason, self.gave_up = f"stopped {when}", True
+
     def proof(self) -> Proof:
-        """Return the minimum bounds over all boxes, decided or not."""
+        """Make the proof: the smallest bounds over all boxes, decided or waiting.
+
+        If the search stopped early, it holds the reason, and the box that prevented a proof.
+        """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
         if len(self.low):
             least = int(np.argmin(self.bound))
             Q, half = _centered(self.low[least, None], self.high[least, None])
-            worst = (
-                self.worst
-                if self.reason and "stopped" not in self.reason
-                else (Q[0], half[0])
-            )
+            refuted = self.reason and not self.gave_up
+            worst = self.worst if refuted else (Q[0], half[0])
             bound, sigma = (
                 min(bound, float(self.bound[least])),
                 min(sigma, float(self.sigma.min())),
             )
-            if self.reason.startswith("stopped"):
+            if self.gave_up:
                 worst = self._named(worst)
         proved = bound > 0 and (
             self.goal is None or (bound >= self.goal and not self.reason)

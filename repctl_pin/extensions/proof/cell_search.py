@@ -123,18 +123,18 @@ class _CellSearch:
             self.margins = np.minimum(self.margins, each[:, done].min(axis=1))
         low, high, split = low[~done], high[~done], found.split[~done]
         if len(low):
-            self._require_hope(low, high)
+            self._stop_if_hopeless(low, high)
         rows, middle = np.arange(len(low)), (low + high) / 2
         first, second = high.copy(), low.copy()
         first[rows, split] = second[rows, split] = middle[rows, split]
         self.low = np.concatenate([self.low[: take.start], low, second])
         self.high = np.concatenate([self.high[: take.start], first, high])
 
-    def _require_hope(self, low: Array, high: Array) -> None:
+    def _stop_if_hopeless(self, low: Array, high: Array) -> None:
         """Stop the search at a box that cannot be proved by halving it.
 
-        Either F at its centre does not exist, misses a margin, or is farther than d* from q_ref, or
-        the box is too small.
+        Either F at its centre does not exist, misses a margin, or is farther from q_ref than d*,
+        the distance within which F is proved to be the only solution; or the box is too small.
         """
         problem, chart, r = self.problem, self.problem.chart, self.problem.task.r
         points = chart.solve((low + high) / 2, np.zeros((len(low), r)))

@@ -296,8 +296,9 @@ def _sampled(
 ) -> tuple[Array, Array, float]:
     """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
 
-    They are such that lines of the same length lead from one box to the next at every place, for
-    the largest sampled rates with some slack, from that in the first box to that in the last one.
+    Around each place grow M nested boxes. Each is wider than the one before by a step times the
+    largest rate that was sampled in it, with a slack that goes from the first of ``slacks`` to the
+    last. All places reach the same length in space.
     Returns the length of these lines, m, too.
     """
     K, n = places.center.shape

@@ -91,10 +91,10 @@ def require_agreement(
 ) -> None:
     """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
 
-    A constant offset of the tool or of the base is refused if it is larger than the misses that
-    remain without it, which are the noise of the data, and than the calibration of an arm. Other
-    differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the numbers
-    that would explain it, if one is found.
+    A constant offset of the tool or of the base is refused if it exceeds both the noise, which is
+    what remains when the offset is taken out, and what the calibration of an arm usually corrects.
+    Other differences are refused from 0.05 m or 0.2 rad on. The message names the mistake in the
+    numbers that would explain it, if one is found.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def mean_rotation(R: Array) -> Array:
 def _base_rotation(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> Array:
-    """Find the rotation B of the base, from the rotations or, if they are free, the positions."""
+    """Find the rotation B of the base: R ≈ B R_own for a pose task, else from the positions."""
     if task.m == 6:
         return mean_rotation(R @ np.swapaxes(R_own, 1, 2))
     a, b = (x[:, rows] - x[:, rows].mean(axis=0) for x in (p_own, p))

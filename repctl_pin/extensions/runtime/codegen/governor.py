@@ -10,7 +10,7 @@ import numpy as np
 from ....model.task import Task
 from .text import filled, pasted, row
 
-_GOVERNOR = "frame_motion.c", "joint_plan.c", "target_joints.c", "governor.c"
+_GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:

@@ -154,7 +154,7 @@ def _frame_sizes(arm: Any) -> dict[str, str | int]:
 def _function_code(function: InverseFunction, name: str) -> str:
     """Write the C code of an inverse kinematic function F, after that of its inverse."""
     parts = {
-        "library": pasted("function.h", "function.c", "function_lanes.c"),
+        "library": pasted("function.h", "function_parts.c", "function.c"),
         "keep": int(function.keep_limits),
     }
     return filled("function.c", name, parts)
