@@ -207,7 +207,7 @@ class CellDesign:
         leaf = (
             "not known: evaluated by an older version"
             if np.isnan(j.leaf_margin)
-            else f"{j.leaf_margin:.3g} at the worst pose found"
+            else f"{j.leaf_margin:.3g} at the worst pose"
         )
         terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"

@@ -22,8 +22,8 @@ EXAMPLE = """examples:
   repctl relabel demos.parquet cell.json --out relabelled
 
 FILE has a column per joint, or columns x, y, z, qx, qy, qz, qw in m from the
-base, and optionally time and session. It writes the same file with new joints,
-cell.json (the function), and report.html."""
+base, and optionally time and session. The command writes the same file with new
+joints, cell.json (the function), and report.html."""
 
 
 def add_options(parser: Parser) -> None:

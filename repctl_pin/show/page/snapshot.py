@@ -67,12 +67,6 @@ def still(
             solid_capstyle="round",
             zorder=order,
         )
-    ax.set_xlabel("x (m)")
-    ax.set_ylabel("y (m)")
-    ax.tick_params(labelsize=7)
-    if not flat:
-        ax.set_zlabel("z (m)")
-        ax.set_proj_type("ortho")
     return ax
 
 
@@ -98,9 +92,15 @@ def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
 def viewed(
     figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool
 ) -> Figure:
-    """Give all axes of a figure one view, which shows the stations (P, 3) of an arm best."""
-    for ax in [] if flat else axes:
-        ax.view_init(elev=19, azim=_azimuth(stations))
+    """Label all axes of a figure and give them one view, in which stations (P, 3) are seen best."""
+    for ax in axes:
+        ax.set_xlabel("x (m)")
+        ax.set_ylabel("y (m)")
+        ax.tick_params(labelsize=7)
+        if not flat:
+            ax.set_zlabel("z (m)")
+            ax.set_proj_type("ortho")
+            ax.view_init(elev=19, azim=_azimuth(stations))
     _same_room(axes, flat)
     return figure
 

@@ -116,6 +116,7 @@ def _drift_lines(ax: Axes, curves: Sequence[_Curve], size: float = 4.0) -> None:
             lw=0.4 * size,
             color=curve.colour,
             label=curve.label,
+            clip_on=False,  # a zero lies on the axis
         )
         for beyond in violations_of(motion, motion.coarse):
             cross = _BEYOND | {"ms": 2.25 * size}

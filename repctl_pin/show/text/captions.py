@@ -137,12 +137,17 @@ def still_words(study: Study) -> str:
     """Describe the still picture of the animation, for readers who cannot see it."""
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [
-        r.failure if r.motion is None else f"has drifted by {_amount(r.motion, -1)}"
-        for r in rows
+        row.failure
+        if row.motion is None
+        else f"{displacement(cycle_displacements(row.motion)[-1])} off"
+        for row in rows
     ]
     names = [names_of(row.label)["title"] for row in rows]
     parts = [f"{name} {end}" for name, end in zip(names, ends, strict=True)]
-    return f"The arm at the start, in grey, and at the end: {'; '.join(parts)}."
+    return (
+        "The arm at the start, in grey, and at the end. Its farthest part: "
+        f"{'; '.join(parts)}."
+    )
 
 
 def _moved(study: Study, without: str = "") -> list[tuple[str, Motion]]:

@@ -132,6 +132,14 @@ export class ArmView {
   // The place on that part which is off most in the end, now; the elbow where there is no part.
   partSpot() { return this.spot ? this.placed(this.spot.k, this.spot.point) : this.point("elbow", 0, this.now.frame); }
 
+  // The same place on the ghost.
+  ghostSpot() {
+    if (!this.spot || !this.ghost.visible || !this.shades[this.spot.k].visible) return null;
+    const shade = this.shades[this.spot.k];
+    shade.updateMatrix();
+    return this.spot.point.clone().applyMatrix4(shade.matrix);
+  }
+
   // Where the joint is that breaks its limit, now.
   mark(out) { return out.fromArray(this.motion, this.markStart + 3 * this.now.frame); }
 
@@ -256,10 +264,18 @@ export function pointAt(arms, isPart) {
   for (const arm of arms) arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
   const { arm: worst, before, after } = displaced(arms), ways = after.map((p, i) => p.distanceTo(before[i])), most = Math.max(...ways);
   const corners = worst.part.flatMap((k) => worst.corners[k].map((c) => [k, c])), [k] = corners[ways.indexOf(most)] || [];
-  const point = new MeshCat.THREE.Vector3();
+  const point = new MeshCat.THREE.Vector3(), way = point.clone();
   let all = 0;
-  corners.forEach(([body, c], i) => { if (body === k) { const weight = most > SAME ? (ways[i] / most) ** 4 : 1; point.addScaledVector(c, weight); all += weight; } });
-  for (const arm of arms) arm.spot = all ? { k, point: point.clone().divideScalar(all) } : null;
+  corners.forEach(([body, c], i) => {
+    if (body !== k) return;
+    const weight = most > SAME ? (ways[i] / most) ** 4 : 1;
+    point.addScaledVector(c, weight);
+    way.addScaledVector(after[i], weight).addScaledVector(before[i], -weight);
+    all += weight;
+  });
+  // the middle of a body that turns about itself hardly moves: then its farthest corner is pointed at
+  const place = way.length() < 0.8 * most * all ? corners[ways.indexOf(most)][1] : point.divideScalar(all || 1);
+  for (const arm of arms) arm.spot = all ? { k, point: place } : null;
 }
 
 // The arm that is off most after all cycles, and where the corners of its part are before and after them.

@@ -9,7 +9,7 @@ const RIM = 13; // px from the hand to the rim of its ring
 export class Callouts {
   constructor(panes, scene) {
     Object.assign(this, { panes, scene });
-    this.sets = panes.arms.map((arm, k) => ({ arm, part: callout(panes.frames[k], ""), hand: callout(panes.frames[k], " hand") }));
+    this.sets = panes.arms.map((arm, k) => ({ arm, part: callout(panes.frames[k], ""), hand: callout(panes.frames[k], " hand"), gap: gapLine(panes.frames[k]) }));
     for (const { part } of this.sets) {
       part.value.widest = this.words(0.88e-3);
     }
@@ -36,9 +36,11 @@ export class Callouts {
     const { panes } = this, rim = this.scene.own ? RIM : 0;
     if (byId("panes").classList.contains("quiet")) return;
     const sizes = this.sets.map(({ part, hand }, k) => [panes.frames[k].firstChild, part.box, hand.box].map(({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({ x, y, w, h }))); // all are read before any is moved
-    this.sets.forEach(({ arm, part, hand }, k) => {
+    this.sets.forEach(({ arm, part, hand, gap }, k) => {
       const { width, height } = panes.place(k), [label, box, below] = sizes[k], { beside } = panes;
       const at = panes.seen(k, arm.partSpot()), tip = panes.seen(k, arm.point("tip", 0, arm.now.frame, arm.now.f));
+      const ghost = arm.ghostSpot();
+      drawLine(gap, ghost && panes.seen(k, ghost), at, width, height);
       put(part, box, at, beside ? 8 : label.y + label.h + 6, width, height, beside ? label.x + label.w + 8 : 8);
       put(hand, below, { x: tip.x, y: tip.y + rim }, Math.min(tip.y + 0.09 * height, height - below.h - 34), width, height, 8, at);
     });
@@ -65,9 +67,22 @@ function put(callout, { w, h }, at, y, width, height, left, free) {
   const x = beside(callout.side);
   box.style.transform = `translate(${x}px, ${top}px)`;
   const from = { x: Math.min(Math.max(at.x, x + 6), x + w - 6), y: at.y > top + h ? top + h : at.y < top ? top : NaN };
-  const dx = at.x - from.x, dy = at.y - from.y;
-  leader.line = [from.x, from.y, at.x, at.y]; // for a picture of it
-  leader.hidden = !(Math.hypot(dx, dy) > 4) || at.x < 0 || at.x > width || at.y < 0 || at.y > height;
-  leader.style.width = leader.hidden ? "0" : `${Math.hypot(dx, dy)}px`;
-  if (!leader.hidden) leader.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${Math.atan2(dy, dx)}rad)`;
+  drawLine(leader, from, at, width, height);
+}
+
+// Draw a line between two points of the window; none if there is no first point, or the second is beside the pane.
+function drawLine(line, from, at, width, height) {
+  const length = from ? Math.hypot(at.x - from.x, at.y - from.y) : NaN;
+  line.hidden = !(length > 4) || at.x < 0 || at.x > width || at.y < 0 || at.y > height;
+  line.style.width = line.hidden ? "0" : `${length}px`;
+  if (line.hidden) return;
+  line.line = [from.x, from.y, at.x, at.y]; // for a picture of it
+  line.style.transform = `translate(${from.x}px, ${from.y}px) rotate(${Math.atan2(at.y - from.y, at.x - from.x)}rad)`;
+}
+
+// From where the place that is off most was, to where it is.
+function gapLine(pane) {
+  const line = element("i", { class: "leader gap", hidden: "" });
+  pane.append(line);
+  return line;
 }

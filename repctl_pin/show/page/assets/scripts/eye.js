@@ -110,22 +110,24 @@ export function towards(tip, whole) {
 }
 
 // Look at the arm from where its drift is seen best: at the largest gap on the screen, in parts of the picture, between where
-// the part that is off most stands at the end and where it stood at the start, as far as nothing hides the part and the hand.
+// the place that is off most stands at the end and where it stood at the start, as far as nothing hides either, nor the hand.
 // `usual`: the direction that counts where views are alike, or nothing is off
 export function clearest(arms, usual) {
   const T = MeshCat.THREE, { arm, before, after } = displaced(arms);
-  if (!(arm.data.off.at(-1)[1] > 1e-4) || !arm.part.length) return usual;
-  const centre = new T.Box3().setFromPoints(after).getCenter(new T.Vector3()), tip = arm.point("tip", 0, arm.frames - 1);
+  if (!(arm.data.off.at(-1)[1] > 1e-4) || !arm.spot) return usual;
+  const spotAt = (i) => { arm.pose(i, 0); return arm.partSpot(); }, start = spotAt(0), end = spotAt(arm.frames - 1);
+  const centre = (points) => new T.Box3().setFromPoints(points).getCenter(new T.Vector3()), was = centre(before), is = centre(after), tip = arm.point("tip", 0, arm.frames - 1);
   const others = [...arm.moving, ...arm.still].filter((place) => !arm.part.includes(arm.moving.indexOf(place))).flatMap(boxOf), all = others.flatMap(({ corners: c }) => c);
+  const own = arm.part.flatMap((k) => boxOf(arm.moving[k]));
   const plan = Math.atan2(usual.y, usual.x);
   let best = { score: -1 };
   for (const rise of [0.2, 0.5])
     for (let k = 0; k < 24; k++) {
       const turn = (k * Math.PI) / 12, out = new T.Vector3(Math.cos(plan + turn) * Math.cos(rise), Math.sin(plan + turn) * Math.cos(rise), Math.sin(rise));
-      const across = (v) => Math.sqrt(Math.max(0, v.lengthSq() - v.dot(out) ** 2));
-      const gap = after.reduce((sum, p, i) => sum + across(p.clone().sub(before[i])), 0) / after.length, size = Math.max(...all.map((p) => across(p.clone().sub(centre))));
-      const rays = [centre, ...after], seen = rays.filter((p) => !hidden(p, out, others)).length / rays.length;
-      const score = (gap / size) * (0.15 + 0.85 * seen) * (hidden(centre, out, others) ? 0.5 : 1) * (hidden(tip, out, others) ? 0.85 : 1) * (1 + 0.15 * Math.cos(turn));
+      const across = (v) => Math.sqrt(Math.max(0, v.lengthSq() - v.dot(out) ** 2)), gap = (p, q) => across(p.clone().sub(q));
+      const size = Math.max(...all.map((p) => gap(p, is))), seen = after.filter((p) => !hidden(p, out, others)).length / after.length;
+      const shown = (0.15 + 0.85 * seen) * (hidden(end, out, others) ? 0.3 : hidden(end, out, own) ? 0.7 : 1) * (hidden(is, out, others) ? 0.5 : 1) * (hidden(tip, out, others) ? 0.85 : 1);
+      const score = ((gap(end, start) + gap(is, was)) / size) * shown * (1 + 0.15 * Math.cos(turn));
       if (score > best.score) best = { score, out };
     }
   return best.out;

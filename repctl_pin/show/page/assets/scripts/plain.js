@@ -40,9 +40,9 @@ export async function drawPlain(scene) {
 function drawArm(canvas, { data, before, after }, arms, paths, planar) {
   const seen = ([x, y, z]) => (planar ? [x, -y] : [0.68 * x - 0.73 * y, 0.24 * x + 0.22 * y - 0.94 * z]); // from the front, a little from above
   const all = [...arms.flatMap((arm) => [arm.before, arm.after]).flat(2), ...paths.flat()].map(seen), ends = [0, 1].map((i) => all.map((p) => p[i])).map((v) => [v.reduce((a, b) => Math.min(a, b)), v.reduce((a, b) => Math.max(a, b))]);
-  const { draw, width, height, em } = sharp(canvas), [[left, right], [top, bottom]] = ends, room = [width - 4 * em, height - 8 * em];
+  const { draw, width, height, em } = sharp(canvas), [[left, right], [top, bottom]] = ends, room = [width - 4 * em, height - 9 * em];
   const scale = Math.min(room[0] / Math.max(right - left, 1e-9), room[1] / Math.max(bottom - top, 1e-9));
-  const place = (p) => { const [x, y] = seen(p); return [width / 2 + scale * (x - (left + right) / 2), height / 2 + em + scale * (y - (top + bottom) / 2)]; };
+  const place = (p) => { const [x, y] = seen(p); return [width / 2 + scale * (x - (left + right) / 2), height / 2 + scale * (y - (top + bottom) / 2)]; };
   const line = (points, color, wide) => { Object.assign(draw, { strokeStyle: color, lineWidth: wide, lineJoin: "round", lineCap: "round" }); draw.beginPath(); points.map(place).forEach(([x, y], i) => (i ? draw.lineTo(x, y) : draw.moveTo(x, y))); draw.stroke(); };
   for (const path of paths) line(path, tone("--edge"), 0.1 * em);
   for (const limb of before) line(limb, tone("--body"), 0.8 * em);
