@@ -209,7 +209,7 @@ def motions(task: rp.Task, design: rp.Design) -> rp.Motion:
     clutch: rp.Clutch = rp.Clutch(scale=0.5)
     clutch.engage(path.placement(0.2), path.placement(0.1))
     print(clutch.target(path.placement(0.3)), clutch.engaged, governor.nearest_bodies)
-    print(governor.keeps_distance([q0, q]))
+    print(governor.keeps_distance(np.stack([q0, q])))
     clutch.release()
     print(q, qdot, best.q0, rp.approach(q0, motion, rp.Limits(acceleration=5)).duration)
     print(rp.write_motion(fast, "motion.csv"))

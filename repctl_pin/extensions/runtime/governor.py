@@ -189,8 +189,12 @@ class Governor:
         }
         inverse = self._inverse
         self._arm = native_arm(task, inverse.potentials, inverse.region)
-        own = {"arm": ctypes.addressof(self._arm), "state": self._state.ctypes.data}
-        own |= {"room": ROOM, "dt": self._dt}
+        own: dict[str, Any] = {
+            "arm": ctypes.addressof(self._arm),
+            "state": self._state.ctypes.data,
+            "room": ROOM,
+            "dt": self._dt,
+        }
         self._samples, self._ways = memory["samples"], memory["ways"]
         self._ask = _ASK(self._allows)
         if self._guard is not None:
