@@ -27,34 +27,26 @@ typedef struct {
   Model R[3][3], o[3], origin[3], axis[3]; /* after the joint; its origin and axis */
 } Frame;
 
-static void dot_model(const Space *g, const Model *x, const Model *y, Model *out) {
-  Model one, sum;
-  product(g, x, y, &sum);
-  for (int i = 1; i < 3; i++) product(g, x + i, y + i, &one), add(g, &sum, 1, &one, &sum);
-  copy(g, &sum, out);
-}
-
 /* The forces at shoulder, elbow and wrist. */
 static void force_models(const ArmAngle *s, const Model *e, const Model *w, Model (*F)[3]) {
   const Space *g = &s->space;
-  const double *d = s->direction, hat[9] = {0, d[2], -d[1], -d[2], 0, d[0], d[1], -d[0], 0}; /* w -> w x d */
+  const double *d = s->direction, back[3] = {-d[0], -d[1], -d[2]};
   Model a[3], b[3], square, rho, inverse, lever, x, y, z, along;
-  cross_models(g, w, e, a), dot_model(g, w, w, &square), dot_model(g, a, a, &x);
+  cross_models(g, w, e, a), dot_models(g, w, w, &square), dot_models(g, a, a, &x);
   power_model(g, &square, 0.5, &rho), power_model(g, &square, -0.5, &inverse), power_model(g, &x, -1, &lever);
   product(g, &rho, &lever, &x), times_model(g, &x, a, F[1]);
-  dot_model(g, w, e, &x), product(g, &x, &inverse, &y), product(g, &y, &lever, &x), times_model(g, &x, a, F[0]);
-  for (int i = 0; i < 3; i++) combine(g, hat + 3 * i, w, b + i);
+  dot_models(g, w, e, &x), product(g, &x, &inverse, &y), product(g, &y, &lever, &x), times_model(g, &x, a, F[0]);
+  cross_constant(g, back, w, b); /* w x d */
   combine(g, d, w, &along);
   if (s->stereographic) {
     add(g, &rho, -1, &along, &x), product(g, &rho, &x, &y), power_model(g, &y, -1, &z);
   } else {
-    dot_model(g, b, b, &x), power_model(g, &x, -1, &y), product(g, &along, &inverse, &x), product(g, &x, &y, &z);
+    dot_models(g, b, b, &x), power_model(g, &x, -1, &y), product(g, &along, &inverse, &x), product(g, &x, &y, &z);
   }
   times_model(g, &z, b, F[2]);
-  for (int i = 0; i < 3; i++) {
-    add(g, F[2] + i, -1, F[0] + i, F[2] + i);
-    add(g, F[1] + i, 1, F[2] + i, F[0] + i), scale(g, -1, F[0] + i);
-  }
+  add_vectors(g, F[2], -1, F[0], F[2]);
+  add_vectors(g, F[1], 1, F[2], F[0]);
+  for (int i = 0; i < 3; i++) scale(g, -1, F[0] + i);
 }
 
 /* LANES boxes q +- h of the k joints that move the points: the gradient's models, P k of them summed to V (k,). */
@@ -71,19 +63,15 @@ static void arm_boxes(const ArmAngle *s, const double *Q, const double *half, lo
     }
     finish(g, q + i);
   }
-  for (int i = 0; i < 3; i++) {
-    constant(g, 0, frames[0].o + i);
-    for (int c = 0; c < 3; c++) constant(g, i == c, &frames[0].R[c][i]);
-  }
+  constants(g, NO_VECTOR, frames[0].o);
+  identity_models(g, frames[0].R);
   for (int l = 0; l < s->P; l++) {
     Frame *f = frames + 1 + l;
     const Frame *before = frames + 1 + s->before[l];
-    for (int i = 0; i < 3; i++) {
-      copy(g, before->o + i, f->o + i);
-      for (int c = 0; c < 3; c++) copy(g, &before->R[c][i], &f->R[c][i]);
-    }
+    copy_vector(g, before->o, f->o);
+    for (int c = 0; c < 3; c++) copy_vector(g, before->R[c], f->R[c]);
     combine_columns(g, f->R, s->p + 3 * l, x);
-    for (int i = 0; i < 3; i++) add(g, f->o + i, 1, x + i, f->o + i), copy(g, f->o + i, f->origin + i);
+    add_vectors(g, f->o, 1, x, f->o), copy_vector(g, f->o, f->origin);
     turn_frame(g, s->R + 9 * l, 0, f->R);
     combine_columns(g, f->R, s->a + 3 * l, f->axis);
     constant(g, s->o[l], &theta);
@@ -94,33 +82,32 @@ static void arm_boxes(const ArmAngle *s, const double *Q, const double *half, lo
       turn_about(g, s->bases + 9 * l, &sine, &cosine, f->R);
     } else {
       times_model(g, &theta, f->axis, x);
-      for (int i = 0; i < 3; i++) add(g, f->o + i, 1, x + i, f->o + i);
+      add_vectors(g, f->o, 1, x, f->o);
     }
   }
   for (int c = 0; c < 3; c++) {
     Frame *f = frames + 1 + s->joint[c];
     combine_columns(g, f->R, s->place + 3 * c, points[c]);
-    for (int i = 0; i < 3; i++) add(g, f->o + i, 1, points[c] + i, points[c] + i);
+    add_vectors(g, f->o, 1, points[c], points[c]);
   }
-  for (int i = 0; i < 3; i++)
-    add(g, points[1] + i, -1, points[0] + i, e + i), add(g, points[2] + i, -1, points[0] + i, w + i);
+  add_vectors(g, points[1], -1, points[0], e), add_vectors(g, points[2], -1, points[0], w);
   force_models(s, e, w, F);
   cross_models(g, e, F[1], whole), cross_models(g, w, F[2], x);
-  for (int i = 0; i < 3; i++) add(g, whole + i, 1, x + i, whole + i);
+  add_vectors(g, whole, 1, x, whole);
   for (int l = 0; l < s->P; l++) {
     const int *on = s->carries + 3 * l;
     const Frame *f = frames + 1 + l;
     int all_three = on[0] && on[1] && on[2];
     if (all_three && !s->revolute[l]) continue; /* the forces balance */
-    for (int i = 0; i < 3; i++) constant(g, 0, load + i);
+    constants(g, NO_VECTOR, load);
     for (int c = 0; c < 3 && !all_three; c++) {
       if (!on[c]) continue;
       Model way[3];
-      for (int i = 0; i < 3; i++) add(g, points[c] + i, -1, f->origin + i, way + i);
+      add_vectors(g, points[c], -1, f->origin, way);
       if (s->revolute[l]) cross_models(g, way, F[c], x);
-      for (int i = 0; i < 3; i++) add(g, load + i, 1, s->revolute[l] ? x + i : F[c] + i, load + i);
+      add_vectors(g, load, 1, s->revolute[l] ? x : F[c], load);
     }
-    dot_model(g, f->axis, all_three ? whole : load, &one);
+    dot_models(g, f->axis, all_three ? whole : load, &one);
     for (int i = 0; i < k; i++)
       if (s->S[l * k + i] != 0) add(g, V + i, s->S[l * k + i], &one, V + i);
   }

@@ -36,10 +36,9 @@ typedef struct Margins {
 
 /* R x, R by columns */
 static void apply_models(const Space *g, Model (*R)[3], const Model *x, Model *out) {
-  Model y;
   for (int i = 0; i < 3; i++) {
     product(g, &R[0][i], x, out + i);
-    for (int c = 1; c < 3; c++) product(g, &R[c][i], x + c, &y), add(g, out + i, 1, &y, out + i);
+    for (int c = 1; c < 3; c++) add_product(g, &R[c][i], x + c, 1, out + i);
   }
 }
 
@@ -77,25 +76,10 @@ static void linear_model(const Space *g, const double *row, const Lanes *u, cons
 /* x + s a x x + (1 - c) a x (a x x): a vector turned about the axis. */
 static void turn_model(const Cell *s, const Model *sine, const Model *cosine, Model *x) {
   const Space *g = &s->space;
-  const double *a = s->a, hat[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0};
-  double twice[9];
-  Model y[3], z[3], e[2];
-  times(hat, hat, 0, twice);
-  for (int i = 0; i < 3; i++) combine(g, hat + 3 * i, x, y + i), combine(g, twice + 3 * i, x, z + i);
-  for (int i = 0; i < 3; i++) {
-    product(g, sine, y + i, e), product(g, cosine, z + i, e + 1);
-    add(g, x + i, 1, e, x + i), add(g, x + i, 1, z + i, x + i), add(g, x + i, -1, e + 1, x + i);
-  }
-}
-
-/* a x x for constant a */
-static void cross_constant(const Space *g, const double *a, const Model *x, Model *out) {
-  double hat[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0};
-  for (int i = 0; i < 3; i++) combine(g, hat + 3 * i, x, out + i);
-}
-
-static void constants(const Space *g, const double *a, Model *out) {
-  for (int i = 0; i < 3; i++) constant(g, a[i], out + i);
+  Model y[3], z[3];
+  cross_constant(g, s->a, x, y), cross_constant(g, s->a, y, z);
+  for (int i = 0; i < 3; i++) add_product(g, sine, y + i, 1, x + i), add_product(g, cosine, z + i, -1, x + i);
+  add_vectors(g, x, 1, z, x);
 }
 
 static int moves(const double *a) { return a[0] != 0 || a[1] != 0 || a[2] != 0; }
@@ -110,8 +94,8 @@ static void left_jacobian(const Space *g, const Model *omega, const Model *z, co
   product(g, e, &along, &x), product(g, e, z, &y);
   for (int i = 0; i < 3; i++) {
     add(g, out + i, -W[i], &y, out + i);
-    product(g, d, turned + i, &along), add(g, out + i, -1, &along, out + i);
-    product(g, &x, omega + i, &along), add(g, out + i, 1, &along, out + i);
+    add_product(g, d, turned + i, -1, out + i);
+    add_product(g, &x, omega + i, 1, out + i);
   }
 }
 
@@ -119,31 +103,27 @@ static void left_jacobian(const Space *g, const Model *omega, const Model *z, co
    coordinates of the task: a way that turns with the angle, a turn, a turn about the cell's axis, or about the tool's. */
 static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*R)[3], Model (*twists)[6]) {
   const Space *g = &s->space;
-  Model sine, cosine, angle, e, f;
+  Model sine, cosine, angle, place[3];
   for (int a = 0; a < s->m; a++) constants(g, s->way + 3 * a, twists[a]), constants(g, s->turn + 3 * a, twists[a] + 3);
   for (int i = 0; i < 3; i++) {
     linear_model(g, s->D + i * g->k, u, h, p + i);
-    constant(g, s->d[i], &e), add(g, p + i, 1, &e, p + i);
     for (int c = 0; c < 3; c++) constant(g, s->R0[3 * i + c], &R[c][i]);
   }
+  constants(g, s->d, place), add_vectors(g, p, 1, place, p);
   if (s->turning) { /* (c + s w^ + d w w') R0 */
-    Model omega[3], z, c[4], turned[3], along;
-    constant(g, 0, &z);
+    Model omega[3], z, c[4], turned[3], tilted[3], along;
+    for (int i = 0; i < 3; i++) linear_model(g, s->Omega + i * g->k, u, h, omega + i);
+    dot_models(g, omega, omega, &z), exponential(g, &z, c);
     for (int i = 0; i < 3; i++) {
-      linear_model(g, s->Omega + i * g->k, u, h, omega + i);
-      product(g, omega + i, omega + i, &e), add(g, &z, 1, &e, &z);
-    }
-    exponential(g, &z, c);
-    for (int i = 0; i < 3; i++) {
-      double b[3] = {s->R0[i], s->R0[3 + i], s->R0[6 + i]};
-      double hat[9] = {0, b[2], -b[1], -b[2], 0, b[0], b[1], -b[0], 0}; /* w -> w x b */
-      combine(g, b, omega, &along);
+      const double *b = s->R0 + i, column[3] = {b[0], b[3], b[6]}, back[3] = {-b[0], -b[3], -b[6]};
+      combine(g, column, omega, &along);
+      cross_constant(g, back, omega, tilted); /* w x b */
       times_model(g, c, R[i], turned);
       for (int l = 0; l < 3; l++) {
-        combine(g, hat + 3 * l, omega, &e), product(g, c + 1, &e, &f), add(g, turned + l, 1, &f, turned + l);
-        product(g, &along, omega + l, &e), product(g, c + 2, &e, &f), add(g, turned + l, 1, &f, turned + l);
+        product(g, &along, omega + l, &angle);
+        add_product(g, c + 1, tilted + l, 1, turned + l), add_product(g, c + 2, &angle, 1, turned + l);
       }
-      for (int l = 0; l < 3; l++) copy(g, turned + l, &R[i][l]);
+      copy_vector(g, turned, R[i]);
     }
     for (int a = 0; a < s->m; a++)
       if (moves(s->turn + 3 * a)) left_jacobian(g, omega, &z, c + 2, c + 3, s->turn + 3 * a, twists[a] + 3);
@@ -163,23 +143,21 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
   }
   for (int a = 0; a < s->m; a++) {
     if (s->around[a] != 0) cross_constant(g, s->a, p, twists[a]), constants(g, s->a, twists[a] + 3);
-    if (s->twirl[a] != 0)
-      for (int i = 0; i < 3; i++) copy(g, &R[2][i], twists[a] + 3 + i);
+    if (s->twirl[a] != 0) copy_vector(g, R[2], twists[a] + 3);
   }
-  for (int i = 0; i < 3; i++) constant(g, s->o[i], &e), add(g, p + i, 1, &e, p + i);
+  constants(g, s->o, place), add_vectors(g, p, 1, place, p);
 }
 
 static void screw_model(const Cell *s, int l, Model (*R)[3], const Model *o, Model *xi) {
   const Space *g = &s->space;
   const Chain *f = s->chain;
   Model axis[3];
-  if (f->level[l])
-    for (int i = 0; i < 3; i++) constant(g, f->a[3 * l + i], axis + i);
+  if (f->level[l]) constants(g, f->a + 3 * l, axis);
   else combine_columns(g, R, f->a + 3 * l, axis);
-  if (f->revolute[l]) cross_models(g, o, axis, xi);
-  for (int i = 0; i < 3; i++) {
-    if (f->revolute[l]) xi[3 + i] = axis[i];
-    else xi[i] = axis[i], constant(g, 0, xi + 3 + i);
+  if (f->revolute[l]) {
+    cross_models(g, o, axis, xi), copy_vector(g, axis, xi + 3);
+  } else {
+    copy_vector(g, axis, xi), constants(g, NO_VECTOR, xi + 3);
   }
 }
 
@@ -187,10 +165,10 @@ static void screw_model(const Cell *s, int l, Model (*R)[3], const Model *o, Mod
 static void joint_model(const Cell *s, int l, const Model *theta, double sign, Model (*R)[3], Model *o) {
   const Space *g = &s->space;
   const Chain *f = s->chain;
-  Model sine, cosine, x[3], e;
+  Model sine, cosine, x[3];
   if (!f->revolute[l]) {
     combine_columns(g, R, f->a + 3 * l, x);
-    for (int i = 0; i < 3; i++) product(g, theta, x + i, &e), add(g, o + i, sign, &e, o + i);
+    for (int i = 0; i < 3; i++) add_product(g, theta, x + i, sign, o + i);
     return;
   }
   sine_cosine(g, theta, &sine, &cosine);
@@ -216,12 +194,11 @@ static void twist_models(const Cell *s, Closure *f, const Model *p) {
   for (int a = 0; a < s->m; a++) {
     Model *x = f->twists[a];
     if (s->angled || s->around[a] != 0) {
-      apply_models(g, f->base, x, v);
-      for (int i = 0; i < 3; i++) copy(g, v + i, x + i);
+      apply_models(g, f->base, x, v), copy_vector(g, v, x);
     } else combine_columns(g, f->base, s->way + 3 * a, x);
     if (moves(s->turn + 3 * a) || s->around[a] != 0 || s->twirl[a] != 0) {
       apply_models(g, f->base, x + 3, w), cross_models(g, p, w, moment);
-      for (int i = 0; i < 3; i++) add(g, x + i, 1, moment + i, x + i), copy(g, w + i, x + 3 + i);
+      add_vectors(g, x, 1, moment, x), copy_vector(g, w, x + 3);
     }
     Lanes size = s->eps * (1 + length_of(x));
     for (int i = 0; i < 6; i++) x[i].r += size;
@@ -235,17 +212,15 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
   Model e[3], y[3], turned[3];
   for (int way = 0; way < 2; way++) {
     Model(*R)[3] = way ? f->base : f->R, *o = way ? f->o : f->tip;
-    for (int i = 0; i < 3; i++) {
-      constant(g, -c->shift[i], o + i);
-      for (int l = 0; l < 3; l++) constant(g, i == l, &R[l][i]);
-    }
+    identity_models(g, R);
+    for (int i = 0; i < 3; i++) constant(g, -c->shift[i], o + i);
     for (int l = way ? c->k - 1 : c->k; way ? l >= 0 : l < c->P; l += way ? -1 : 1) {
       constant(g, c->o[l], &f->theta);
       for (int t = c->first[l]; t < c->first[l + 1]; t++)
         if (c->column[t] < c->n) add(g, &f->theta, c->S[t], Q + c->column[t], &f->theta);
       if (!way) {
         combine_columns(g, R, c->p + 3 * l, e);
-        for (int i = 0; i < 3; i++) add(g, o + i, 1, e + i, o + i);
+        add_vectors(g, o, 1, e, o);
         turn_frame(g, c->R + 9 * l, 0, R);
       }
       screw_model(s, l, R, o, screws + 6 * l);
@@ -253,30 +228,26 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
       if (way) {
         turn_frame(g, c->R + 9 * l, 1, R);
         combine_columns(g, R, c->p + 3 * l, e);
-        for (int i = 0; i < 3; i++) add(g, o + i, -1, e + i, o + i);
+        add_vectors(g, o, -1, e, o);
       }
     }
   }
-  apply_models(g, f->base, f->p, e);
-  for (int i = 0; i < 3; i++) add(g, e + i, 1, f->o + i, e + i);
+  apply_models(g, f->base, f->p, e), add_vectors(g, e, 1, f->o, e);
   twist_models(s, f, e);
-  for (int i = 0; i < 3; i++) add(g, e + i, -1, f->tip + i, e + i);
+  add_vectors(g, e, -1, f->tip, e);
   for (int i = 0; i < 3; i++)
     if (s->slides >> i & 1) { /* no way along an axis of the base that is not controlled */
-      Model along, x;
-      constant(g, 0, &along);
-      for (int l = 0; l < 3; l++) product(g, &f->base[i][l], e + l, &x), add(g, &along, 1, &x, &along);
-      for (int l = 0; l < 3; l++) product(g, &f->base[i][l], &along, &x), add(g, e + l, -1, &x, e + l);
+      Model along;
+      dot_models(g, f->base[i], e, &along);
+      for (int l = 0; l < 3; l++) add_product(g, f->base[i] + l, &along, -1, e + l);
     }
   f->trace = all(s->turned < 3 ? 0 : 3);
-  for (int l = 0; l < 3; l++) constant(g, 0, f->xi + 3 + l);
+  constants(g, NO_VECTOR, f->xi + 3);
   for (int i = s->turned; i < 3; i++) {
     apply_models(g, f->base, f->x[i], y);
     cross_models(g, f->R[i], y, turned);
-    for (int l = 0; l < 3; l++) {
-      f->trace += f->R[i][l].p[0] * y[l].p[0];
-      add(g, f->xi + 3 + l, 1, turned + l, f->xi + 3 + l);
-    }
+    add_vectors(g, f->xi + 3, 1, turned, f->xi + 3);
+    for (int l = 0; l < 3; l++) f->trace += f->R[i][l].p[0] * y[l].p[0];
   }
   if (s->turned == 2) f->trace = 1 + 2 * f->trace; /* the shortest rotation of one axis */
   else
@@ -284,7 +255,7 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
   cross_models(g, f->tip, f->xi + 3, y);
   f->sizes[0] = length_of(f->tip) + s->eps, f->sizes[1] = length_of(e) + s->eps;
   f->sizes[2] = length_of(f->xi + 3) + s->eps;
-  for (int i = 0; i < 3; i++) add(g, e + i, 1, y + i, f->xi + i);
+  add_vectors(g, e, 1, y, f->xi);
   for (int i = 0; i < 6; i++) f->xi[i].r += s->eps * (1 + f->sizes[0]);
 }
 
@@ -746,7 +717,7 @@ static void derivative(const Cell *s, const Model *x, int c, int a, const Lanes 
 static void w_models(const Cell *s, const Model *chart, const Model *eta, const Lanes *h, Model *w, Lanes *steep) {
   const Space *g = &s->space;
   int n = s->chain->n, r = s->r, k = g->k, x = 1 + r;
-  Model slope, part;
+  Model slope;
   for (int i = 0; i < r * s->m * n; i++) steep[i] = all(0);
   for (int f = 0; f < r; f++)
     for (int a = 0; a < s->m; a++) {
@@ -760,9 +731,9 @@ static void w_models(const Cell *s, const Model *chart, const Model *eta, const 
           continue;
         }
         derivative(s, chart + i * x, i * x, a, h, &slope);
-        product(g, normal, &slope, &part), add(g, y, 1, &part, y);
+        add_product(g, normal, &slope, 1, y);
         derivative(s, normal, i * x + 1 + f, a, h, &slope);
-        product(g, &slope, eta + i, &part), add(g, y, -1, &part, y);
+        add_product(g, &slope, eta + i, -1, y);
         steep[(f * s->m + a) * n + i] = most_of(&slope);
       }
     }
@@ -780,14 +751,10 @@ static int turns_with(const Cell *s, int c) {
 /* w - W E for one potential, (6,). */
 static void residual(const Cell *s, const Work *work, const Model *w, const Model *W, Model *rho) {
   const Space *g = &s->space;
-  Model part;
   for (int c = 0; c < 6; c++) {
     if (c < s->m) copy(g, w + c, rho + c);
     else constant(g, 0, rho + c);
-    for (int i = 0; i < (turns_with(s, c) ? 6 : 3); i++) {
-      product(g, W + i, twist_at(s, work, i, c), &part);
-      add(g, rho + c, -1, &part, rho + c);
-    }
+    for (int i = 0; i < (turns_with(s, c) ? 6 : 3); i++) add_product(g, W + i, twist_at(s, work, i, c), -1, rho + c);
   }
 }
 
@@ -811,7 +778,7 @@ static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, 
   const Space *g = &s->space;
   int n = s->chain->n, N = s->chain->N, r = s->r;
   double eps = s->eps;
-  Model rho[6], part;
+  Model rho[6];
   for (int f = 0; f < r; f++) {
     Model *W = work->W + 6 * f;
     const Model *w = work->w + f * s->m;
@@ -841,7 +808,7 @@ static void potential_models(const Cell *s, const Work *work, const Lanes *W_c, 
     for (int i = 0; i < n; i++) {
       Model *V = work->V + f * n + i;
       copy(g, work->chart + i * (1 + r) + 1 + f, V);
-      for (int x = 0; x < 6; x++) product(g, W + x, work->J + x * N + i, &part), add(g, V, -1, &part, V);
+      for (int x = 0; x < 6; x++) add_product(g, W + x, work->J + x * N + i, -1, V);
     }
   }
   for (int i = 0; i < 6; i++) {
@@ -895,10 +862,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   }
   for (int f = 0; f < r; f++) {
     constant(sp, 0, w->label + f);
-    for (int i = 0; i < n; i++) {
-      Model part;
-      product(sp, w->chart + i * x + 1 + f, w->eta + i, &part), add(sp, w->label + f, 1, &part, w->label + f);
-    }
+    for (int i = 0; i < n; i++) add_product(sp, w->chart + i * x + 1 + f, w->eta + i, 1, w->label + f);
   }
   pose_models(s, u, h, w->closure.p, w->closure.x, w->closure.twists);
   chain_models(s, Q, w->screws, &w->closure);

@@ -65,10 +65,20 @@ static void copy(const Space *g, const Model *x, Model *out) {
   out->r = x->r;
 }
 
+static void copy_vector(const Space *g, const Model *x, Model *out) {
+  for (int i = 0; i < 3; i++) copy(g, x + i, out + i);
+}
+
 static void constant(const Space *g, double value, Model *x) {
   for (int m = 1; m < g->M; m++) x->p[m] = all(0);
   x->p[0] = all(value), x->r = x->n[1] = x->n[2] = x->n[3] = all(0);
   x->n[0] = all(fabs(value));
+}
+
+static const double NO_VECTOR[3] = {0};
+
+static void constants(const Space *g, const double *a, Model *out) {
+  for (int i = 0; i < 3; i++) constant(g, a[i], out + i);
 }
 
 /* a x + b y */
@@ -83,6 +93,10 @@ static void add_scaled(const Space *g, double a, const Model *x, double b, const
 /* x + b y */
 static void add(const Space *g, const Model *x, double b, const Model *y, Model *out) {
   add_scaled(g, 1, x, b, y, out);
+}
+
+static void add_vectors(const Space *g, const Model *x, double b, const Model *y, Model *out) {
+  for (int i = 0; i < 3; i++) add(g, x + i, b, y + i, out + i);
 }
 
 static void scale(const Space *g, double a, Model *x) { add_scaled(g, a, x, 0, x, x); }
@@ -114,6 +128,17 @@ static void product(const Space *g, const Model *x, const Model *y, Model *out) 
   }
   out->r = r;
   finish(g, out);
+}
+
+/* out + b x y */
+static void add_product(const Space *g, const Model *x, const Model *y, double b, Model *out) {
+  Model both;
+  product(g, x, y, &both), add(g, out, b, &both, out);
+}
+
+static void dot_models(const Space *g, const Model *x, const Model *y, Model *out) {
+  product(g, x, y, out);
+  for (int i = 1; i < 3; i++) add_product(g, x + i, y + i, 1, out);
 }
 
 /* Sum f_i d^i, d what x differs from its centre by, and fourth |d|^4. */
@@ -186,11 +211,21 @@ static void plane(const Space *g, const Model *sine, const Model *cosine, Model 
 }
 
 static void cross_models(const Space *g, const Model *a, const Model *b, Model *out) {
-  Model x, y;
   for (int i = 0; i < 3; i++) {
     int j = (i + 1) % 3, l = (i + 2) % 3;
-    product(g, a + j, b + l, &x), product(g, a + l, b + j, &y), add(g, &x, -1, &y, out + i);
+    product(g, a + j, b + l, out + i), add_product(g, a + l, b + j, -1, out + i);
   }
+}
+
+/* a x x for constant a */
+static void cross_constant(const Space *g, const double *a, const Model *x, Model *out) {
+  const double hat[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0};
+  for (int i = 0; i < 3; i++) combine(g, hat + 3 * i, x, out + i);
+}
+
+static void identity_models(const Space *g, Model (*R)[3]) {
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < 3; i++) constant(g, i == c, &R[c][i]);
 }
 
 /* R x for constant x; R by columns. */
@@ -206,8 +241,7 @@ static void turn_frame(const Space *g, const double *C, int transposed, Model (*
     for (int i = 0; i < 3; i++) x[i] = transposed ? C[3 * c + i] : C[3 * i + c];
     combine_columns(g, R, x, new[c]);
   }
-  for (int c = 0; c < 3; c++)
-    for (int i = 0; i < 3; i++) copy(g, &new[c][i], &R[c][i]);
+  for (int c = 0; c < 3; c++) copy_vector(g, new[c], R[c]);
 }
 
 /* s x for a vector x */

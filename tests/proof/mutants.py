@@ -181,7 +181,11 @@ CELL_C = {
     "no rest of a series": (_TAYLOR, "r = fourth * most", "r = 0 * most"),
     "the rest of a sum": (_TAYLOR, "fabs(a) * x->r + fabs(b) * y->r", "fabs(a) * x->r"),
     "no fourth derivatives": (_CELL, "out[c].r += v *", "out[c].r += 0 * v *"),
-    "the tilt of the other sign": (_CELL, "{0, b[2], -b[1],", "{0, -b[2], b[1],"),
+    "the tilt of the other sign": (
+        _CELL,
+        "back[3] = {-b[0], -b[3], -b[6]}",
+        "back[3] = {b[0], b[3], b[6]}",
+    ),
     "joints towards the base turn forwards": (
         _CELL,
         "if (sign < 0) scale",
@@ -189,7 +193,7 @@ CELL_C = {
     ),
     "the frame's place forgotten": (
         _CELL,
-        "add(g, e + i, -1, f->tip + i, e + i);",
+        "add_vectors(g, e, -1, f->tip, e);",
         ";",
     ),
     "no rest in J": (
@@ -245,29 +249,32 @@ place."""
 
 ARM_C = {
     "no connection": (
-        "add(g, F[2] + i, -1, F[0] + i, F[2] + i);",
-        "scale(g, 0, F[2] + i), add(g, F[2] + i, -1, F[0] + i, F[2] + i);",
+        "add_vectors(g, F[2], -1, F[0], F[2]);",
+        "constants(g, NO_VECTOR, F[2]), add_vectors(g, F[2], -1, F[0], F[2]);",
     ),
     "the elbow's force without ρ": (
         "product(g, &rho, &lever, &x), times_model",
         "copy(g, &lever, &x), times_model",
     ),
     "r × w for w × r": (
-        "combine(g, hat + 3 * i, w, b + i);",
-        "combine(g, hat + 3 * i, w, b + i), scale(g, -1, b + i);",
+        "cross_constant(g, back, w, b);",
+        "cross_constant(g, d, w, b);",
     ),
     "offsets forgotten": ("constant(g, s->o[l], &theta);", "constant(g, 0, &theta);"),
-    "the connection's sign": ("hat[9] = {0, d[2], -d[1],", "hat[9] = {0, -d[2], d[1],"),
-    "the shoulder": (", scale(g, -1, F[0] + i);", ";"),
+    "the connection's sign": (
+        "back[3] = {-d[0], -d[1], -d[2]}",
+        "back[3] = {-d[0], d[1], -d[2]}",
+    ),
+    "the shoulder": ("scale(g, -1, F[0] + i);", ";"),
     "t on the other side": (
         "add(g, &rho, -1, &along, &x)",
         "add(g, &rho, 1, &along, &x)",
     ),
-    "the wrist's force": ("add(g, F[2] + i, -1, F[0] + i, F[2] + i);", ";"),
-    "the wrist's moment": ("add(g, whole + i, 1, x + i, whole + i);", ";"),
+    "the wrist's force": ("add_vectors(g, F[2], -1, F[0], F[2]);", ";"),
+    "the wrist's moment": ("add_vectors(g, whole, 1, x, whole);", ";"),
     "moments about the base": (
-        "add(g, points[c] + i, -1, f->origin + i, way + i)",
-        "way[i] = points[c][i]",
+        "add_vectors(g, points[c], -1, f->origin, way)",
+        "copy_vector(g, points[c], way)",
     ),
     "prismatic joints": (
         "times_model(g, &theta, f->axis, x);",
@@ -278,7 +285,7 @@ ARM_C = {
         "add(g, V + i, 2, &one, V + i)",
     ),
     "the places of the points": (
-        "add(g, f->o + i, 1, points[c] + i, points[c] + i);",
+        "add_vectors(g, f->o, 1, points[c], points[c]);",
         ";",
     ),
 }
@@ -382,24 +389,24 @@ CELL_V = {
     ),
     "n_ref' dq_ref without F": (
         _CELL,
-        "product(g, &slope, eta + i, &part), add(g, y, -1, &part, y);",
+        "add_product(g, &slope, eta + i, -1, y);",
         ";",
     ),
     "of the other sign": (
         _CELL,
-        "eta + i, &part), add(g, y, -1, &part, y);",
-        "eta + i, &part), add(g, y, 1, &part, y);",
+        "add_product(g, &slope, eta + i, -1, y);",
+        "add_product(g, &slope, eta + i, 1, y);",
     ),
     "no label": (_CELL, "v -= A[i * N + x] * w->label[x - 6].p[m];", ";"),
     "no moment of the twists": (
         _CELL,
-        "add(g, x + i, 1, moment + i, x + i), copy",
-        "copy",
+        "add_vectors(g, x, 1, moment, x), ",
+        "",
     ),
     "the right Jacobian": (
         _CELL,
-        "add(g, out + i, -1, &along, out + i);",
-        "add(g, out + i, 1, &along, out + i);",
+        "add_product(g, d, turned + i, -1, out + i);",
+        "add_product(g, d, turned + i, 1, out + i);",
     ),
     "no second order of it": (_CELL, "add(g, out + i, -W[i], &y, out + i);", ";"),
     "derivatives without their factor": (
