@@ -302,6 +302,33 @@ static void beside_chart(const Cell *s, int rows, int pitch, const double *A, co
   }
 }
 
+/* B (n, rows, N) = A dJ: A has some rows of pitch numbers, and dJ is (n, 6, N). */
+static void rows_times_slopes(const Chain *g, int rows, int pitch, const double *A, const double *dJ,
+                              double *restrict B) {
+  const int N = g->N;
+  for (int j = 0; j < g->n; j++)
+    for (int i = 0; i < rows; i++) {
+      double *restrict row = B + (j * rows + i) * N;
+      for (int c = 0; c < N; c++) row[c] = 0;
+      for (int y = 0; y < 6; y++)
+        for (int c = 0; c < N; c++) row[c] += A[i * pitch + y] * dJ[(j * 6 + y) * N + c];
+    }
+}
+
+/* dJ (n, 6, N) at q. */
+static void slopes_at(const Chain *g, const double *q, double *dJ) {
+  int n = g->n, N = g->N;
+  double still[n], theta[g->P], none[g->P], J[N][6], by_column[n][N][6];
+  char turns[n][N];
+  for (int i = 0; i < n; i++) still[i] = 0;
+  memset(J, 0, sizeof J), memset(by_column, 0, sizeof by_column), memset(turns, 0, sizeof turns);
+  angles_of(g, q, still, theta, none);
+  columns(g, theta, 0, 6, J, by_column, turns);
+  for (int j = 0; j < n; j++)
+    for (int c = 0; c < N; c++)
+      for (int y = 0; y < 6; y++) dJ[(j * 6 + y) * N + c] = by_column[j][c][y];
+}
+
 /* By how much the middle link turns and moves while q is within near of q_ref. */
 static void middle_link(const Cell *s, const Lane *at, const double *near, double *turned, double *moved) {
   const Chain *g = s->chain;
@@ -321,7 +348,7 @@ static void middle_link(const Cell *s, const Lane *at, const double *near, doubl
 static int distance(const Cell *s, const Lane *at, const double *norms, double *D, const double *near, double *Y_) {
   const Chain *g = s->chain;
   int n = g->n, N = g->N;
-  double F[N][N], Y[N][N], DY[N][N], turned, moved;
+  double F[N][N], Y[N][N], turned, moved;
   middle_link(s, at, near, &turned, &moved);
   if (!(at->s < 0.5) || !(at->trace > 1)) return 0;
   double more = at->s > 1e-300 ? fmax(asin(at->s) / at->s, 1) * (1 + 1e-12) : 1, angle = at->s * more;
@@ -332,7 +359,7 @@ static int distance(const Cell *s, const Lane *at, const double *norms, double *
     double load = at->step[i] + norms[2 * i] * linear + norms[2 * i + 1] * angular;
     for (int c = 0; c < N; c++) F[i][c] = load * (1 + s->eps) + 1e-15;
   }
-  if (!enclose(N, s->eps, (double(*)[N])D, F, Y, DY)) return 0;
+  if (!enclose(N, s->eps, (double(*)[N])D, F, Y)) return 0;
   for (int i = 0; i < n; i++) Y_[i] = Y[i][0] * (1 + s->eps);
   return 1;
 }
@@ -400,13 +427,7 @@ static double leaf_margin_along(const Cell *s, const Lane *at, const double *A_,
   for (int i = 0; i < 36; i++) eye[i] = i % 7 == 0;
   for (int i = 0; i < rows * N; i++) beside[i] = 0;
   for (int i = 0; i < 6 * N; i++) plain[i] = 0;
-  for (int j = 0; j < n; j++)
-    for (int c = 0; c < N; c++)
-      for (int i = 0; i < rows; i++) {
-        double v = 0;
-        for (int x = 0; x < 6; x++) v += at->Wrows[i * 6 + x] * dJ[(j * 6 + x) * N + c];
-        BW[(j * rows + i) * N + c] = v;
-      }
+  rows_times_slopes(g, rows, 6, at->Wrows, dJ, BW);
   beside_chart(s, rows, 6, at->Wrows, BW, at->q, at->wide, Y, Y, beside);
   beside_chart(s, 6, 6, eye, dJ, at->q, at->wide, Y, Y, plain);
 
@@ -503,14 +524,10 @@ static int of_frames(const Cell *s, const double *step, const double *most, cons
   int P = g->P;
   double H[P], W[P], before = 0, beyond = 0, V_2 = 0, sum = 0;
   for (int l = 0; l < P; l++) {
-    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
-    double H_R = 0, H_P = 0, L = g->reach[l];
-    for (int p = from; p < to; p++)
-      if (g->revolute[p]) H_R += step[p];
-      else H_P += step[p], L += most[p] + fabs(o[p]);
-    H[l] = g->revolute[l] ? H_R : 0, W[l] = g->revolute[l] ? L * H_R + H_P : H_R;
+    const Between by = between(g, l, step, o, most);
+    H[l] = g->revolute[l] ? by.H_R : 0, W[l] = g->revolute[l] ? by.L * by.H_R + by.H_P : by.H_R;
     if (g->revolute[l]) *(l < g->k ? &before : &beyond) += step[l];
-    if (l >= g->k) V_2 += (g->revolute[l] ? L : 1) * step[l];
+    if (l >= g->k) V_2 += (g->revolute[l] ? by.L : 1) * step[l];
     sum += H[l] * step[l];
   }
   double Omega = before + beyond, away = 1 - Omega, kappa = 0.5 / away;
@@ -535,10 +552,7 @@ static int of_points(const Cell *s, const double *step, double *linear, double *
   if (!(Omega < 0.9)) return 0;
   for (int l = 0; l < P; l++) {
     if (g->level[l]) continue;
-    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
-    double H_R = 0, K = 0;
-    for (int p = from; p < to; p++)
-      if (g->revolute[p]) H_R += step[p];
+    double H_R = between(g, l, step, step, step).H_R, K = 0;
     if (g->revolute[l]) {
       for (int p = l; p < P; p++)
         if (!g->revolute[p]) K += step[p];
@@ -577,12 +591,14 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
 }
 
 /* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. */
-static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], const double *B,
-                         const double *dJ, long box, const Margins *out) {
+static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], long box,
+                         const Margins *out) {
   const Chain *g = s->chain;
   int n = g->n, N = g->N, P = g->P, k = s->space.k;
   double eps = s->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
-  double F[N][N], Z[N][N], DZ[N][N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
+  double F[N][N], Z[N][N], B[n * N * N], dJ[n * 6 * N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
+  slopes_at(g, at->q, dJ);
+  rows_times_slopes(g, N, N, A, dJ, B);
   for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
   for (int i = 0; i < N; i++) norms[2 * i] = norm(A + i * N), norms[2 * i + 1] = norm(A + i * N + 3);
   for (int i = 0; i < N * N; i++) {
@@ -610,7 +626,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) F[i][c] = 1;
   if (!commutator(s, norms, reach, D)) return;
-  if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* F is the only solution within d* of q_ref */
+  if (!enclose(N, eps, (double(*)[N])D, F, Z)) return; /* F is the only solution within d* of q_ref */
   for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
   beside_chart(s, N, N, A, B, at->q, at->wide, Y, Y, R);
   for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
@@ -622,7 +638,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
   }
   for (int i = 0; i < N; i++)
     for (int c = 0; c < N; c++) F[i][c] = fabs(A[i * N + c]) + eps;
-  if (!enclose(N, eps, (double(*)[N])D, F, Z, DZ)) return; /* a right inverse of J */
+  if (!enclose(N, eps, (double(*)[N])D, F, Z)) return; /* a right inverse of J */
   out->leaf[box] = leaf_margin_along(s, at, A, C, dJ, Y, out->V ? out->V + box * s->r * n * (2 + k) : 0);
   if (!(out->leaf[box] > 0)) return;
   for (int i = 0; i < n; i++)
@@ -877,17 +893,11 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   for (int a = 0; a < r; a++)
     for (int i = 0; i < n; i++) w->J[(6 + a) * N + i] = w->chart[i * x + 1 + a];
 
-  double q[LANES][n], zero[n], theta[P], none[P], dJ_[LANES][n * 6 * N], B[LANES][n * N * N], A_[LANES][N * N];
-  double C_[LANES][6][6];
+  double q[LANES][n], A_[LANES][N * N], C_[LANES][6][6];
   int regular[LANES];
-  for (int i = 0; i < n; i++) zero[i] = 0;
   for (int l = 0; l < LANES; l++) {
-    double J[N][6], dJ[n][N][6], M[N][N], E[6][6];
-    char turns[n][N];
+    double M[N][N], E[6][6];
     for (int i = 0; i < n; i++) q[l][i] = Q[i].p[0][l];
-    angles_of(g, q[l], zero, theta, none);
-    memset(J, 0, sizeof J), memset(turns, 0, sizeof turns);
-    columns(g, theta, 0, 6, J, dJ, turns);
     for (int i = 0; i < N; i++)
       for (int c = 0; c < N; c++) M[i][c] = w->J[i * N + c].p[0][l];
     for (int i = 0; i < 6; i++)
@@ -895,15 +905,6 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
     regular[l] = invert(N, M, (double(*)[N])A_[l]) && invert(6, E, C_[l]);
     for (int i = 0; i < 36; i++) C[i / 6][i % 6][l] = regular[l] ? C_[l][i / 6][i % 6] : 0;
     for (int i = 0; i < N * N; i++) A[i][l] = regular[l] ? A_[l][i] : 0;
-    for (int j = 0; j < n; j++)
-      for (int c = 0; c < N; c++) {
-        for (int y = 0; y < 6; y++) dJ_[l][(j * 6 + y) * N + c] = turns[j][c] ? dJ[j][c][y] : 0;
-        for (int i = 0; i < N; i++) {
-          double e = 0;
-          for (int y = 0; y < 6; y++) e += A_[l][i * N + y] * dJ_[l][(j * 6 + y) * N + c];
-          B[l][(j * N + i) * N + c] = e;
-        }
-      }
     for (int f = 0; f < r; f++)
       for (int y = 0; y < 6; y++) {
         double e = 0;
@@ -947,7 +948,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
     lanes_of(l, r * 6, W_away, away_), lanes_of(l, r * 6, rho, rho_), lanes_of(l, 36, off, off_), lanes_of(l, 6 * N, K_most, K_);
     lanes_of(l, r * m_ * n, steep, steep_), lane_of(sp, l, r * n, w->V, V, dV, V_rest);
     for (int i = 0; i < 6 * N; i++) J_[i] = w->J[i].p[0][l], J_most[i] = most_of(w->J + i)[l];
-    one_cell_box(s, &lane, A_[l], C_[l], B[l], dJ_[l], box, out);
+    one_cell_box(s, &lane, A_[l], C_[l], box, out);
   }
 }
 

@@ -16,17 +16,16 @@ static double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] 
 /* The slopes of the tool in the middle link's frame, and a bound of what they leave out. */
 static double tool_slopes(const Chain *g, const double *theta, const double *eta, double (*xi)[6], const double *tip,
                           double (*dd)[3]) {
-  double H_R = 0, H_P = 0, L = g->k < g->P ? g->reach[g->P - 1] : 0, x[3];
+  const Between by = between(g, g->P - 1, eta, theta, eta);
+  double x[3];
   for (int j = 0; j < g->n; j++) dd[j][0] = dd[j][1] = dd[j][2] = 0;
   for (int p = g->k; p < g->P - 1; p++) {
-    if (g->revolute[p]) H_R += eta[p];
-    else H_P += eta[p], L += fabs(theta[p]) + eta[p];
     cross(xi[p] + 3, tip, x);
     for (int t = g->first[p]; t < g->first[p + 1]; t++)
       if (g->column[t] < g->n)
         for (int i = 0; i < 3; i++) dd[g->column[t]][i] += g->S[t] * (x[i] + xi[p][i]);
   }
-  return 0.5 * H_R * H_R * L + H_R * H_P;
+  return 0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P;
 }
 
 /* max |v + x_v| + ratio |w + x_w| over x = sum delta_j slope_j, |delta_j| <= h_j, from above: the smaller of two bounds.

@@ -87,8 +87,8 @@ int invert(int N, double B[N][N], double A[N][N]) {
   return 1;
 }
 
-/* Bound the spectral norm of X (n, r), rows r apart: lambda <= (tr G^256)^(1/256), and >= (tr G^256 / r)^(1/256). */
-static double spectral(int n, int r, const double *X, double *below) {
+/* Bound the spectral norm of X (n, r), rows r apart: lambda <= (tr G^256)^(1/256); it is at least r^(-1/512) of this. */
+static double spectral(int n, int r, const double *X) {
   double G[r][r], H[r][r], scale = 0, power = 1;
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
@@ -98,11 +98,7 @@ static double spectral(int n, int r, const double *X, double *below) {
   for (int t = 0;; t++) {
     double trace = 0;
     for (int a = 0; a < r; a++) trace += G[a][a];
-    if (!(trace > 0) || r == 1 || t == 8) {
-      double top = scale + log(trace) / power;
-      *below = exp(0.5 * (top - log(r) / power));
-      return exp(0.5 * top);
-    }
+    if (!(trace > 0) || r == 1 || t == 8) return exp(0.5 * (scale + log(trace) / power));
     scale += log(trace) / power;
     power *= 2;
     for (int a = 0; a < r; a++)
@@ -204,17 +200,22 @@ void angles_of(const Chain *g, const double *q, const double *half, double *thet
   }
 }
 
+Between between(const Chain *g, int l, const double *moved, const double *at, const double *off) {
+  const int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
+  Between by = {0, 0, g->reach[l]};
+  for (int p = from; p < to; p++)
+    if (g->revolute[p]) by.H_R += moved[p];
+    else by.H_P += moved[p], by.L += fabs(at[p]) + off[p];
+  return by;
+}
+
 /* Remainders of the columns of J in boxes theta +- eta. */
 void remainders_of(const Chain *g, const double *theta, const double *eta, double *linear, double *angular) {
   for (int c = 0; c < g->N; c++) linear[c] = angular[c] = 0;
   for (int l = 0; l < g->P; l++) {
-    int from = l < g->k ? l + 1 : g->k, to = l < g->k ? g->k : l;
-    double H_R = 0, H_P = 0, L = g->reach[l];
-    for (int p = from; p < to; p++)
-      if (g->revolute[p]) H_R += eta[p];
-      else H_P += eta[p], L += fabs(theta[p]) + eta[p];
-    double v = g->revolute[l] ? 0.5 * H_R * H_R * L + H_R * H_P : 0.5 * H_R * H_R;
-    double o = g->revolute[l] && !g->level[l] ? 0.5 * H_R * H_R : 0;
+    const Between by = between(g, l, eta, theta, eta);
+    double v = g->revolute[l] ? 0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P : 0.5 * by.H_R * by.H_R;
+    double o = g->revolute[l] && !g->level[l] ? 0.5 * by.H_R * by.H_R : 0;
     for (int t = g->first[l]; t < g->first[l + 1]; t++)
       linear[g->column[t]] += fabs(g->S[t]) * v, angular[g->column[t]] += fabs(g->S[t]) * o;
   }
@@ -255,8 +256,8 @@ void columns(const Chain *g, const double *theta, int at, int m, double J[g->N][
   }
 }
 
-/* Find Y > 0 with (1 + eps) D Y + F <= (1 - eps) Y, and DY: solved with twice the slack, then checked. */
-int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]) {
+/* Find Y > 0 with (1 + eps) D Y + F <= (1 - eps) Y: solved with twice the slack, then checked. */
+int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N]) {
   double M[N][N];
   for (int i = 0; i < N; i++)
     for (int j = 0; j < N; j++) {
@@ -277,11 +278,12 @@ int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], d
     for (int j = 0; j < N; j++) Y[c][j] /= M[c][c];
   }
   for (int i = 0; i < N; i++) {
-    for (int j = 0; j < N; j++) DY[i][j] = 0;
+    double DY[N];
+    for (int j = 0; j < N; j++) DY[j] = 0;
     for (int l = 0; l < N; l++)
-      for (int j = 0; j < N; j++) DY[i][j] += D[i][l] * Y[l][j];
+      for (int j = 0; j < N; j++) DY[j] += D[i][l] * Y[l][j];
     for (int j = 0; j < N; j++)
-      if (!(Y[i][j] > 0) || !((1 + eps) * DY[i][j] + F[i][j] <= (1 - eps) * Y[i][j])) return 0;
+      if (!(Y[i][j] > 0) || !((1 + eps) * DY[j] + F[i][j] <= (1 - eps) * Y[i][j])) return 0;
   }
   return 1;
 }
@@ -373,7 +375,7 @@ void deviation(int N, int k, int rows, const double *h, double R[N][N], double B
 int enclose_columns(int N, int k, int w, int at, double eps, const double *h, double R[N][N], double D[N][N],
                     double B[k][N][PADDED(N)], char on[k][N], double Z[N][w], double F[N][N], double dZ[k][N][w],
                     double first[N][w], double rough[N][w], double Y[N][N]) {
-  double DY[N][N], S[w][PADDED(N)], second[w][PADDED(N)];
+  double S[w][PADDED(N)], second[w][PADDED(N)];
   memset(second, 0, sizeof second);
   for (int j = 0; j < k; j++) {
     memset(S, 0, sizeof S);
@@ -404,7 +406,12 @@ int enclose_columns(int N, int k, int w, int at, double eps, const double *h, do
       F[i][at + a] += second[a][i];
       for (int c = 0; c < N; c++) F[i][at + a] += R[i][c] * first[c][a] + D[i][c] * rough[c][a];
     }
-  return enclose(N, eps, D, F, Y, DY);
+  return enclose(N, eps, D, F, Y);
+}
+
+static void rotate(double c, double s, double *x, double *y) {
+  const double a = *x, b = *y;
+  *x = c * a - s * b, *y = s * a + c * b;
 }
 
 /* Diagonalise the symmetric G (r, r) by Jacobi's rotations; the columns of O are orthonormal to rounding. */
@@ -417,44 +424,34 @@ static void axes(int r, double G[r][r], double O[r][r]) {
         if (!(fabs(G[a][b]) > 1e-16 * (fabs(G[a][a]) + fabs(G[b][b])))) continue;
         double x = (G[b][b] - G[a][a]) / (2 * G[a][b]);
         double t = (x < 0 ? -1 : 1) / (fabs(x) + sqrt(x * x + 1)), c = 1 / sqrt(t * t + 1), s = t * c;
-        for (int i = 0; i < r; i++) {
-          double y = G[i][a], z = G[i][b];
-          G[i][a] = c * y - s * z, G[i][b] = s * y + c * z;
-          y = O[i][a], z = O[i][b];
-          O[i][a] = c * y - s * z, O[i][b] = s * y + c * z;
-        }
-        for (int i = 0; i < r; i++) {
-          double y = G[a][i], z = G[b][i];
-          G[a][i] = c * y - s * z, G[b][i] = s * y + c * z;
-        }
+        for (int i = 0; i < r; i++) rotate(c, s, &G[i][a], &G[i][b]), rotate(c, s, &O[i][a], &O[i][b]);
+        for (int i = 0; i < r; i++) rotate(c, s, &G[a][i], &G[b][i]);
       }
+}
+
+/* x <- O' x, or |O'| x for bounds, of r numbers that are `apart` from each other. */
+static void turn_by(int r, double O[r][r], int bounds, int apart, double *x) {
+  double y[r];
+  for (int a = 0; a < r; a++) y[a] = x[a * apart], x[a * apart] = 0;
+  for (int a = 0; a < r; a++)
+    for (int b = 0; b < r; b++) x[a * apart] += (bounds ? fabs(O[b][a]) : O[b][a]) * y[b];
 }
 
 /* Turn the gauge of V, and of all that belongs to it, so that T'T is diagonal, T = X - V at the centre. */
 static void turn_gauge(int n, int N, int r, int k, double A[N][N], double V[r][n], double dV[r][n][k],
                        double rest[r][n]) {
   int m = N - r;
-  double G[r][r], O[r][r], x[r], y[r], z[r];
+  double G[r][r], O[r][r];
   for (int a = 0; a < r; a++)
     for (int b = 0; b < r; b++) {
       G[a][b] = 0;
       for (int i = 0; i < n; i++) G[a][b] += (A[i][m + a] - V[a][i]) * (A[i][m + b] - V[b][i]);
     }
   axes(r, G, O);
-  for (int i = 0; i < N; i++) {
-    for (int a = 0; a < r; a++) x[a] = A[i][m + a], A[i][m + a] = 0;
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) A[i][m + a] += O[b][a] * x[b];
-  }
+  for (int i = 0; i < N; i++) turn_by(r, O, 0, 1, A[i] + m);
   for (int i = 0; i < n; i++) {
-    for (int a = 0; a < r; a++) x[a] = V[a][i], y[a] = rest[a][i], V[a][i] = rest[a][i] = 0;
-    for (int a = 0; a < r; a++)
-      for (int b = 0; b < r; b++) V[a][i] += O[b][a] * x[b], rest[a][i] += fabs(O[b][a]) * y[b];
-    for (int j = 0; j < k; j++) {
-      for (int a = 0; a < r; a++) z[a] = dV[a][i][j], dV[a][i][j] = 0;
-      for (int a = 0; a < r; a++)
-        for (int b = 0; b < r; b++) dV[a][i][j] += O[b][a] * z[b];
-    }
+    turn_by(r, O, 0, n, V[0] + i), turn_by(r, O, 1, n, rest[0] + i);
+    for (int j = 0; j < k; j++) turn_by(r, O, 0, n * k, dV[0][i] + j);
   }
 }
 
@@ -465,7 +462,7 @@ static void compare(int n, int N, int r, int k, double eps, const double *h, dou
                     double V[r][n], double dV[r][n][k], double rest[r][n], double defect, double dN[k][N][r],
                     double first[N][r], double e[n][r], const double *share, double X_norm, double *bound, int *split) {
   double slack = 1 + eps, dP[n][r], PT[r][r], both[r][r], M[r][r], part[k];
-  double all[n][r], loose[n][r], wide[n][r], b[r][r], bent[r][r], K[r][r], sum = 0, size = 0, turned = 0, below;
+  double all[n][r], loose[n][r], wide[n][r], b[r][r], bent[r][r], K[r][r], sum = 0, size = 0, turned = 0;
   for (int a = 0; a < r; a++)
     for (int c = 0; c < r; c++) {
       double s = defect;
@@ -560,8 +557,8 @@ static void compare(int n, int N, int r, int k, double eps, const double *h, dou
       }
       K[a][c] += fabs(s) + t + eps * tiny;
     }
-  size = spectral(n, r, &all[0][0], &below) * slack;
-  double most = spectral(r, r, &K[0][0], &below) * slack;
+  size = spectral(n, r, &all[0][0]) * slack;
+  double most = spectral(r, r, &K[0][0]) * slack;
   *bound = (1 - eps) / (sqrt(1 + most * (1 + size * size * slack)) * (1 + 16 * defect) * slack);
   double shares = 0;
   int best = 0;
@@ -579,7 +576,7 @@ int margin_on(int n, int N, int r, int k, double eps, const double *h, double A[
               double B[k][N][PADDED(N)], char on[k][N], double V[r][n], double dV[r][n][k], double rest[r][n], double Y[N][N],
               double *bound, double *center, int *split) {
   int m = N - r;
-  double D[N][N], F[N][N], X[N][r], T[n][r], dN[k][N][r], first[N][r], rough[N][r], e[n][r], share[k], below;
+  double D[N][N], F[N][N], X[N][r], T[n][r], dN[k][N][r], first[N][r], rough[N][r], e[n][r], share[k];
   double defect = eps;
   *bound = 0;
   if (r > 1) turn_gauge(n, N, r, k, A, V, dV, rest);
@@ -596,8 +593,8 @@ int margin_on(int n, int N, int r, int k, double eps, const double *h, double A[
       for (int i = 0; i < n; i++) s += V[a][i] * V[b][i], t += V[a][i] * X[i][b];
       defect += fabs(s) + fabs(t);
     }
-  double X_norm = spectral(n, r, &X[0][0], &below);
-  *center = 1 / below;
+  double X_norm = spectral(n, r, &X[0][0]);
+  *center = pow(r, 1. / 512) / X_norm;
   deviation(N, k, n, h, R, B, on, D, share);
   for (int a = 0; a < r; a++) { /* V's own part of the shares */
     double x = 0;

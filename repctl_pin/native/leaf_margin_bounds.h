@@ -29,6 +29,13 @@ typedef struct Problem {
 
 static inline double norm(const double *x) { return sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]); }
 
+/* What lies between joint l and the middle link while its joints are moved: angles H_R, slides H_P, and the farthest that
+   joint l comes from the middle link, L, with slides within off of at. */
+typedef struct {
+  double H_R, H_P, L;
+} Between;
+Between between(const Chain *g, int l, const double *moved, const double *at, const double *off);
+
 /* Product of six numbers of a row of an inverse and a twist. */
 static inline double dot6(const double *x, const double *d) {
   return x[0] * d[0] + x[1] * d[1] + x[2] * d[2] + x[3] * d[3] + x[4] * d[4] + x[5] * d[5];
@@ -49,7 +56,7 @@ int expand(const Problem *g, const double *q, const double *h, const double *arm
            double V[g->r][g->n], double dV[g->r][g->n][g->n], double rest[g->r][g->n], double *round);
 void deviation(int N, int k, int rows, const double *h, double R[N][N], double B[k][N][PADDED(N)], char on[k][N],
                double D[N][N], double *share);
-int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N], double DY[N][N]);
+int enclose(int N, double eps, double D[N][N], double F[N][N], double Y[N][N]);
 int enclose_columns(int N, int k, int w, int at, double eps, const double *h, double R[N][N], double D[N][N],
                     double B[k][N][PADDED(N)], char on[k][N], double Z[N][w], double F[N][N], double dZ[k][N][w],
                     double first[N][w], double rough[N][w], double Y[N][N]);

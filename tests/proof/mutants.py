@@ -13,18 +13,33 @@ NATIVE = "repctl_pin.native"
 
 SCREWS = {
     "half of a turning joint's rest": (
-        "? 0.5 * H_R * H_R * L + H_R * H_P",
-        "? 0.25 * H_R * H_R * L + H_R * H_P",
+        "? 0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
+        "? 0.25 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
     ),
-    "no product of turning and sliding": ("H_R * L + H_R * H_P", "H_R * L"),
-    "half of that product": ("H_R * L + H_R * H_P", "H_R * L + 0.5 * H_R * H_P"),
-    "minus the product": ("H_R * L + H_R * H_P", "H_R * L - H_R * H_P"),
-    "half of a sliding joint's rest": (": 0.5 * H_R * H_R;\n", ": 0.25 * H_R * H_R;\n"),
-    "half of the angular rest": ("? 0.5 * H_R * H_R : 0", "? 0.25 * H_R * H_R : 0"),
-    "no angular rest": ("? 0.5 * H_R * H_R : 0", "? 0 : 0"),
+    "no product of turning and sliding": (
+        "by.H_R * by.L + by.H_R * by.H_P",
+        "by.H_R * by.L",
+    ),
+    "half of that product": (
+        "by.H_R * by.L + by.H_R * by.H_P",
+        "by.H_R * by.L + 0.5 * by.H_R * by.H_P",
+    ),
+    "minus the product": (
+        "by.H_R * by.L + by.H_R * by.H_P",
+        "by.H_R * by.L - by.H_R * by.H_P",
+    ),
+    "half of a sliding joint's rest": (
+        ": 0.5 * by.H_R * by.H_R;\n",
+        ": 0.25 * by.H_R * by.H_R;\n",
+    ),
+    "half of the angular rest": (
+        "? 0.5 * by.H_R * by.H_R : 0",
+        "? 0.25 * by.H_R * by.H_R : 0",
+    ),
+    "no angular rest": ("? 0.5 * by.H_R * by.H_R : 0", "? 0 : 0"),
     "no lengths of slides": (
-        "H_P += eta[p], L += fabs",
-        "H_P += eta[p], L += 0 * fabs",
+        "by.H_P += moved[p], by.L += fabs",
+        "by.H_P += moved[p], by.L += 0 * fabs",
     ),
 }
 """What is wrong with the remainders of screws: a piece of leaf_margin_bounds.c, and what is put in
@@ -328,12 +343,12 @@ INVERSE_C = {
     ),
     "the tool goes straight": ("norm(Z[i]) * bent)", "0)"),
     "half of its bend": (
-        "0.5 * H_R * H_R * L + H_R * H_P",
-        "0.25 * H_R * H_R * L + H_R * H_P",
+        "0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
+        "0.25 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
     ),
     "no bend of turning and sliding": (
-        "0.5 * H_R * H_R * L + H_R * H_P",
-        "0.5 * H_R * H_R * L",
+        "0.5 * by.H_R * by.H_R * by.L + by.H_R * by.H_P",
+        "0.5 * by.H_R * by.H_R * by.L",
     ),
     "no slide": ("cross(xi[p] + 3, tip, x);", "x[0] = x[1] = x[2] = 0;"),
     "no changes times moves": ("(norm(wide) + norm(z)) * moved", "0"),
