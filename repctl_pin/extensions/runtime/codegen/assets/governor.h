@@ -31,8 +31,8 @@ arm_status arm_governor_start(arm_governor *governor, const double q[ARM_N], dou
  * start was refused, the governor holds: q_next is not written, so it keeps the joints of the last command or of the
  * measurement, and the status is that of the start.
  *
- * target   placement of the frame to move to, as fast as the limits allow; NULL: none
- * twist    velocity (v, omega) of the frame instead, base axes, m/s and rad/s; NULL: none. Without both it stops.
+ * target   placement of each frame to move to, as fast as the limits allow; NULL: none
+ * twist    velocity (v, omega) of each frame instead, base axes, m/s and rad/s; NULL: none. Without both it stops.
  *
  * ARM_OK          the target is reached, or the twist is the one asked for
  * ARM_SLOWED      on the way, as fast as the limits of speed, acceleration and jerk allow
