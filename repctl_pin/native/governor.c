@@ -325,9 +325,8 @@ static int try_stride(const Arm *arm, Governor *g, const Now *now, const double 
   }
   if (bounded) {
     static const double zero[6 * MOST_FRAMES] = {0.0};
-    Course start = course;
     motion++;
-    motion_change(arm, motion, &start, twist, rate, zero, release);
+    motion_change(arm, motion, &course, twist, rate, zero, release);
     if (!plan_append(arm, g, plan, release > 0.02, 1)) return plan_failure(g);
     motion_course_at(arm, motion, release, &course);
     motion_rates(arm, motion, release, twist, rate);

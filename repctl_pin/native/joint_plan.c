@@ -126,7 +126,7 @@ SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[
 }
 
 SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *course) {
-  *course = plan->start;
+  if (!plan->motions) *course = plan->start;
   for (int k = 0; k < plan->motions; k++) {
     const Motion *motion = &plan->motion[k];
     const double end = motion->begin + motion->duration;

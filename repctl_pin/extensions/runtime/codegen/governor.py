@@ -63,7 +63,7 @@ def _structs(file: str, name: str) -> tuple[str, str]:
         public = re.sub(rf"\b{known}\b(?! of)", f"{name}_{known.lower()}", public)
     for macro in macros:
         public = re.sub(rf"\b{macro}\b", f"{big}_{macro}", public)
-    public = re.sub(r"\bMOST_(?=(N|FRAMES)\b)", f"{big}_", public)
+    public = re.sub(r"\bMOST_(?=(N|M|FRAMES)\b)", f"{big}_", public)
     lines = [f"#define {macro} {big}_{macro}" for macro in macros]
     lines += [f"typedef {name}_{known.lower()} {known};" for known in own]
     return public.strip("\n") + "\n", "\n".join(lines) + "\n"

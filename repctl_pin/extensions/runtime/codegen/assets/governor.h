@@ -7,10 +7,11 @@
  *
  *     arm_limits limits;
  *     arm_governor governor;
+ *     arm_pose target[ARM_FRAMES];
  *     arm_governor_limits(&limits);                         the speed limits of the URDF
  *     for (i = 0; i < ARM_N; i++) limits.acceleration[i] = 5.0;
  *     if (arm_governor_start(&governor, q, 0.001, &limits) != ARM_OK) ...
- *     for (;;) status = arm_governor_step(&governor, &target, NULL, q);        send q to the robot
+ *     for (;;) status = arm_governor_step(&governor, target, NULL, q);         send q to the robot
  */
 
 @structs
