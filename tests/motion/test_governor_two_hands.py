@@ -47,7 +47,7 @@ def test_limits_are_kept_and_the_joints_come_back_whatever_came_in(
     for k in range(24):
         target = [moved(x, *rng.normal(size=2) * [0.1, 1.0][k % 2]) for x in home]
         if k % 6 == 4:
-            target[k % 2] = moved(home[0], np.nan, 0.0)
+            target[k // 6 % 2] = moved(home[0], np.nan, 0.0)
         twist = rng.normal(size=(2, 6)) * [0.1, 50.0][k % 2] if k % 3 == 0 else None
         for _ in range(120):
             q, status = governor.step(None if k % 3 == 0 else target, twist)
@@ -119,6 +119,22 @@ def test_two_hands_that_meet_are_stopped_before(tmp_path: Path) -> None:
     assert kept <= bodies.nearest(q).distance < kept + 0.004
     assert governor.nearest_bodies == ("left_3", "right_3")
     assert np.abs(until(governor, inverse.task.placements(Q0))[-1] - Q0).max() < 1e-9
+
+
+@pytest.mark.parametrize("hand", [0, 1])
+def test_an_input_of_one_hand_alone_is_heeded(hand: int, tmp_path: Path) -> None:
+    """In a tick without a plan, too: one in two."""
+    inverse = two_armed(tmp_path)
+    home, twist = inverse.task.placements(Q0), np.zeros((2, 6))
+    twist[hand, 0] = 0.01
+    for x, said in ((0.02, rp.Status.SLOWED), (1e7, rp.Status.BAD_NUMBER)):
+        target = [moved(each, x * (k == hand), 0.0) for k, each in enumerate(home)]
+        governor = governed(inverse)
+        assert governor.step(home)[1] is rp.Status.OK
+        assert governor.step(target)[1] is said
+    governor = governed(inverse)
+    assert governor.step()[1] is rp.Status.OK
+    assert governor.step(twist=twist)[1] is rp.Status.SLOWED
 
 
 def test_wrong_inputs_are_refused_in_one_line(tmp_path: Path) -> None:
