@@ -20,7 +20,7 @@
 #define MOST_JOINTS (arm->joints)
 #define FRAMES (arm->frames)
 #define MOST_N 64 /* joints of an arm in structs */
-#define MOST_FRAMES (MOST_N / 2) /* the same of frames: each has two coordinates at least */
+#define MOST_FRAMES (MOST_N / 2) /* frames of a task in structs: each has two coordinates at least */
 #define TERMS (part->count)
 #define WIDTH ((N - M) * (part->k + 1))
 

@@ -89,10 +89,12 @@ SHARED void course_rates(const Arm *arm, const Course *course, const double twis
 SHARED void course_task_rates(const Arm *arm, const Course *course, double E[]);
 SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Course *course);
 SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[], double rate[]);
-SHARED void motion_begin(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[], double time);
-SHARED void motion_change(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
-                          const double later[], double time);
-SHARED void motion_brake(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[], double time);
+SHARED void motion_begin(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                         double time);
+SHARED void motion_change(const Arm *arm, Motion *motion, const Course *start, const double twist[],
+                          const double rate[], const double later[], double time);
+SHARED void motion_brake(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
+                         double time);
 SHARED void motion_land(const Arm *arm, Motion *motion, const Course *start, const double twist[], const double rate[],
                         const double way[], double time);
 SHARED double longest_landing(double speed, double a);

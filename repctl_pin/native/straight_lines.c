@@ -40,9 +40,8 @@ static void turn_rotation(const double w[3], const double R0[9], double R[9]) {
       R[3 * i + k] = E[3 * i] * R0[k] + E[3 * i + 1] * R0[3 + k] + E[3 * i + 2] * R0[6 + k];
 }
 
-/* Convert a rotation vector and its two derivatives to the angular velocity and its derivative. */
-static void angular_rates(const double w[3], const double w1[3], const double w2[3], double omega[3],
-                          double alpha[3]) {
+/* Convert the two derivatives of a rotation vector, in place, to the angular velocity and its derivative. */
+static void angular_rates(const double w[3], double w1[3], double w2[3]) {
   const double s = w[0] * w[0] + w[1] * w[1] + w[2] * w[2];
   const double rate = 2.0 * (w[0] * w1[0] + w[1] * w1[1] + w[2] * w1[2]);
   double a, b, da, db, c1[3], c2[3], cc1[3], cc2[3], d[3];
@@ -64,8 +63,8 @@ static void angular_rates(const double w[3], const double w1[3], const double w2
   cross(w, c2, cc2);
   cross(w1, c1, d);
   for (int i = 0; i < 3; i++) {
-    omega[i] = w1[i] + a * c1[i] + b * cc1[i];
-    alpha[i] = w2[i] + a * c2[i] + b * (d[i] + cc2[i]) + rate * (da * c1[i] + db * cc1[i]);
+    w1[i] = w1[i] + a * c1[i] + b * cc1[i];
+    w2[i] = w2[i] + a * c2[i] + b * (d[i] + cc2[i]) + rate * (da * c1[i] + db * cc1[i]);
   }
 }
 
@@ -209,19 +208,15 @@ SHARED void motion_course_at(const Arm *arm, const Motion *motion, double t, Cou
 
 /* Evaluate the velocity of a motion in the coordinates of its course, and its derivative. */
 SHARED void motion_rates(const Arm *arm, const Motion *motion, double t, double twist[], double rate[]) {
-  double phi[RATES], first[RATES], second[RATES];
+  double phi[RATES];
   displacement(arm, motion, t, phi);
   for (int i = 0; i < RATES; i++) {
     const double c2 = motion->C[2][i], c3 = motion->C[3][i], c4 = motion->C[4][i], c5 = motion->C[5][i];
-    first[i] = (((5.0 * c5 * t + 4.0 * c4) * t + 3.0 * c3) * t + 2.0 * c2) * t + motion->C[1][i];
-    second[i] = ((20.0 * c5 * t + 12.0 * c4) * t + 6.0 * c3) * t + 2.0 * c2;
-  }
-  for (int i = 0; i < RATES; i++) {
-    twist[i] = first[i];
-    rate[i] = second[i];
+    twist[i] = (((5.0 * c5 * t + 4.0 * c4) * t + 3.0 * c3) * t + 2.0 * c2) * t + motion->C[1][i];
+    rate[i] = ((20.0 * c5 * t + 12.0 * c4) * t + 6.0 * c3) * t + 2.0 * c2;
   }
   for (int i = 3; i < RATES && !CELL_OF(arm); i += 6)
-    angular_rates(phi + i, first + i, second + i, twist + i, rate + i);
+    angular_rates(phi + i, twist + i, rate + i);
 }
 
 /* Begin a motion with a twist and its derivative. */

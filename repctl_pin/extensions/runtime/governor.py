@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -304,9 +303,7 @@ class Governor:
         self._on, self._said = True, Status.OK
 
     def step(
-        self,
-        target: Placement | Sequence[Placement] | None = None,
-        twist: ArrayLike | None = None,
+        self, target: Placement | None = None, twist: ArrayLike | None = None
     ) -> tuple[Array, Status]:
         """Compute the next configuration to command, once per tick of the control loop.
 
@@ -379,9 +376,9 @@ class Governor:
 
 def _as_twists(twist: ArrayLike, task: Task) -> Array:
     """Convert the twists of F frames to an array (6 F,); their numbers need not be finite."""
-    rates, frames = as_numbers(twist), len(task.frames)
-    if rates is None or rates.shape not in ((6 * frames,), (frames, 6)):
-        each = f" for each of {', '.join(task.frames)}" if frames > 1 else ""
+    rates, size = as_numbers(twist), task.twist_size
+    if rates is None or rates.shape not in ((size,), (size // 6, 6)):
+        each = f" for each of {', '.join(task.frames)}" if size > 6 else ""
         raise InputError(
             f"must be 6 numbers (v, ω){each}, m/s and rad/s; got {shown(twist)}",
             argument="twist",
