@@ -338,7 +338,9 @@ class Governor:
             )
         given = 0
         if target is not None:
-            self._target[...] = self._task.as_target(target).homogeneous
+            known = type(target) is self._task.target_type  # its check takes longer
+            placed: Any = target if known else self._task.as_target(target)
+            self._target[...] = placed.homogeneous
             given = _TARGET
         elif twist is not None:
             self._twist[...] = _as_twists(twist, self._task)
@@ -377,13 +379,15 @@ class Governor:
 def _as_twists(twist: ArrayLike, task: Task) -> Array:
     """Convert the twists of F frames to an array (6 F,); their numbers need not be finite."""
     rates, size = as_numbers(twist), task.twist_size
-    if rates is None or rates.shape not in ((size,), (size // 6, 6)):
+    if rates is not None and rates.ndim == 2 and rates.shape[1] == 6:
+        rates = rates.ravel()
+    if rates is None or rates.shape != (size,):
         each = f" for each of {', '.join(task.frames)}" if size > 6 else ""
         raise InputError(
             f"must be 6 numbers (v, ω){each}, m/s and rad/s; got {shown(twist)}",
             argument="twist",
         )
-    return rates.ravel()
+    return rates
 
 
 def _kept_limits(task: Task, limits: Limits) -> JointLimits:
