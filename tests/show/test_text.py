@@ -108,8 +108,8 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         "0 under the repeatable one."
     )
     assert (
-        notes == "The repeatable one takes 0.3 % more joint speed. Joint limits kept. "
-        "Links 13 cm apart or more, in both."
+        notes == "The repeatable one takes 0.3 % more joint speed (rms). "
+        "Joint limits kept. Links 13 cm apart or more, in both."
     )
     exact = [
         span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact

@@ -313,10 +313,10 @@ def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
         subject = capital(under(summaries[-1].label))
         said.append(
-            Span(f"{subject} takes no more joint speed.")
+            Span(f"{subject} takes no more joint speed (rms).")
             if cost.startswith("0")
             else Span(
-                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed."
+                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed (rms)."
             )
         )
     return [
@@ -344,7 +344,8 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
                     "bad",
                 )
             )
-    return said or [Span("Joint limits kept.")]
+    later = any(one.leaves is not None for one in summaries)
+    return said or [Span(f"Joint limits kept{' so far' if later else ''}.")]
 
 
 def _leads(summaries: Sequence[MotionSummary]) -> list[Span]:
