@@ -220,6 +220,14 @@ def test_a_hand_that_is_not_back_is_said() -> None:
     )
 
 
+def test_a_motion_along_an_open_path_is_not_judged_as_a_cycle() -> None:
+    told = words(headline_of([replace(USUAL, hand_off=0.12)], 1))
+    assert told == (
+        "The path is not closed: the hand ends 12 cm from where it began.",
+        "Joint limits kept. Links 13 cm apart or more.",
+    )
+
+
 def test_a_winding_path_is_said_first() -> None:
     """Issue 37, awkward studies: why neither motion closes; nothing, where every part is back."""
     wound = [replace(one, winding=(-1, "theta1")) for one in (USUAL, CLOSED)]
