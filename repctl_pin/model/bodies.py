@@ -213,9 +213,7 @@ class Bodies:
         Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
-        return self._model.least(
-            Q if self._drive is None else self._drive.joints(Q), hulls=hulls
-        )
+        return self._model.least(self._drive.joints(Q), hulls=hulls)
 
 
 def _beside(task: Task, surroundings: str | Path) -> Task:

@@ -470,7 +470,7 @@ def _sample_configurations(task: Task) -> Array:
     Q = np.vstack([q0, np.random.default_rng(0).uniform(low, high, (_SAMPLES, task.n))])
     Q = Q if task.coordinates is None else task.coordinates.coordinates(Q)
     _, drive = task.bodies_model()
-    return Q if drive is None else drive.joints(Q)
+    return drive.joints(Q)
 
 
 def collision_model(task: Task) -> _CollisionModel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +29,23 @@ class Coupling:
     S: Array
     offset: Array
 
+    @cached_property
+    def identity(self) -> bool:
+        """True if all joints are free, in this order; the methods then return their argument."""
+        same = np.array_equal(self.S, np.eye(self.S.shape[1]))
+        return same and not self.offset.any()
+
     def joints(self, Q: Array) -> Array:
         """Compute the positions of all joints (..., N) from those of the free joints (..., n)."""
-        return Q @ self.S.T + self.offset
+        return Q if self.identity else Q @ self.S.T + self.offset
+
+    def rates(self, Qdot: Array) -> Array:
+        """Compute the velocities of all joints (..., N) from those of the free joints (..., n)."""
+        return Qdot if self.identity else Qdot @ self.S.T
+
+    def derivatives(self, J: Array) -> Array:
+        """Convert derivatives along all joints (..., N) to those along the free joints (..., n)."""
+        return J if self.identity else J @ self.S
 
     def leader(self, joint: int) -> int:
         """Return the index of the free joint that drives joint number ``joint`` of the model."""

@@ -137,13 +137,13 @@ class ArmAngle(PotentialBasis):
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Evaluate elbow and wrist relative to the shoulder (3,), each with its Jacobian (3, n)."""
         model, data = self.task.model, self.task._data
-        q, drive = self.task._vector(q), self.task.drive
+        q = self.task._vector(q)
         J = [
-            pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3].copy()
+            self.task.drive.derivatives(
+                pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3]
+            )
             for i in self._ids
         ]
-        if drive is not None:
-            J = [one @ drive.S for one in J]
         pin.framesForwardKinematics(model, data, q)
         p = [data.oMf[i].translation.copy() for i in self._ids]
         return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])

@@ -56,7 +56,7 @@ def bodies_at(task: Task, Q: ArrayLike) -> Array:
         standing = [places[solid.link] for solid in robot.surroundings.collisions]
     Q = np.asarray(Q, float)
     sums = []
-    for q in Q if drive is None else drive.joints(Q):
+    for q in drive.joints(Q):
         pin.forwardKinematics(model, data, q)
         moved = [
             data.oMi[frames[link].parentJoint] * frames[link].placement
