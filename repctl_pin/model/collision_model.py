@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import InputError
 from .body_bounds import BodyBounds
-from .body_reach import body_reach
 from .body_shapes import (
     BodyShape,
     UnusableShape,
@@ -140,11 +139,8 @@ class _CollisionModel:
         return found, which
 
     def reach(self) -> Array:
-        """Bound how far each joint moves the bodies of a pair, see :func:`body_reach`: (P, N)."""
-        shapes = [body.measured for body in self._bodies]
-        return body_reach(
-            self._model, self._joints, self._joint, self._place, shapes, self.pairs
-        )
+        """Bound how far each joint moves the bodies of a pair, see :meth:`BodyBounds.reach`."""
+        return self._bounds.reach(self._joints)
 
     def kept(self, distance: float) -> Array:
         """Return the distance that each pair keeps: (P,), m; 0 if only collisions are checked."""

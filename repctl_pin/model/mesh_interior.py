@@ -102,16 +102,8 @@ class MeshInterior:
         return any(self._contains(point) for point in points)
 
     def _contains(self, point: Array) -> bool:
-        left = {
-            True: len(self._rays) // 2,
-            False: (len(self._rays) - 1) // 2,
-        }  # undecided votes
-        for ray in self._rays:
-            inside = ray.crossings(point) > 0
-            if not left[inside]:
-                return inside
-            left[inside] -= 1
-        return False
+        votes = sum(ray.crossings(point) > 0 for ray in self._rays)
+        return 2 * votes > len(self._rays)
 
 
 class _Ray:

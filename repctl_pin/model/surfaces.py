@@ -307,51 +307,44 @@ def smooth(
         Normals of the faces, whose lengths are proportional to the areas.
     """
     grid = 1e-6 * (_extent(corners) or 1.0)
-    order, starts = grouped(np.round(corners / grid).astype(np.int64))
-    counts = np.diff(starts, append=len(order))
-    place = np.repeat(np.arange(len(starts)), counts)  # of each corner in ``order``
-    face = order // 3
+    point = distinct(np.round(corners / grid).astype(np.int64))[1]  # of each corner
+    count = np.bincount(point)
+    face = np.arange(len(corners)) // 3
     unit_normal = _unit(flat, np.zeros_like(flat))
-    total = _sums(place, flat.take(face, 0), len(starts))  # of all faces at a point
-    direction = _unit(total, total)
-    steep = _dot(unit_normal.take(face, 0), direction.take(place, 0)) < _HALF
-    mixed = (
-        np.bincount(place, steep, len(starts)) > 0
-    )  # some may meet at more than the angle
-    few = counts <= _MANY
-    point = np.empty_like(place)  # of each corner
-    point[order] = place
-    normals = np.where(few[:, None], direction, 0.0).take(point, 0)
-    many = ~few[place]
-    normals[order[many]] = unit_normal[face[many]]
-    _by_pairs(normals, unit_normal, flat, (order, starts, counts), mixed & few)
+    own = unit_normal.take(face, 0)
+    total = _sums(point, flat.take(face, 0), len(count))  # of all faces at a point
+    normals = _unit(total, total).take(point, 0)
+    steep = _dot(own, normals) < _HALF
+    mixed = np.bincount(point, steep) > 0  # some may meet at more than the angle
+    many = count > _MANY
+    normals[many[point]] = own[many[point]]
+    apart = np.flatnonzero((mixed & ~many)[point])
+    _by_pairs(normals, apart, point[apart], unit_normal, flat)
     return normals
 
 
 def _by_pairs(
     normals: NDArray[np.float64],
+    corner: NDArray[np.intp],
+    point: NDArray[np.intp],
     unit_normal: NDArray[np.float64],
     flat: NDArray[np.float64],
-    points: tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]],
-    mixed: NDArray[np.bool_],
 ) -> None:
-    """Write averaged normals of the corners at the ``mixed`` points into ``normals``.
+    """Write averaged normals of some corners, given with their points, into ``normals``.
 
-    At a mixed point, some faces may meet at more than the crease angle. Each corner there averages
-    the normals of the faces within that angle of its own. ``points`` hold the corners in groups:
-    their order, and the start and count of each point.
+    Each corner averages the normals of the faces at its point that are within the crease angle of
+    its own.
     """
-    order, starts, counts = points
-    start, count = starts[mixed], counts[mixed]
-    each = np.repeat(count, count)  # partners of each corner
-    ahead = np.arange(len(each)) - np.repeat(np.cumsum(count) - count, count)
-    corner = order[np.repeat(start, count) + ahead]
-    mine = np.repeat(np.arange(len(each)), each)
-    first = np.repeat(np.repeat(start, count) - (np.cumsum(each) - each), each)
-    partner = order[first + np.arange(len(mine))] // 3
+    order = np.argsort(point, kind="stable")
+    corner, point = corner[order], point[order]
+    starts = np.searchsorted(point, point)  # of the corners at the same point
+    counts = np.searchsorted(point, point, side="right") - starts
+    mine = np.repeat(np.arange(len(corner)), counts)
+    before = np.repeat(np.cumsum(counts) - counts, counts)
+    partner = corner[starts[mine] + np.arange(len(mine)) - before] // 3
     own = unit_normal.take(corner // 3, 0)
     near = _dot(own.take(mine, 0), unit_normal.take(partner, 0)) > _CREASE
-    total = _sums(mine[near], flat.take(partner[near], 0), len(each))
+    total = _sums(mine[near], flat.take(partner[near], 0), len(corner))
     normals[corner] = _unit(total, own)
 
 
@@ -383,39 +376,24 @@ def _unit(
     return np.divide(vectors, length, out=zero.copy(), where=length > 0)
 
 
-def grouped(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Sort the rows of an array (K, k) so that equal rows are consecutive, in their original order.
+def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the distinct rows of an array (K, k).
 
-    The rows are sorted by a hash, which numpy does several times as fast as by their columns; where
-    two different rows share a hash, they are sorted by their columns after all.
+    The rows are compared by a hash of 64 bits, which numpy sorts several times as fast; that two
+    different rows share it is as unlikely as 1e-7 for a million rows.
 
     Returns
     -------
-    order : (K,) array of int
-        Indices of the rows in sorted order.
-    starts : (G,) array of int
-        Indices into ``order`` at which each of G groups of equal rows begins.
+    first : (G,) array of int
+        Index of the first one of each group of equal rows; the groups are in any order.
+    group : (K,) array of int
+        Group of each row.
     """
-    bits = len(rows).bit_length()
-    factors = np.random.default_rng(0).integers(
-        2**62, size=rows.shape[1], dtype=np.int64
-    )
-    hashed = (rows @ (2 * factors + 1)) >> bits  # modulo 2^64
-    order = np.sort(hashed << bits | np.arange(len(rows))) & (2**bits - 1)
-    differs = _differs(rows.take(order, 0))
-    if (differs != _differs(hashed[order, None])).any():
-        order = np.lexsort(rows.T)
-        differs = _differs(rows[order])
-    return order, np.flatnonzero(differs)
-
-
-def _differs(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mark the rows that differ from the row before: mask (K,); the first counts as different."""
-    differs = np.ones(len(rows), bool)
-    differs[1:] = False
-    for column in rows.T:  # faster than any() over so short an axis
-        differs[1:] |= column[1:] != column[:-1]
-    return differs
+    random = np.random.default_rng(0)
+    factors = random.integers(2**62, size=rows.shape[1], dtype=np.int64)
+    hashed = rows @ (2 * factors + 1)  # modulo 2^64
+    _, first, group = np.unique(hashed, return_index=True, return_inverse=True)
+    return first, group
 
 
 def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
@@ -447,22 +425,13 @@ def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
         rows[:, 9:] = np.round(uv * 2**14)
     # each distinct row once, in the order in which the faces first name them: such indices compress
     # well
-    order, starts = grouped(rows)
-    firsts = order[starts]
-    kept = np.zeros(len(rows), bool)
-    kept[firsts] = True
-    first = np.flatnonzero(kept)
-    number = np.cumsum(kept) - 1
-    same = np.empty_like(order)
-    same[order] = np.repeat(number[firsts], np.diff(starts, append=len(order)))
-    at = np.round(points.take(first, 0) / lattice) * lattice * scale
-    faces = same.reshape(-1, 3)
-    shown_uv = uv[first] if textured else None
+    firsts, group = distinct(rows)
+    first = np.sort(firsts)
     return Surface(
-        at,
+        np.round(points.take(first, 0) / lattice) * lattice * scale,
         normals.take(first, 0),
         colors.take(first, 0),
-        faces,
-        shown_uv,
+        np.searchsorted(first, firsts)[group].reshape(-1, 3),
+        uv[first] if textured else None,
         tuple(groups),
     )

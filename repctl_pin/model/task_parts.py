@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
 from .joint_chain import joint_chain
-from .model import frame_id
+from .model import frame_id, frame_placements
 from .several_frames import SeveralFrames
 from .task import Task
 
@@ -29,13 +28,8 @@ def check_configurations(task: Task) -> Array:
 
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
     """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m."""
-    model, data = task.model, task.model.createData()
-    ids = [frame_id(model, name) for name in frames]
-    points = []
-    for q in task._matrix(Q):
-        pin.framesForwardKinematics(model, data, q)
-        points.append([data.oMf[i].translation.copy() for i in ids])
-    return np.array(points).reshape(-1, len(ids), 3)
+    ids = [frame_id(task.model, name) for name in frames]
+    return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]
 
 
 def task_parts(task: Task) -> tuple[Any, ...]:

@@ -18,7 +18,13 @@ from ..arguments import Array, read_only
 from ..errors import InputError
 from .coupling import Coupling
 from .mechanism import Mechanism
-from .model import fixed_placements, link_frames, origin
+from .model import (
+    fixed_placements,
+    frame_placements,
+    link_frames,
+    link_ids,
+    origin,
+)
 from .shapes import Color, find_mesh
 from .validate import MAX_SHAPES, Joint
 
@@ -83,14 +89,15 @@ class Visuals:
 
     shapes: tuple[Shape, ...]
     _model: pin.Model = field(repr=False)
-    _joint: NDArray[np.intp] = field(repr=False)  # (S,)
-    _on_joint: Array = field(repr=False)  # (S, 4, 4)
+    _frame: NDArray[np.intp] = field(repr=False)  # (S,), frame ids
+    _on_frame: Array = field(repr=False)  # (S, 4, 4)
     _coupling: Coupling = field(repr=False)
     _base: int = field(repr=False)  # frame id
 
     @classmethod
     def of(cls, robot: Mechanism) -> Visuals:
         """Collect the shapes of a robot; meshes are looked up in its ``package_dirs``."""
+        ids = link_ids(robot.model)
         links = link_frames(robot.model)
         riding: list[_Placed] = []
         missing = set()  # links whose mesh is missing
@@ -101,18 +108,13 @@ class Visuals:
                 riding.append((shape, place))
         moving = any(links[shape.link].parentJoint > 0 for shape, _ in riding)
         riding += _skeleton(robot, links, missing if moving else links)
-        around = list(_surroundings(robot))
-        joints = [links[shape.link].parentJoint for shape, _ in riding] + [0] * len(
-            around
-        )
-        placed = [links[shape.link].placement * M for shape, M in riding] + [
-            M for _, M in around
-        ]
+        placed = [*riding, *_surroundings(robot)]
+        frames = [0 if shape.standing else ids[shape.link] for shape, _ in placed]
         return cls(
-            shapes=tuple(shape for shape, _ in [*riding, *around]),
+            shapes=tuple(shape for shape, _ in placed),
             _model=robot.model,
-            _joint=np.array(joints, np.intp),
-            _on_joint=np.array([M.homogeneous for M in placed]).reshape(-1, 4, 4),
+            _frame=np.array(frames, np.intp),
+            _on_frame=np.array([M.homogeneous for _, M in placed]).reshape(-1, 4, 4),
             _coupling=robot.coupling,
             _base=robot.base_id,
         )
@@ -135,17 +137,9 @@ class Visuals:
             raise InputError(
                 f"Q has shape {Q.shape}, but this robot has {n} joints; give Q as (T, {n})"
             )
-        model = self._model
-        data = self._model.createData()
-        base = self._model.frames[self._base]
-        joints, which = np.unique(self._joint, return_inverse=True)
-        oMi = np.empty((len(Q), len(joints), 4, 4))
-        for q, rows in zip(self._coupling.joints(Q), oMi, strict=True):
-            pin.forwardKinematics(model, data, q)
-            to_base = (data.oMi[base.parentJoint] * base.placement).inverse()
-            for row, j in zip(rows, joints.tolist(), strict=True):
-                row[:] = (to_base * data.oMi[j]).homogeneous
-        return oMi[:, which] @ self._on_joint
+        Q = self._coupling.joints(Q)
+        frames = frame_placements(self._model, self._frame.tolist(), Q, self._base)
+        return frames @ self._on_frame
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:

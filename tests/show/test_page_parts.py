@@ -15,7 +15,7 @@ import pytest
 from page_file import COLOURS, matrices, summed
 
 import repctl_pin as rp
-from repctl_pin.model.surfaces import grouped, read_surface, smooth
+from repctl_pin.model.surfaces import distinct, read_surface, smooth
 from repctl_pin.show.page.html import differences, pack
 from repctl_pin.show.page.scene import choose_frames, poses_of
 from repctl_pin.show.palette import luminance, readable
@@ -271,33 +271,16 @@ def test_too_many_triangles_are_left_out(tmp_path: Path) -> None:
     assert len(read_surface(tmp_path / "cube.stl", 12).faces) == 12
 
 
-def test_equal_rows_are_grouped_in_their_first_order() -> None:
+def test_equal_rows_are_one_row_the_first_of_them() -> None:
     rng = np.random.default_rng(0)
     for columns, largest in ((1, 3), (3, 4), (11, 2), (3, 2**40)):
         rows = rng.integers(-largest, largest, (500, columns))
-        order, starts = grouped(rows)
-        assert sorted(order) == list(range(500))
-        groups = np.split(order, starts[1:])
-        distinct = np.unique(rows, axis=0)
-        assert len(groups) == len(distinct)
-        for group in groups:
-            assert (rows[group] == rows[group[0]]).all() and (np.diff(group) > 0).all()
-    order, starts = grouped(np.empty((0, 3), np.int64))
-    assert len(order) == len(starts) == 0
-
-
-def test_rows_that_share_a_hash_are_still_told_apart(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    class Constant:
-        def integers(self, *args: object, size: int, dtype: type) -> np.ndarray:
-            return np.zeros(size, dtype)  # the sum of the columns
-
-    monkeypatch.setattr(np.random, "default_rng", lambda seed: Constant())
-    rows = np.array([[1, 2], [2, 1], [1, 2], [0, 3], [2, 1]])
-    order, starts = grouped(rows)
-    groups = {tuple(group) for group in np.split(order, starts[1:])}
-    assert groups == {(0, 2), (1, 4), (3,)}
+        first, group = distinct(rows)
+        assert len(first) == len(np.unique(rows, axis=0))
+        assert (rows[first][group] == rows).all()
+        assert all(np.flatnonzero(group == k)[0] == at for k, at in enumerate(first))
+    first, group = distinct(np.empty((0, 3), np.int64))
+    assert len(first) == len(group) == 0
 
 
 @pytest.mark.parametrize(
