@@ -111,7 +111,7 @@ class _InExecutor:
         self._stream = stream
         self._tick = tick
         self._run = uuid.uuid4().hex
-        self._owners: dict[str, list[int]] = {}
+        self._workers: set[str] = set()  # those that store chunks
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
@@ -119,35 +119,28 @@ class _InExecutor:
         submit = self._executor.submit
         found: dict[int, Sums] = {}
         key = self._run, uuid.uuid4().hex
-        self._collect(
-            [submit(_evaluate_held, key, self._owners, work) for _ in self._owners],
-            found,
-        )
-        left = [(i, piece) for i, piece in enumerate(self._pieces) if i not in found]
-        self._collect(
-            [
-                submit(_evaluate_piece, self._run, i, piece, self._stream, work)
-                for i, piece in left
-            ],
-            found,
-        )
+        held = [submit(_evaluate_held, key, work) for _ in self._workers]
+        self._collect(held, found)
+        built = [
+            submit(_evaluate_piece, self._run, i, piece, self._stream, work)
+            for i, piece in enumerate(self._pieces)
+            if i not in found
+        ]
+        self._collect(built, found)
         return add(found[i] for i in range(len(self._pieces)))
 
     def close(self) -> None:
         """Ask the workers to free the memory of their batches."""
-        for _ in self._owners:
+        for _ in self._workers:
             self._executor.submit(_forget, self._run)
 
     def _collect(self, futures: list[Future[_Answer]], found: dict[int, Sums]) -> None:
         try:
             for future in as_completed(futures):
-                owner, parts = future.result()
+                worker, parts = future.result()
                 found.update(parts)
                 if not self._stream:
-                    held = {i for pieces in self._owners.values() for i in pieces}
-                    self._owners.setdefault(owner, []).extend(
-                        i for i in parts if i not in held
-                    )
+                    self._workers.add(worker)
                 self._tick(len(found) / len(self._pieces))
         finally:
             for future in futures:
@@ -207,10 +200,8 @@ def _evaluate_piece(
     return _me(), {number: work(_held.batches[number])}
 
 
-def _evaluate_held(
-    key: tuple[str, str], owners: dict[str, list[int]], work: _Work
-) -> _Answer:
-    """Evaluate the chunks that this worker stores and owns, once per sum.
+def _evaluate_held(key: tuple[str, str], work: _Work) -> _Answer:
+    """Evaluate the chunks that this worker stores, once per sum.
 
     ``key`` holds the identifiers of the fit and of the sum. A second call for the same sum returns
     no sums.
@@ -219,8 +210,7 @@ def _evaluate_held(
     if getattr(_held, "run", None) != run or _held.answered == sum_id:
         return _me(), {}
     _held.answered = sum_id
-    mine = [i for i in owners.get(_me(), ()) if i in _held.batches]
-    return _me(), {i: work(_held.batches[i]) for i in mine}
+    return _me(), {i: work(batches) for i, batches in _held.batches.items()}
 
 
 def _forget(run: str) -> None:
