@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import read_only
+from ..arguments import Array, read_only
 from ..errors import InputError
 from .visuals import Shape
 
@@ -52,22 +52,15 @@ class Surface:
     points, normals : (V, 3) arrays
         Vertices, m, and their unit normals.
     colors : (V, 3) array
-        Red, green and blue of each vertex, 0 to 1, from the mesh file.
+        Red, green and blue of each vertex, 0 to 1, from the mesh file or its textures.
     faces : (F, 3) array of int
-        Vertex numbers of each triangle, sorted by texture.
-    uv : (V, 2) array or None
-        Texture coordinates; None without textures.
-    groups : tuple of (start, count, image)
-        Ranges of face corners with one texture: first corner, number of corners, and JPEG file,
-        None without a texture.
+        Vertex numbers of each triangle.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     colors: NDArray[np.float64]
     faces: NDArray[np.int64]
-    uv: NDArray[np.float64] | None
-    groups: tuple[tuple[int, int, bytes | None], ...]
 
 
 Surfaces = dict[Path, Surface | InputError]
@@ -75,7 +68,7 @@ Surfaces = dict[Path, Surface | InputError]
 
 
 _ALONE = (".stl", ".dae", ".ply", ".off", ".glb")
-"""Formats of which a file without textures depends on no other file."""
+"""Formats of which a file depends on no other file than its textures."""
 
 _KEPT_FACES = 300_000
 _kept: dict[tuple[Path, int, int], Surface] = {}
@@ -95,7 +88,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
     key = path, changed, most
     if key not in _kept:
         surface = _read(path, most)
-        if path.suffix.lower() not in _ALONE or surface.uv is not None:
+        if path.suffix.lower() not in _ALONE:
             return surface
         if sum(len(each.faces) for each in _kept.values()) > _KEPT_FACES:
             _kept.clear()
@@ -136,9 +129,10 @@ def _read(path: Path, most: int) -> Surface:
         raise InputError(
             f"mesh {path} cannot be read ({type(error).__name__}: {error})"
         ) from error
-    if not any(len(piece["points"]) for piece in pieces):
+    if not any(len(points) for points, *_ in pieces):
         raise InputError(f"mesh {path} holds no triangles")
-    return _join(pieces, scale)
+    points, normals, colors = map(np.concatenate, zip(*pieces, strict=True))
+    return _join(points, normals, colors, scale)
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
@@ -227,10 +221,10 @@ def unit(data: bytes) -> float:
     return meters
 
 
-def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
-    """Extract one mesh of a trimesh scene, as arrays with one row per face corner (3F).
+def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Array]:
+    """Extract the points of one mesh of a trimesh scene, their normals and colours.
 
-    Points are in the file's frame and unit.
+    Each array has one row per face corner (3F). Points are in the file's frame and unit.
     """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
@@ -245,50 +239,25 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> dict[str, Any]:
     faces, flat = faces[real], flat[real]
     corners = faces.ravel()
     places = points.take(corners, 0)
-    colors, uv, image = _look(mesh, corners)
-    normals = smooth(places, flat)
-    return {
-        "points": places,
-        "normals": normals,
-        "colors": colors,
-        "uv": uv,
-        "image": image,
-    }
+    return places, smooth(places, flat), _colors(mesh, corners)
 
 
-def _look(
-    mesh: Any, corners: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], Any, bytes | None]:
-    """Read the colours (3F, 3) of face corners, their texture coordinates and the texture.
+def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there."""
+    from trimesh.visual.color import uv_to_color
 
-    The coordinates and the texture are None for a mesh without texture.
-    """
     visual = mesh.visual
-    if visual.kind == "texture":
-        material = visual.material
-        color = np.asarray(material.main_color, float)[:3] / 255
-        image = getattr(material, "baseColorTexture", None) or getattr(
-            material, "image", None
-        )
-        if image is not None and visual.uv is not None:
-            return (
-                np.ones((len(corners), 3)),
-                np.asarray(visual.uv, float)[corners],
-                _compressed(image),
-            )
-        return np.broadcast_to(color, (len(corners), 3)), None, None
     if visual.kind in ("vertex", "face"):
-        return np.asarray(visual.vertex_colors, float)[corners, :3] / 255, None, None
-    return np.full((len(corners), 3), 0.8), None, None
-
-
-def _compressed(image: Any) -> bytes:
-    """Convert an image to JPEG, at most 1024 pixels wide and high."""
-    image = image.convert("RGB")
-    image.thumbnail((1024, 1024))
-    file = io.BytesIO()
-    image.save(file, "JPEG", quality=85)
-    return file.getvalue()
+        return np.asarray(visual.vertex_colors, float)[corners, :3] / 255
+    if visual.kind != "texture":
+        return np.full((len(corners), 3), 0.8)
+    material = visual.material
+    pictures = (getattr(material, name, None) for name in ("baseColorTexture", "image"))
+    image = next(filter(None, pictures), None)
+    if image is None or visual.uv is None:
+        color = np.asarray(material.main_color, float)[:3] / 255
+        return np.broadcast_to(color, (len(corners), 3))
+    return uv_to_color(visual.uv, image)[corners, :3] / 255
 
 
 def smooth(
@@ -396,42 +365,18 @@ def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp
     return first, group
 
 
-def _join(pieces: list[dict[str, Any]], scale: float) -> Surface:
-    """Join meshes into one surface, grouped by texture, with each distinct vertex stored once."""
-    images = list(dict.fromkeys(piece["image"] for piece in pieces))
-    pieces = sorted(pieces, key=lambda piece: images.index(piece["image"]))
-    groups, start = [], 0
-    for image in images:
-        count = sum(len(p["points"]) for p in pieces if p["image"] == image)
-        groups.append((start, count, image))
-        start += count
-    points, normals, colors = (
-        np.concatenate([p[k] for p in pieces]) for k in ("points", "normals", "colors")
-    )
-    textured = any(image is not None for image in images)
+def _join(points: Array, normals: Array, colors: Array, scale: float) -> Surface:
+    """Make the surface of face corners (3F, 3), with each distinct vertex stored once."""
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0
-    rows = np.empty((len(points), 11 if textured else 9), np.int64)
-    rows[:, :3] = np.round(points / lattice)
-    rows[:, 3:6] = np.round(normals * 127)
-    rows[:, 6:9] = np.round(colors * 255)
-    if textured:
-        uv = np.concatenate(
-            [
-                np.zeros((len(p["points"]), 2)) if p["uv"] is None else p["uv"]
-                for p in pieces
-            ]
-        )
-        rows[:, 9:] = np.round(uv * 2**14)
+    steps = np.hstack([points / lattice, normals * 127, colors * 255])
     # each distinct row once, in the order in which the faces first name them: such indices compress
     # well
-    firsts, group = distinct(rows)
+    firsts, group = distinct(np.round(steps).astype(np.int64))
     first = np.sort(firsts)
     return Surface(
         np.round(points.take(first, 0) / lattice) * lattice * scale,
         normals.take(first, 0),
         colors.take(first, 0),
         np.searchsorted(first, firsts)[group].reshape(-1, 3),
-        uv[first] if textured else None,
-        tuple(groups),
     )

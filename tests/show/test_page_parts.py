@@ -183,27 +183,25 @@ DAE = """<?xml version="1.0"?>
 def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
     from PIL import Image
 
-    Image.new("RGB", (8, 8), (0, 200, 0)).save(tmp_path / "paint.png")
+    paint = Image.new("RGB", (8, 8), (255, 255, 255))
+    colors = {(0, 7): (153, 102, 51), (7, 0): (0, 0, 255), (0, 0): (0, 255, 0)}
+    for pixel, color in colors.items():  # counted from the top left corner
+        paint.putpixel(pixel, color)
+    paint.save(tmp_path / "paint.png")
     (tmp_path / "two.dae").write_text(DAE)
     surface = read_surface(tmp_path / "two.dae")
     # a plate of 1 m × 2 m, lifted by 0.5 m; up_axis is not obeyed, as nowhere in ROS
     np.testing.assert_allclose(surface.points.min(0), [0, 0, 0.5], atol=1e-4)
     np.testing.assert_allclose(surface.points.max(0), [1, 2, 0.5], atol=1e-4)
-    by_texture = {
-        image is not None: (start, count) for start, count, image in surface.groups
-    }
-    assert len(surface.groups) == 2
-    start, count = by_texture[False]
-    red = surface.faces.ravel()[start : start + count]
-    np.testing.assert_allclose(
-        surface.colors[red], np.tile([1.0, 0, 0], (3, 1)), atol=1e-9
-    )
-    start, count = by_texture[True]
-    painted = surface.faces.ravel()[start : start + count]
-    assert surface.uv is not None
-    np.testing.assert_allclose(
-        surface.uv[painted], surface.points[painted, :2] / [1, 2], atol=1e-4
-    )
+    red, green, blue, brown = np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], [0.6, 0.4, 0.2]
+    places = {(0, 0): brown, (1, 2): blue, (0, 2): green}  # of the texture
+    plain, painted = surface.faces
+    assert (surface.colors[plain] == red).all()
+    for point, color in zip(
+        surface.points[painted], surface.colors[painted], strict=True
+    ):
+        wanted = places[tuple(np.round(point[:2]).astype(int).tolist())]
+        np.testing.assert_allclose(color, wanted, atol=1e-2)
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
