@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
-from .shapes import Solid, find_mesh
+from .shapes import Shape, find_mesh
 
 if TYPE_CHECKING:
     from .mesh_interior import MeshInterior, MeshParts
@@ -115,7 +115,7 @@ class BodyShape:
 
 
 def body_shape(
-    solid: Solid, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
+    solid: Shape, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
 ) -> BodyShape:
     """Create the collision body of a shape of the URDF; ``standing`` marks the surroundings.
 
@@ -140,7 +140,7 @@ def body_shape(
         raise UnusableShape(f"mesh {solid.filename!r} {error}") from error
 
 
-def _primitive(solid: Solid) -> BodyShape:
+def _primitive(solid: Shape) -> BodyShape:
     """Create the body of a box, sphere, cylinder or capsule.
 
     One edge of a box and the length of a cylinder or capsule can be 0.

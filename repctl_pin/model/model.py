@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ..arguments import Array
 from ..errors import unknown
-from .shapes import Solid
+from .shapes import Shape
 from .validate import Description, Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -60,7 +60,7 @@ def frame_placements(
     return placed[:, which] @ np.array(on_joint).reshape(-1, 4, 4)
 
 
-def origin(solid: Solid) -> pin.SE3:
+def origin(solid: Shape) -> pin.SE3:
     """Compute the placement of a shape relative to its link."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(solid.rpy)), np.array(solid.xyz))
 

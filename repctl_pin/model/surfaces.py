@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .visuals import Shape
+from .shapes import Shape
 
 KINDS = (".stl", ".dae", ".obj", ".ply", ".off", ".glb", ".gltf")
 """Mesh formats that are read. Archives are not: a few bytes can expand to gigabytes."""

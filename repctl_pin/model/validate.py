@@ -15,7 +15,7 @@ from lxml import etree
 
 from ..errors import UrdfError
 from .rules import NO_EFFORT, NO_LIMIT, axis_of, check, finite, leader, number
-from .shapes import Solid, shapes_of
+from .shapes import Shape, shapes_of
 from .xml import line, parse, short
 
 _MAX_BYTES = 5_000_000
@@ -60,9 +60,9 @@ class Description:
     ----------
     root : str
         Root link, which has no parent joint.
-    shapes : tuple of Solid
+    shapes : tuple of Shape
         Visual shapes to draw.
-    collisions : tuple of Solid
+    collisions : tuple of Shape
         All collision shapes of the file.
     meshes : tuple of str
         Visual mesh files, as written in the file, without duplicates.
@@ -80,8 +80,8 @@ class Description:
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
     root: str
-    shapes: tuple[Solid, ...]
-    collisions: tuple[Solid, ...]
+    shapes: tuple[Shape, ...]
+    collisions: tuple[Shape, ...]
     meshes: tuple[str, ...]
     notes: tuple[str, ...]
     xml: str

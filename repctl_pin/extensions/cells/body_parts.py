@@ -14,7 +14,7 @@ from ...arguments import Array
 from ...certificate import fingerprint
 from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
-from ...model.shapes import Solid, find_mesh
+from ...model.shapes import Shape, find_mesh
 from ...model.task import Task
 from ...model.validate import Description
 
@@ -70,7 +70,7 @@ def bodies_at(task: Task, Q: ArrayLike) -> Array:
 
 
 def _solid(
-    solid: Solid, description: Description, package_dirs: tuple[str, ...]
+    solid: Shape, description: Description, package_dirs: tuple[str, ...]
 ) -> tuple[object, ...]:
     """Return a shape as plain data, with the content of its mesh file."""
     mesh = None

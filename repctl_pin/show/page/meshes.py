@@ -15,8 +15,8 @@ import umsgpack
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
+from ...model.shapes import Shape
 from ...model.surfaces import Surface, Surfaces
-from ...model.visuals import Shape
 
 Key = tuple[Any, ...]
 """Identity of a body: its mesh file, or kind and size; not its scale, colour or placement."""
