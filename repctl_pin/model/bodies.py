@@ -17,7 +17,7 @@ from ..arguments import Array, as_configurations, require_type, vector
 from .model import link_frames
 from .robot import read_surroundings
 from .task import Task
-from .validate import MAX_SHAPES
+from .urdf import MAX_SHAPES
 
 if TYPE_CHECKING:
     from .collision_model import Pair

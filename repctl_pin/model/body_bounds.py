@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from .validate import Joint
+from .urdf import Joint
 
 _Index = NDArray[np.intp]
 

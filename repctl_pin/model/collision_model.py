@@ -27,7 +27,7 @@ from .catalogue import disabled_pairs
 from .model import fixed_placements, link_frames, origin
 from .shapes import find_mesh
 from .task import Task
-from .validate import Description
+from .urdf import Description
 
 Pair = tuple[str, str]
 _Mask = NDArray[np.bool_]

@@ -10,7 +10,7 @@ import pinocchio as pin
 from ..arguments import Array
 from ..errors import unknown
 from .shapes import Shape
-from .validate import Description, Joint
+from .urdf import Description, Joint
 
 SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

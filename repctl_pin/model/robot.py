@@ -23,10 +23,9 @@ from .catalogue import (
     reference_posture,
     urdf_folder,
 )
-from .coupling import couple, limits, pose
 from .end_effectors import arm_ends, is_sensor, task_links
 from .kind import Kind, KindName, task_kind
-from .mechanism import Mechanism
+from .mechanism import Mechanism, couple, limits, pose
 from .model import (
     frame_id,
     frame_placements,
@@ -36,8 +35,8 @@ from .model import (
 )
 from .shapes import find_mesh
 from .task import Task
-from .validate import Description, check_surroundings, read_urdf
-from .xml import short
+from .urdf import Description, check_surroundings, read_urdf
+from .urdf_xml import short
 
 
 class Robot(Mechanism):

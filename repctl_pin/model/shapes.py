@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from .rules import numbers
+from .urdf_rules import numbers
 
 Color = tuple[float, float, float, float]
 

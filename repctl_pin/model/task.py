@@ -30,9 +30,8 @@ from .chain_formulas import (
     chain_hessians,
     require_rotation,
 )
-from .coupling import Coupling
 from .kind import Kind
-from .mechanism import Mechanism
+from .mechanism import Coupling, Mechanism
 from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_between
 
 if TYPE_CHECKING:

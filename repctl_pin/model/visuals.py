@@ -19,8 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ..arguments import Array, read_only
 from ..errors import InputError
-from .coupling import Coupling
-from .mechanism import Mechanism
+from .mechanism import Coupling, Mechanism
 from .model import (
     fixed_placements,
     frame_placements,
@@ -29,7 +28,7 @@ from .model import (
     origin,
 )
 from .shapes import Color, Shape, find_mesh
-from .validate import MAX_SHAPES, Description, Joint
+from .urdf import MAX_SHAPES, Description, Joint
 
 if TYPE_CHECKING:
     from .surfaces import Surface, Surfaces

@@ -16,7 +16,7 @@ from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
 from ...model.shapes import Shape, find_mesh
 from ...model.task import Task
-from ...model.validate import Description
+from ...model.urdf import Description
 
 
 def shapes_fingerprint(task: Task) -> str:
