@@ -268,16 +268,16 @@ def evaluated(
     InputError
         If it does not; the message calls its result ``what``, and gives q.
     """
-    wanted = " × ".join(map(str, shape)) + " finite numbers"
+    required = " × ".join(map(str, shape)) + " finite numbers"
     try:
         values, why = np.array(function(q, *more), dtype=float), ""
     except (TypeError, ValueError, IndexError) as error:
         values, why = np.full(shape, np.nan), f": {error}"
     if not shape:
-        wanted = "one finite number"
+        required = "one finite number"
         values = values.reshape(()) if values.size == 1 else values
     if values.shape != shape or not np.isfinite(values).all():
-        raise InputError(f"{what} must be {wanted}; at q = {row(q)} it is not{why}")
+        raise InputError(f"{what} must be {required}; at q = {row(q)} it is not{why}")
     return values
 
 

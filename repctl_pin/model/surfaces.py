@@ -287,8 +287,8 @@ def smooth(
     mixed = np.bincount(point, steep) > 0  # some may meet at more than the angle
     many = count > _MANY
     normals[many[point]] = own[many[point]]
-    apart = np.flatnonzero((mixed & ~many)[point])
-    _by_pairs(normals, apart, point[apart], unit_normal, flat)
+    uneven = np.flatnonzero((mixed & ~many)[point])
+    _by_pairs(normals, uneven, point[uneven], unit_normal, flat)
     return normals
 
 
