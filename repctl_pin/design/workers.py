@@ -88,16 +88,15 @@ def hand_out(
         _Piece(payload, Q[i : i + size], weights[i : i + size], batch)
         for i in range(0, len(Q), size)
     ]
-    if isinstance(executor, Executor):
-        return _InExecutor(pieces, executor, stream, tick)
-    if "distributed" in sys.modules and isinstance(
-        executor, sys.modules["distributed"].Client
-    ):
-        return _OnCluster(pieces, executor, stream, tick)
-    raise InputError(
-        "executor= takes a concurrent.futures Executor or a Dask Client, "
-        f"not {type(executor).__name__}"
-    )
+    dask = sys.modules.get("distributed")
+    if dask is not None and isinstance(executor, dask.Client):
+        executor = executor.get_executor(pure=False)  # never an earlier sum's result
+    if not isinstance(executor, Executor):
+        raise InputError(
+            "executor= takes a concurrent.futures Executor or a Dask Client, "
+            f"not {type(executor).__name__}"
+        )
+    return _InExecutor(pieces, executor, stream, tick)
 
 
 class _InExecutor:
@@ -147,42 +146,7 @@ class _InExecutor:
                 future.cancel()
 
 
-class _OnCluster:
-    """Batches that Dask workers build and evaluate; each stays, as a future, on its worker."""
-
-    def __init__(
-        self, pieces: list[_Piece], client: Client, stream: bool, tick: Tick
-    ) -> None:
-        self._client, self._tick = client, tick
-        self._batches: list[Any] = (
-            pieces
-            if stream
-            else [client.submit(list, piece, pure=False) for piece in pieces]
-        )
-
-    def total(self, function: Sum, *arguments: Any) -> Sums:
-        """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item."""
-        work = partial(over, function=function, arguments=arguments)
-        futures = [
-            self._client.submit(work, batches, pure=False) for batches in self._batches
-        ]
-        parts: list[Sums] = []
-        try:
-            for future in futures:
-                parts.append(future.result())
-                self._tick(len(parts) / len(futures))
-        finally:
-            if len(parts) < len(futures):
-                self._client.cancel(futures)
-        return add(parts)
-
-    def close(self) -> None:
-        """Release the futures, so that the workers free the memory of their batches."""
-        self._batches = []
-
-
-# ---- what runs on a worker
-# ------------------------------------------------------------------------
+# ---- what runs on a worker ----
 
 
 def _evaluate_piece(
