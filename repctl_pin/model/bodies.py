@@ -166,16 +166,13 @@ class Bodies:
                 f"the surroundings have {count} shapes: "
                 f"all are measured, the first {MAX_SHAPES} are drawn"
             )
-        overlap = [pair for pair in self.touching if self.standing & {*pair}]
-        if overlap:
-            notes.append(
-                f"{_listed(overlap)} overlap at every sampled configuration; they are not checked"
-            )
-        inside = [pair for pair in self.touching if not self.standing & {*pair}]
-        if inside:
-            notes.append(
-                f"{_listed(inside)} overlap at every sampled configuration; they are not checked"
-            )
+        outer = [pair for pair in self.touching if self.standing & {*pair}]
+        inner = [pair for pair in self.touching if not self.standing & {*pair}]
+        notes += [
+            f"{_listed(pairs)} overlap at every sampled configuration; they are not checked"
+            for pairs in (outer, inner)
+            if pairs
+        ]
         if self.disabled:
             pairs = (
                 "1 pair" if len(self.disabled) == 1 else f"{len(self.disabled)} pairs"

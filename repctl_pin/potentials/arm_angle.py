@@ -15,12 +15,11 @@ from ..arguments import (
     vector,
 )
 from ..errors import InputError, SingularityError
-from ..model.model import frame_id
+from ..model.model import SHARED, frame_id
 from ..model.several_frames import one_frame
 from ..model.task import Task, require_task
 from .basis import PotentialBasis
 
-_SHARED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _SINGULAR = 1e-6
 
 
@@ -140,7 +139,7 @@ class ArmAngle(PotentialBasis):
         q = self.task._vector(q)
         J = [
             self.task.drive.derivatives(
-                pin.computeFrameJacobian(model, data, q, i, _SHARED)[:3]
+                pin.computeFrameJacobian(model, data, q, i, SHARED)[:3]
             )
             for i in self._ids
         ]
