@@ -68,6 +68,7 @@ _NOT_NEGATIVE = _NEEDED | {
     ("limit", "velocity"),
     ("limit", "effort"),
 }
+_NEEDED |= {("inertia", entry) for entry in _NUMBERS["inertia"]}
 _ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
 
 
@@ -215,14 +216,6 @@ def _check_body(link: etree._Element) -> None:
         for tag in ("mass", "inertia"):
             if inertial.find(tag) is None:
                 raise bad(inertial, f"has no <{tag}>; add it, or delete the <inertial>")
-        for inertia in inertial.findall("inertia"):
-            lacking = [
-                attribute
-                for attribute in _NUMBERS["inertia"]
-                if inertia.get(attribute) is None
-            ]
-            if lacking:
-                raise bad(inertia, f"has no {', '.join(lacking)}; add it")
     for visible in (*link.findall("visual"), *link.findall("collision")):
         geometry = visible.find("geometry")
         shapes = [] if geometry is None else [child.tag for child in geometry]
