@@ -168,7 +168,7 @@ def _skeleton(
     draw
         Names of the links to draw.
     """
-    thick = 0.02 * (_extent(robot, links) or 1.0)
+    thick = 0.02 * (_extent(robot) or 1.0)
     for joint in robot.description.joints:
         place = _joint_origin(robot.model, links, joint)
         length = float(np.linalg.norm(place.translation))
@@ -219,14 +219,11 @@ def _joint_origin(
     return parent.placement.inverse() * model.jointPlacements[child.parentJoint]
 
 
-def _extent(robot: Mechanism, links: dict[str, pin.Frame]) -> float:
+def _extent(robot: Mechanism) -> float:
     """Compute the diagonal of the box around all link origins at the reference pose, m."""
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.coupling.joints(robot.reference))
-    points = [
-        (data.oMi[f.parentJoint] * f.placement).translation for f in links.values()
-    ]
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
+    q = robot.coupling.joints(robot.reference)
+    placed = frame_placements(robot.model, link_ids(robot.model).values(), q[None])
+    return float(np.linalg.norm(np.ptp(placed[0, :, :3, 3], axis=0)))
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
