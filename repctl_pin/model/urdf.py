@@ -73,8 +73,8 @@ class Description:
         leader's name lacks its prefix, limits that may be in degrees.
     xml : str
         URDF for Pinocchio: continuous joints are revolute ones with limits of ±``NO_LIMIT``; planar
-        and floating joints are split, so that every joint has one coordinate; relative mesh names
-        are absolute; only links, joints and materials remain.
+        and floating joints are split, so that every joint has one coordinate; only joints, links
+        and their inertias remain.
     """
 
     name: str
@@ -147,7 +147,7 @@ def read_urdf(
             dict.fromkeys(shape.filename for shape in shapes if shape.filename)
         ),
         notes=tuple(_one_line(note) for note in [*notes, *_degrees(joints)]),
-        xml=_for_pinocchio(robot, joints, path.absolute().parent),
+        xml=_for_pinocchio(robot, joints),
     )
 
 
@@ -300,9 +300,7 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     ]
 
 
-def _for_pinocchio(
-    robot: etree._Element, joints: tuple[Joint, ...], folder: Path
-) -> str:
+def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
     """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree."""
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
@@ -320,11 +318,8 @@ def _for_pinocchio(
         limit.set("lower", repr(max(joint.lower, -NO_LIMIT)))
         limit.set("upper", repr(min(joint.upper, NO_LIMIT)))
         limit.set("velocity", repr(min(joint.velocity, NO_LIMIT)))
-    _tidy_materials(robot)
-    for mesh in robot.iter("mesh"):
-        name = mesh.get("filename")
-        if "://" not in name and not Path(name).is_absolute():
-            mesh.set("filename", str(folder / name))
+    for look in robot.xpath("link/visual | link/collision | material"):
+        look.getparent().remove(look)
     return etree.tostring(robot, encoding="unicode")
 
 
@@ -338,31 +333,6 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
                 f"rgba = {short(color.get('rgba'))} is not 4 numbers"
             )
             color.getparent().remove(color)
-
-
-def _tidy_materials(robot: etree._Element) -> None:
-    """Remove materials without a colour or a texture, which Pinocchio warns about."""
-    for color in [c for c in robot.iter("color") if c.get("rgba") is None]:
-        color.getparent().remove(color)
-    colored = {
-        material.get("name")
-        for material in robot.iter("material")
-        if _has_look(material)
-    }
-    for material in [m for m in robot.iter("material") if not _has_look(m)]:
-        if material.getparent() is robot or material.get("name") not in colored:
-            material.getparent().remove(material)
-    for material in robot.iterfind("link/visual/material"):
-        material.set(
-            "name", material.get("name", "")
-        )  # else Pinocchio drops a shape with an unnamed colour
-
-
-def _has_look(material: etree._Element) -> bool:
-    return (
-        material.find("color") is not None
-        or material.find("texture[@filename]") is not None
-    )
 
 
 def _one_line(text: str) -> str:

@@ -37,9 +37,8 @@ def pinocchios(robot: rp.Robot) -> tuple[pin.Model, pin.GeometryModel]:
     """Pinocchio's own model and visual geometry, the same joints locked."""
     model = pin.buildModelFromXML(robot.description.xml)
     kind = pin.GeometryType.VISUAL
-    geometry = pin.buildGeomFromUrdfString(
-        model, robot.description.xml, kind, package_dirs=list(robot.package_dirs)
-    )
+    file, folders = str(robot.description.path), list(robot.package_dirs)
+    geometry = pin.buildGeomFromUrdf(model, file, kind, package_dirs=folders)
     assert not robot.locked
     return model, geometry
 

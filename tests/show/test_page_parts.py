@@ -119,8 +119,9 @@ def test_surfaces_are_as_large_as_pinocchios(name: str) -> None:
     import coal
 
     robot = rp.Robot.load(name)
-    visuals = "".join(re.findall("(?s)<visual>.*?</visual>", robot.description.xml))
-    named = set(re.findall('filename="package:/+([^"]*)"', visuals))
+    named = {
+        name.split("package://")[-1].lstrip("/") for name in robot.description.meshes
+    }
     paths = {
         file
         for folder in robot.package_dirs
