@@ -83,7 +83,7 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, row in catalogue().items() if "srdf" in row]
+    "name", [name for name, row in catalogue().items() if "posture" in row]
 )
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     machine = rp.Robot.load(name)
@@ -146,12 +146,10 @@ def test_names_and_aliases() -> None:
 def test_meshes_are_found(name: str) -> None:
     machine = rp.Robot.load(name)
     assert machine.warnings == ()
-    xml = machine.description.xml
-    model = pin.buildModelFromXML(xml)
-    paths = [*machine.package_dirs]
-    geometry = pin.buildGeomFromUrdfString(
-        model, xml, pin.GeometryType.VISUAL, package_dirs=paths
-    )
+    description = machine.description
+    model = pin.buildModelFromXML(description.xml)
+    file, paths = str(description.path), [*machine.package_dirs]
+    geometry = pin.buildGeomFromUrdf(model, file, pin.VISUAL, package_dirs=paths)
     assert geometry.ngeoms >= 5
     assert all(
         Path(g.meshPath).is_file() or g.meshPath in ("BOX", "CYLINDER", "SPHERE")
