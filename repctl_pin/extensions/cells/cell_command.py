@@ -189,6 +189,8 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Find the function, print its table, and write cell.json, cell.html and cell.png."""
     folder = options.output_folder(Path(options.robot).stem)
+    around = options.path is not None or options.plane is not None
+    _require_one_shape(options, around)
     say = progress(options.quiet)
     needed("matplotlib", "meshcat", by="repctl cell")
     from ...show.plots.motions import png
@@ -200,7 +202,7 @@ def run(options: Options) -> int:
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
     require_proofs(options.prove)
-    asked = _asked(options, in_percent(say))
+    asked = _asked(options, around, in_percent(say))
     cell = asked.cell
     try:
         design = rp.nearest_inverse_function(
@@ -305,15 +307,13 @@ class _Asked(NamedTuple):
     place: rp.BestCell | None = None
 
 
-def _asked(options: Options, report: Report) -> _Asked:
+def _asked(options: Options, around: bool, report: Report) -> _Asked:
     """Make the cell, with the first default start from which it fits."""
     import numpy as np
     import pinocchio as pin
 
     from .fitting_start import fitting_start
 
-    around = options.path is not None or options.plane is not None
-    _require_one_shape(options, around)
     if around and options.at is not None:
         raise InputError("--path and --at are mutually exclusive")
     at = None if options.at is None else np.array(_numbers(options.at, "--at", 3))

@@ -245,7 +245,7 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
         return [Span(f"{links} collide.", "bad")]
     if least < NEAR:
         return [Span(f"{links} come as near as {metres(least)}.", "near")]
-    return [Span(f"Links {metres(least)} apart or more.")]
+    return [Span(f"Links stay at least {metres(least)} apart.")]
 
 
 def _unbroken(span: Span) -> Span:

@@ -13,7 +13,7 @@ from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
-from .lines import COLUMNS, Span, fitted, with_options, wrapped
+from .lines import COLUMNS, Span, fitted, wrapped
 from .motion_summary import MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table
@@ -73,7 +73,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
         f"! {_title(row)}: {said}" for row in rows for said in violation_texts(row)
     ]
     notes += _proved(study)
-    notes += [f"note: {with_options(note)}" for note in _notes(study, rows)]
+    notes += [f"note: {note}" for note in _notes(study, rows)]
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
     left = ROWS - 2 - above - _height_of(below)  # without command and next prompt

@@ -408,9 +408,8 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         return said
     least = min(one.body_distance or 0.0 for one in free)
     value = metres(least).replace(" ", "\u00a0")
-    return [
-        Span(f"Links {value} apart or more{', in both' if len(free) == 2 else ''}.")
-    ]
+    both = ", in both" if len(free) == 2 else ""
+    return [Span(f"Links stay at least {value} apart{both}.")]
 
 
 def _near_words(one: MotionSummary) -> str:
