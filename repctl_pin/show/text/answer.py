@@ -241,10 +241,12 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
         for row in rows
         if row.motion is None and row.key not in ("pseudoinverse", "repeatable")
     ]
-    blind = [note for note in notes if note.startswith(_FIRST)]
-    first = [note for note in notes if not note.startswith((*_FIRST, *_LAST))]
-    last = [note for note in notes if note.startswith(_LAST)]
-    return [*stopped, *blind, *first, *_meanings(study), *last]
+    return [*stopped, *sorted([*notes, *_meanings(study)], key=_rank)]
+
+
+def _rank(note: str) -> int:
+    """Sort key of notes: those that come first, those between, and those left out first."""
+    return 0 if note.startswith(_FIRST) else 2 if note.startswith(_LAST) else 1
 
 
 def _meanings(study: Study) -> list[str]:
