@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import re
 import shutil
 import signal
 import sys
@@ -49,7 +48,7 @@ def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
 
 def say_line(text: str) -> None:
     """Print a message on stderr as one line, wrapped only on a terminal."""
-    line = _with_options(printable(text))
+    line = printable(text)
     if on_terminal(sys.stderr):
         line = fitted(line, shutil.get_terminal_size().columns)
     print(line, file=sys.stderr, flush=True)
@@ -85,18 +84,13 @@ def report(
             if files is None
             else result() | {"files": [str(file) for file in files]}
         )
-        print(_with_options(_as_json(found, indent=2)))
+        print(_as_json(found, indent=2))
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
         said = text()
         shown = coloured([Span(said)] if isinstance(said, str) else said)
-        print(*filter(None, [_with_options(shown), *wrote]), sep="\n")
+        print(*filter(None, [shown, *wrote]), sep="\n")
     return 0
-
-
-def _with_options(text: str) -> str:
-    """Name the option in place of the argument, in a note of the library, wrapped or not."""
-    return re.sub(r"\bby(\s+)package_dirs\b", r"by\1--package-dir", text)
 
 
 def page_lines(files: Sequence[Path]) -> list[str]:

@@ -16,7 +16,7 @@ from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
 from .lines import COLUMNS, Span, fitted, wrapped
 from .motion_summary import MotionSummary, row_summary, without_shape
 from .numbers import counted, displacement, metres, number, percent
-from .table import NARROW, outside_words, table
+from .table import NARROW, outside_words, table_spans
 
 ROWS = 24
 """Number of rows of the terminal into which the answer fits."""
@@ -106,22 +106,8 @@ def _about(study: Study) -> str:
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
     """Format the short table; the text of a bad or good value has that tone."""
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
-    cells = _cells(study, rows)
-    text = (
-        table(header, [[name, *(cell.text for cell in line)] for name, line in cells])
-        + "\n"
-    )
-    out: list[Span] = []
-    for line in text.splitlines(keepends=True):
-        found = next((row for name, row in cells if line.startswith(f"{name}  ")), [])
-        at = 0
-        for cell in found:
-            begin = line.find(cell.text, max(at, len(cells[0][0])))
-            if begin < 0:  # in a block of columns of its own
-                continue
-            out += [Span(line[at:begin]), cell]
-            at = begin + len(cell.text)
-        out.append(Span(line[at:]))
+    cells = [[Span(name), *line] for name, line in _cells(study, rows)]
+    out = [*table_spans(header, cells), Span("\n")]
     if unchecked := _unchecked(study):
         meshes = bodies_of(study.task).missing
         lost = (
