@@ -189,18 +189,18 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Find the function, print its table, and write cell.json, cell.html and cell.png."""
     folder = options.output_folder(Path(options.robot).stem)
-    around = options.path is not None or options.plane is not None
-    _require_one_shape(options, around)
-    say = progress(options.quiet)
     needed("matplotlib", "meshcat", by="repctl cell")
-    from ...show.plots.motions import png
-
     if options.shrink and options.keep:
         raise InputError("--shrink and --keep are mutually exclusive")
     if options.keep and options.prove:
         raise InputError(
             "--keep and --prove are mutually exclusive: only a cell that is covered can be proved"
         )
+    around = options.path is not None or options.plane is not None
+    _require_one_shape(options, around)
+    say = progress(options.quiet)
+    from ...show.plots.motions import png
+
     require_proofs(options.prove)
     asked = _asked(options, around, in_percent(say))
     cell = asked.cell
