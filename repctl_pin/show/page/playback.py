@@ -12,12 +12,11 @@ import numpy as np
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...model.arm_links import arm_links, link_origins
-from ...model.body_corners import corners
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, unit_of
-from ...model.visuals import Visuals
+from ...model.visuals import Visuals, corners
 from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
