@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..arguments import Array, read_only
 from ..errors import InputError, needed
 from .shapes import Shape, find_mesh
+from .surfaces import unit
 
 _LARGEST_FILE = 100_000_000
 """Maximum size of a mesh file, bytes."""
@@ -241,7 +242,8 @@ def _read_mesh(path: Path, scale: tuple[float, ...]) -> tuple[Array, NDArray[np.
         )
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
-        vertices = np.asarray(mesh.vertices, float) * scale
+        meters = unit(path.read_bytes()) if path.suffix.lower() == ".dae" else 1.0
+        vertices = np.asarray(mesh.vertices, float) * meters * scale
         faces = np.asarray(mesh.faces, np.intp)
     except Exception as error:  # trimesh's readers raise errors of many kinds
         raise UnusableShape(
