@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,9 +20,8 @@ from ...progress import Report, reporter
 from ...strategies import Pseudoinverse
 from .cell import Cell
 from .cell_arguments import sizes
-from .growth import STEPS, Grown, drawn, grown
 from .posture_search import Candidate, chosen, judged, searched
-from .reference import rays
+from .reach import STEPS, Grown, apart, drawn, grown, rays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -253,7 +251,7 @@ def _candidates(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
             "turn the tool, or use another kind of task"
         )
-    wide = found.rows([*_apart(found.p, box.half_width.max())])
+    wide = found.rows(apart(found.p, box.half_width.max(), _TRIED))
     found = _free(box, found, _LOOKED).joined(_free(box, wide, _TRIED))
     found = _ordered(box, found, at)
     for k, width in enumerate(_WIDTHS):
@@ -298,7 +296,8 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     free = _free(box, found, len(found.p))
     best: tuple[Cell, Candidate, Array] | None = None
     size = 0
-    for k in [*_apart(free.Q, _ALIKE), *_apart(free.p, box.half_width.max())]:
+    unlike = apart(free.Q, _ALIKE, _TRIED)
+    for k in [*unlike, *apart(free.p, box.half_width.max(), _TRIED)]:
         low, high, middle = size, int(free.steps[k]), free.steps[k]
         while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
             cell = _box_at(box, free.p[k], middle / STEPS)
@@ -319,17 +318,6 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
             if _fits(c) and c.margin >= min(own.margin, _ENOUGH)
         ]
     return cell, chosen(candidates, task.reference), q
-
-
-def _apart(rows: Array, distance: float) -> Iterator[int]:
-    """Generate the first rows (K, ·) that differ by a distance from each one before."""
-    taken: list[int] = []
-    for k, row in enumerate(rows):
-        if len(taken) == _TRIED:
-            return
-        if not taken or np.abs(rows[taken] - row).max(axis=1).min() > distance:
-            taken.append(k)
-            yield k
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:

@@ -310,7 +310,7 @@ def _asked(options: Options, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
-    from .fitting_start import fitting_start
+    from .posture_search import fitting_start
 
     around = options.path is not None or options.plane is not None
     _require_one_shape(options, around)

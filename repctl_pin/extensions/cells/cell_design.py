@@ -22,10 +22,11 @@ from ...model.task_parts import rounded, task_parts
 from ...strategies import RepeatableInverse
 from ...strategies.strategy import Inverse
 from .cell import Cell
-from .cell_evaluation import Evaluation, speeds
+from .cell_evaluation import Evaluation, sampled
 from .chart import Chart
 from .failures import FailureReason
 from .function import InverseFunction
+from .margins import CandidateFunction
 from .sector import Sector
 from .turning import turn_at
 
@@ -95,7 +96,7 @@ class CellDesign:
         ``how`` are the other attributes of the design.
         """
         u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
-        middle = chart.solve(u, np.zeros((1, chart.cell.task.r)))
+        middle = chart.solve(u)
         function = function_of(chart, evaluation)
         return cls(function, desired, middle.Q[0] + shift[0], evaluation, **how)
 
@@ -269,8 +270,8 @@ def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
     coordinate of the sector ends only at the joint limits. The evaluation is of the leaf c = 0
     alone; on other leaves the limits are always checked.
     """
-    free = isinstance(chart.cell, Sector) and bool(chart.cell.free)
-    return InverseFunction(chart, keep_limits=free or not evaluation.everywhere)
+    ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
+    return InverseFunction(chart, keep_limits=ends_at_limits)
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
@@ -329,10 +330,9 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
         U[:, second], U[:, first] = (
             grid.ravel() for grid in np.meshgrid(u, u, indexing="ij")
         )
-        points = chart.solve(U, np.zeros((len(U), cell.task.r)))
-        found = speeds(design.desired, chart, points)
-        margin = np.where(points.found, cell.limit_margin(points.Q).min(axis=1), np.nan)
-        extra = np.sqrt(found.own / found.desired_square) - 1
+        at = sampled(design.desired, CandidateFunction.zero(chart), U)
+        margin = np.where(at.ok, at.limit_margin, np.nan)
+        extra = np.sqrt(at.ratio) - 1
         turn = turn_at(chart, U)
         made.append(
             Slice(

@@ -223,10 +223,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
 def _turned_to_the_end(design: CellDesign) -> list[str]:
     """List the joints that a sector turns as far as they go, which no limit margin counts."""
-    sector = design.cell
-    if not isinstance(sector, Sector):
-        return []
-    free = [sector.coordinate_names[i] for i in sector.free]
+    free = [design.cell.coordinate_names[i] for i in design.cell.free]
     return [
         turn.joint
         for turn in design.evaluation.turns

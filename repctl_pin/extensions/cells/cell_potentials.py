@@ -48,7 +48,7 @@ class CellPotentials:
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
-        away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
+        away = cell._away(Q, q_ref, p, R)
         return np.einsum("Knr,Kn->Kr", n_ref, away)
 
     def gradient(self, q: Array) -> Array:
@@ -62,7 +62,7 @@ class CellPotentials:
         cell = self.chart.cell
         U, dU = cell.slopes(p, R)
         q_ref, n_ref = self.chart.reference(U)
-        away = cell._wrapped(Q - q_ref - cell._shifts(p, R))
+        away = cell._away(Q, q_ref, p, R)
         return self.chart.gradients(U, dU, J, n_ref, away)
 
     def _native_part(self) -> Any:

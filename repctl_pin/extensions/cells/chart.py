@@ -3,6 +3,7 @@ and s the position along the self-motion of that pose."""
 
 from __future__ import annotations
 
+from ctypes import c_double, c_int
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,9 +14,8 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...solvers import newton_rows
 from .cell import Cell
-from .kinematics import placed, solved
+from .kinematics import chain_for_c, placed, run, solved
 from .monomials import Monomials
-from .native_points import native_points
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
@@ -68,6 +68,14 @@ class Chart:
     monomials: Monomials
     coefficients: Array
 
+    @classmethod
+    def fitted(cls, cell: Cell, U: Array, Q: Array, N: Array, degree: int) -> Chart:
+        """Fit a chart: polynomials q_ref to configurations Q (K, n), and n_ref to null-space bases
+        N (K, n, r), at the poses U (K, k)."""
+        monomials = Monomials(cell.k, degree)
+        both = np.concatenate([Q[:, :, None], N], axis=2)
+        return cls(cell, monomials, monomials.fit(U, both))
+
     def reference(self, U: Array) -> tuple[Array, Array]:
         """Evaluate q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
         both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
@@ -119,7 +127,7 @@ class Chart:
     def solve(
         self,
         U: Array,
-        s: Array,
+        s: Array | None = None,
         Q: Array | None = None,
         *,
         goals: _Goals | None = None,
@@ -129,8 +137,10 @@ class Chart:
 
         Parameters
         ----------
-        U, s : (K, k) and (K, r) arrays
-            Poses, in coordinates of the cell, and labels.
+        U : (K, k) array
+            Poses, in coordinates of the cell.
+        s : (K, r) array, optional
+            Labels; by default 0.
         Q : (K, n) array, optional
             Initial configurations; by default q_ref + n_ref s.
         goals
@@ -146,20 +156,47 @@ class Chart:
         """
         cell = self.cell
         q_ref, n_ref, p_goal, R_goal = self.goals(U) if goals is None else goals
+        if s is None:
+            s = np.zeros((len(U), cell.task.r))
         if Q is None:
             Q = q_ref + np.einsum("Knr,Kr->Kn", n_ref, s)
-        fast = native_points(cell.task)
-        if fast is not None:
-            Q, R, J, residual, size = fast.solved(
-                (p_goal, R_goal),
-                (q_ref, n_ref, s),
-                Q,
-                iterations=iterations,
-                longest=_STEP,
-                tolerance=_EXACT,
-            )
-            found = (size < 1e-6) & (residual < 1e-9)
-            return Points(U, Q, R, J, q_ref, n_ref, residual, found)
+        equations = (p_goal, R_goal), (q_ref, n_ref, s)
+        arm = chain_for_c(cell.task)
+        if arm is None:
+            Q, R, J, residual, size = self._newton(*equations, Q, iterations)
+        else:
+            Q, R, J, residual, size = self._newton_in_c(arm, *equations, Q, iterations)
+        found = (size < 1e-6) & (residual < 1e-9)
+        return Points(U, Q, R, J, q_ref, n_ref, residual, found)
+
+    def _newton(
+        self,
+        goal: tuple[Array, Array],
+        chart: tuple[Array, Array, Array],
+        Q: Array,
+        iterations: int,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method.
+
+        Parameters
+        ----------
+        goal : (K, 3) and (K, 3, 3) arrays
+            Positions, m, and rotations of the target poses.
+        chart : (K, n), (K, n, r) and (K, r) arrays
+            q_ref, n_ref and s.
+        Q : (K, n) array
+            Initial configurations.
+        iterations
+            Maximum number of steps.
+
+        Returns
+        -------
+        Q, R, J : (K, n), (K, 3, 3) and (K, m, n) arrays
+            Configurations, and rotations and Jacobians there.
+        residual, size : (K,) arrays
+            Largest entry of the task error, and of the last step.
+        """
+        cell, (p_goal, R_goal), (q_ref, n_ref, s) = self.cell, goal, chart
 
         def correction(Q: Array, on: NDArray[np.intp]) -> Array:
             p, R, J = placed(cell.task, Q)
@@ -173,11 +210,28 @@ class Chart:
         )
         p, R, J = placed(cell.task, Q)
         e = cell.errors(p_goal, R_goal, p, R)
-        found = (size < 1e-6) & (np.abs(e).max(axis=1) < 1e-9)
-        return Points(U, Q, R, J, q_ref, n_ref, np.abs(e).max(axis=1), found)
+        return Q, R, J, np.abs(e).max(axis=1), size
+
+    def _newton_in_c(
+        self,
+        arm: Any,
+        goal: tuple[Array, Array],
+        chart: tuple[Array, Array, Array],
+        Q: Array,
+        iterations: int,
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Do the same as :meth:`_newton` in C, with the chain of the task."""
+        K, task = len(Q), self.cell.task
+        Q = np.array(Q, float, order="C")
+        R, J = np.empty((K, 3, 3)), np.empty((K, task.m, task.n))
+        residual, size = np.empty(K), np.empty(K)
+        rules = c_int(iterations), c_double(_STEP), c_double(_EXACT)
+        found = Q, R, J, residual, size
+        run("call_points", arm, K, *goal, *chart, *rules, *found)
+        return found
 
     def derivative(
-        self, at: Points, ds: Array, E: Array | None = None
+        self, at: Points, ds: Array | None = None, E: Array | None = None
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
@@ -191,8 +245,8 @@ class Chart:
         ----------
         at
             Configurations, from :meth:`solve`.
-        ds : (K, r, k) array
-            ∂s/∂u.
+        ds : (K, r, k) array, optional
+            ∂s/∂u; by default 0.
         E : (K, m, k + l) array, optional
             Result of :meth:`Cell.twists` at the configurations, if it is known.
 
@@ -206,11 +260,10 @@ class Chart:
         """
         m = self.cell.task.m
         dq, dn = self.slopes(at.U)
-        below = (
-            ds
-            + np.einsum("Knr,Knk->Krk", at.n_ref, dq)
-            - np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
-        )
+        below = np.einsum("Knr,Knk->Krk", at.n_ref, dq)
+        below -= np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
+        if ds is not None:
+            below += ds
         n_T, r = np.swapaxes(at.n_ref, 1, 2), below.shape[1]
         below = np.concatenate([below, n_T @ self.cell.along], axis=2)
         J_V = np.concatenate([at.J, n_T], axis=1)

@@ -3,9 +3,9 @@ margin), and a search of the cell for the poses of the smallest margins."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,30 @@ for collision: to estimate the fraction that collides, and per step in the searc
 minimum."""
 
 
+class Quantity(ABC):
+    """A quantity at the points of a function, which :func:`searched` minimises over the cell."""
+
+    @abstractmethod
+    def least(self, at: Points) -> Array:
+        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
+
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+        """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
+
+        One-sided differences are used, with steps into the cell. The gradient is 0 where the
+        function does not exist.
+        """
+        K, k = at.U.shape
+        step = np.where(at.U > 0, -_STEP, _STEP)
+        U = at.U[:, None] + step[:, :, None] * np.eye(k)
+        ends = candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0))
+        with np.errstate(invalid="ignore"):
+            slope = (self.least(ends).reshape(K, k) - self.least(at)[:, None]) / step
+        return np.where(np.isfinite(slope), slope, 0.0)
+
+
 @dataclass(frozen=True)
-class Margin:
+class Margin(Quantity):
     """A kind of margin, such as joint limits, with its required minimum.
 
     Attributes
@@ -220,8 +242,8 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class LeafMargin:
-    """Leaf margin of the function s = 0 of a chart, for :func:`searched`.
+class LeafMargin(Quantity):
+    """Leaf margin of the function s = 0 of a chart.
 
     Attributes
     ----------
@@ -233,26 +255,6 @@ class LeafMargin:
     def least(self, at: Points) -> Array:
         """Evaluate the leaf margin (K,); infinite where the function does not exist."""
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
-
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Evaluate its gradient (K, k) with respect to u, by differences."""
-        return slope_by_differences(self, candidate, at)
-
-
-def slope_by_differences(
-    what: _Minimised, candidate: CandidateFunction, at: Points
-) -> Array:
-    """Evaluate the gradient (K, k) of a quantity with respect to u by one-sided differences.
-
-    The step leads into the cell. The gradient is 0 where the function does not exist.
-    """
-    K, k = at.U.shape
-    step = np.where(at.U > 0, -_STEP, _STEP)
-    U = at.U[:, None] + step[:, :, None] * np.eye(k)
-    ends = what.least(candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0)))
-    with np.errstate(invalid="ignore"):
-        slope = (ends.reshape(K, k) - what.least(at)[:, None]) / step
-    return np.where(np.isfinite(slope), slope, 0.0)
 
 
 def lowest_distances(
@@ -320,17 +322,7 @@ class CandidateFunction:
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
 
 
-class _Minimised(Protocol):
-    """Interface of a quantity at the points of a candidate function that a search minimises."""
-
-    def least(self, at: Points) -> Array:
-        """Evaluate the quantity (K,) at points; infinite where the function does not exist."""
-
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
-        """Evaluate the quantity's gradient by the cell's coordinates u, at K points: (K, k)."""
-
-
-def searched(candidate: CandidateFunction, margin: _Minimised, U: Array) -> Array:
+def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
 
     At the boundary of the cell, gradient components that point outward are set to 0. Return all

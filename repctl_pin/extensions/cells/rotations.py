@@ -1,5 +1,4 @@
-"""Batched functions of rotations: exp, log and left Jacobian of SO(3), and the tilt between two
-tool axes."""
+"""Exponential and left Jacobian of SO(3), batched."""
 
 from __future__ import annotations
 
@@ -15,18 +14,6 @@ def exp3(omega: Array) -> Array:
     return (
         Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))
     )  # SciPy 1.15 refuses K = 0
-
-
-def log3(R: Array) -> Array:
-    """Convert rotation matrices R (K, 3, 3) to rotation vectors (K, 3), rad, of length at most π.
-
-    Rows are NaN where R is not finite.
-    """
-    usable = np.isfinite(R).all(axis=(1, 2))
-    omega = np.full((len(R), 3), np.nan)
-    if usable.any():
-        omega[usable] = Rotation.from_matrix(R[usable]).as_rotvec()
-    return omega
 
 
 def left_jacobian(omega: Array) -> Array:
@@ -52,21 +39,3 @@ def left_jacobian(omega: Array) -> Array:
     b = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
     hat = skew(omega)
     return np.eye(3) + a[:, None, None] * hat + b[:, None, None] * (hat @ hat)
-
-
-def tilts(R: Array, goal: Array) -> Array:
-    """Compute the smallest rotations that align the z axes of frames with those of goal frames.
-
-    The rotation axis of each lies in the xy plane of the frame. Return the components (K, 2), rad,
-    of the rotation vector along the x and y axes of R (K, 3, 3). This is the batch form of
-    :func:`repctl_pin.model.chain_formulas.axis_turn`.
-    """
-    aim = np.einsum(
-        "Kab,Ka->Kb", R, goal[..., :, 2]
-    )  # the goal's axis as the tool sees it
-    sine = np.hypot(aim[:, 0], aim[:, 1])
-    angle = np.arctan2(sine, aim[:, 2])
-    axis = np.stack([-aim[:, 1], aim[:, 0]], axis=-1)
-    parallel = sine < 1e-12  # angle 0, or half a turn about any axis
-    axis[parallel], sine[parallel] = [1.0, 0.0], 1.0
-    return axis * (angle / sine)[:, None]

@@ -10,6 +10,7 @@ import numpy as np
 from ...arguments import Array, percentage
 from ...model.task import Task
 from ...strategies.strategy import Inverse
+from .cell import Cell
 from .chart import Chart
 from .kinematics import placed
 from .margins import CandidateFunction, Margin, searched
@@ -148,8 +149,9 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     without removed symmetries is returned unchanged, with no ranges.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or not sector.removed:
+    if not sector.removed:
         return chart, ()
+    assert isinstance(sector, Sector), "no other cell has symmetries"
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
     for one in sector.removed:
@@ -182,7 +184,7 @@ def expanded(chart: Chart) -> Chart:
     q_ref is linear in these coordinates. Other charts are returned unchanged.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or not sector.removed:
+    if not sector.removed:
         return chart
     whole, old = sector.whole, chart.monomials
     new = Monomials(whole.k, max(old.degree, 1))
@@ -210,9 +212,7 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     where no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell
-    if not isinstance(sector, Sector) or ANGLE not in [
-        one.coordinate for one in sector.removed
-    ]:
+    if ANGLE not in sector._removed:
         return None
     joint = next(one.joint for one in sector.removed if one.coordinate == ANGLE)
     others = np.flatnonzero(sector.moved > HEIGHT)
@@ -222,7 +222,7 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     for tilt in tilts:
         V = U.copy()
         V[:, others] = tilt
-        points = chart.solve(V, np.zeros((len(V), sector.task.r)))
+        points = chart.solve(V)
         good = points.found & (sector.limit_margin(points.Q).min(axis=1) >= 0)
         low = np.where(good, np.minimum(low, points.Q[:, joint]), low)
         high = np.where(good, np.maximum(high, points.Q[:, joint]), high)
@@ -231,23 +231,25 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
     return np.minimum(upper - lower - (high - low), 2 * np.pi)
 
 
-def reduced(sector: Sector, desired: Inverse) -> Sector:
-    """Remove from the coordinates of a sector those along which arm and G_d are symmetric.
+def reduced(cell: Cell, desired: Inverse) -> Cell:
+    """Remove from the coordinates of a cell those along which arm and G_d are symmetric.
 
     G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
     """
-    task, one = sector.task, sector.whole
+    if not cell.symmetries:
+        return cell
+    task, one = cell.task, cell.whole
     rng = np.random.default_rng(1)
     Q = task.reference + rng.uniform(-0.5, 0.5, (_CONFIGURATIONS, task.n))
     before, kept = _rates(one, desired, Q), []
-    for symmetry in sector.symmetries:
+    for symmetry in cell.symmetries:
         moved = Q + _STEP * np.eye(task.n)[symmetry.joint]
         if np.allclose(_rates(one, desired, moved), before, rtol=1e-7, atol=1e-9):
             kept.append(symmetry)
-    return sector.without(kept)
+    return cell.without(kept)
 
 
-def _rates(sector: Sector, desired: Inverse, Q: Array) -> Array:
+def _rates(cell: Cell, desired: Inverse, Q: Array) -> Array:
     """Evaluate G_d times the task velocity per m or rad of each task coordinate: (K, n, m)."""
-    p, R, J = placed(sector.task, Q)
-    return desired.batch(Q, J) @ sector._all_twists(sector._measured(p, R), R)
+    p, R, J = placed(cell.task, Q)
+    return desired.batch(Q, J) @ cell._all_twists(cell._measured(p, R), R)

@@ -31,7 +31,6 @@ from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.cell import Cell
 from ..cells.chart import Chart
 from ..cells.monomials import Monomials
-from ..cells.sector import Sector
 from .cell_poses import Poses
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .chart_bounds import Polynomials
@@ -175,8 +174,8 @@ class CellProof:
         The proof holds with any numbers; these make it tight.
         """
         k = self.cell.k
-        points = self.chart.solve(Uc, np.zeros((len(Uc), self.task.r)))
-        dF, _ = self.chart.derivative(points, np.zeros((len(Uc), self.task.r, k)))
+        points = self.chart.solve(Uc)
+        dF, _ = self.chart.derivative(points)
         away = points.Q - points.q_ref
         slopes = (dF[..., :k] - self.chart.slopes(Uc)[0]) * half[:, None]
         shift = np.concatenate([away[..., None], slopes], axis=2)
@@ -250,10 +249,10 @@ def farthest(chart: Chart) -> Array:
 
     Random poses and corners are evaluated, then poses around the worst ones.
     """
-    cell, r, rng = chart.cell, chart.cell.task.r, np.random.default_rng(1)
+    cell, rng = chart.cell, np.random.default_rng(1)
 
     def away(U: Array) -> Array:
-        points = chart.solve(U, np.zeros((len(U), r)))
+        points = chart.solve(U)
         return np.where(points.found[:, None], np.abs(points.Q - points.q_ref), 0.0)
 
     Y = np.concatenate([cell.sample(2048, 1), cell.corners()])
@@ -276,10 +275,9 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
     """
     lower, upper, _ = cell.task.joint_limits
     lower, upper = lower.copy(), upper.copy()
-    if isinstance(cell, Sector):
-        for one in cell.removed:
-            free = one.coordinate in cell.free
-            width = np.inf if free else float(cell.widths[one.coordinate])
-            lower[one.joint] += -width if free else width
-            upper[one.joint] += width if free else -width
+    for one in cell.removed:
+        free = one.coordinate in cell.free
+        width = -np.inf if free else float(cell.widths[one.coordinate])
+        lower[one.joint] += width
+        upper[one.joint] -= width
     return lower, upper

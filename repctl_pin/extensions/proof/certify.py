@@ -306,5 +306,4 @@ def _least_leaf_margin(design: CellDesign) -> float:
         return found
     chart = design.function.chart
     U = np.concatenate([chart.cell.sample(4096), chart.cell.corners()])
-    points = chart.solve(U, np.zeros((len(U), design.task.r)))
-    return float(leaf_margins(chart, points).min())
+    return float(leaf_margins(chart, chart.solve(U)).min())
