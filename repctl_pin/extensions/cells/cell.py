@@ -35,8 +35,7 @@ from ...model.task import Task, require_task
 from ...native import CHART, REGION, filled_struct, point
 from ...regions.sobol import scrambled_points
 from .cell_arguments import LEAST_WIDTH, as_middle, sizes, stacked
-from .kinematics import placed
-from .rotations import exp3, left_jacobian
+from .kinematics import exp3, left_jacobian, placed
 from .symmetry import Symmetry
 
 EDGE = 1e-9

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import Array, read_only
+from ...native import CHART, PART, filled_struct, point
 from ...solvers import newton_rows
 from .cell import Cell
 from .kinematics import chain_for_c, placed, run, solved
@@ -19,6 +20,12 @@ from .monomials import Monomials
 
 _STEP = 0.3
 """Longest Newton step of any joint, rad or m."""
+
+_CELL = 2
+"""Kind of the potentials of a chart in arm.h."""
+
+_FOURS = 4
+"""Number of monomials that chart.c adds at a time."""
 
 _ITERATIONS = 12
 _EXACT = 1e-11
@@ -314,3 +321,111 @@ class Points:
         for name, values in arrays.items():
             values[at] = getattr(other, name)
         return Points(**arrays)
+
+
+class CellPotentials:
+    r"""The r potentials of a chart, whose leaf {h(q) = c} is the function with s = c.
+
+    Their gradients are those of :meth:`Chart.gradients`. :class:`RepeatableInverse` accepts these
+    potentials like polynomials of q. Outside the cell, the polynomials in u extrapolate and are not
+    meaningful.
+
+    Parameters
+    ----------
+    chart
+        Chart with q_ref and n_ref.
+    """
+
+    def __init__(self, chart: Chart) -> None:
+        self.chart, self.n = chart, chart.cell.task.n
+
+    @property
+    def region(self) -> Cell:
+        """The cell, which is the region Ω of an inverse with these potentials."""
+        return self.chart.cell.whole
+
+    def value(self, q: Array) -> Array:
+        """Evaluate the potentials h (r,) at q (n,)."""
+        return self.values(np.asarray(q, float)[None])[0]
+
+    def values(self, Q: Array) -> Array:
+        """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
+        p, R, _ = placed(self.chart.cell.task, Q)
+        cell = self.chart.cell
+        q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
+        away = cell._away(Q, q_ref, p, R)
+        return np.einsum("Knr,Kn->Kr", n_ref, away)
+
+    def gradient(self, q: Array) -> Array:
+        """Evaluate the gradients V = ∂hᵀ/∂q at q (n,): (n, r)."""
+        return self.gradients(np.asarray(q, float)[None])[0]
+
+    def gradients(self, Q: Array) -> Array:
+        """Evaluate the gradients V at every row of Q (K, n): (K, n, r)."""
+        Q = np.asarray(Q, float)
+        p, R, J = placed(self.chart.cell.task, Q)
+        cell = self.chart.cell
+        U, dU = cell.slopes(p, R)
+        q_ref, n_ref = self.chart.reference(U)
+        away = cell._away(Q, q_ref, p, R)
+        return self.chart.gradients(U, dU, J, n_ref, away)
+
+    def _native_part(self) -> Any:
+        """Create the struct :data:`PART` of the potentials, for the native library."""
+        chart = native_chart(self.chart)
+        part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})
+        point(part, "chart", [chart])
+        return part
+
+
+def native_chart(chart: Chart) -> Any:
+    """Create the struct :data:`CHART` of a chart."""
+    ints, reals, scalars = chart.cell._tables()
+    terms, both, weights = _weights(chart)
+    row, column = _elimination_order(chart)
+    more = (0, terms - chart.monomials.size)
+    ints |= {
+        "parent": np.pad(chart.monomials.parent, more),
+        "factor": np.pad(chart.monomials.variable, more),
+        "row": np.argsort(row),
+        "column": np.argsort(column),
+    }
+    scalars |= {"terms": terms, "both": both}
+    return filled_struct(CHART, ints, reals | {"weights": weights}, scalars)[0]
+
+
+def _weights(chart: Chart) -> tuple[int, int, Array]:
+    """Arrange the coefficients of q_ref and n_ref for chart.c.
+
+    Returns the number of monomials, a multiple of 4; the number of those in which n_ref has
+    coefficients; and the coefficients. Each row belongs to a monomial: those of q_ref, then, in the
+    first rows, those of n_refᵀ. Both parts of a row have an even length, padded with zeros.
+    """
+    C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
+    C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))
+    used = np.flatnonzero(C[:, 1:].any(axis=(1, 2)))
+    both = -(-(used.max(initial=0) + 1) // _FOURS) * _FOURS
+    q_ref = np.pad(C[:, 0], ((0, 0), (0, C.shape[2] % 2)))
+    n_ref = C[:both, 1:].reshape(both, -1)
+    n_ref = np.pad(n_ref, ((0, 0), (0, n_ref.shape[1] % 2)))
+    first = np.concatenate([q_ref[:both], n_ref], axis=1)
+    return len(C), int(both), np.concatenate([first.ravel(), q_ref[both:].ravel()])
+
+
+def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
+    """Order rows and columns of J_V by complete pivoting in the middle of the cell.
+
+    Returns the indices of the rows, and of the columns, in their new order, in which the C code
+    eliminates without exchanges.
+    """
+    q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
+    A = np.concatenate([chart.cell.task.jacobian(q), V.T])
+    left, rows, columns = np.ones(A.shape, bool), [], []
+    for _ in A:
+        i, j = np.unravel_index(np.argmax(np.where(left, np.abs(A), -1.0)), A.shape)
+        left[i] = left[:, j] = False
+        rows.append(int(i))
+        columns.append(int(j))
+        if A[i, j]:
+            A = A - np.outer(A[:, j] / A[i, j], A[i])
+    return rows, columns

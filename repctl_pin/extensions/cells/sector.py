@@ -16,8 +16,7 @@ from ...errors import InputError
 from ...model.chain_formulas import Placement, axis_turns
 from ...model.task import Task
 from .cell import Cell
-from .rotations import exp3, left_jacobian
-from .sector_arguments import (
+from .cell_arguments import (
     VERTICAL,
     Angle,
     as_axis,
@@ -28,6 +27,7 @@ from .sector_arguments import (
     no_joint,
     no_spin,
 )
+from .kinematics import exp3, left_jacobian
 from .symmetry import (
     NEAR,
     axis_symmetry,

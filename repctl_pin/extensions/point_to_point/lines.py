@@ -16,7 +16,7 @@ from ...model.chain_formulas import rotation_vectors
 from ...paths.bend import Bend
 from ..cells.cell import Cell
 from ..cells.function import InverseFunction
-from ..cells.rotations import exp3
+from ..cells.kinematics import exp3
 from ..cells.targets import homogeneous
 from ..cells.tool_function import ToolFunction
 
