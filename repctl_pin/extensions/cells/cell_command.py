@@ -488,7 +488,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     from ...defaults import PERIOD
     from ...studies.period import choose_period
     from ...studies.quantities import LABELS
-    from .problem_of_cell import tour
+    from .cell_design import tour
 
     path, failed = tour(design.cell), {}
 

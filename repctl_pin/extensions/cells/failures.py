@@ -160,16 +160,13 @@ def round_the_base(cell: Cell) -> str:
     q = np.array(task.reference)
     point, axis = task.joint_origins(q)[0], task.axes(q)[0]
     rows, w = task.rows[: len(cell.half_width)], cell.half_width
-    low, high = -np.inf, np.inf  # the part of the line point + t axis inside the slabs
-    for row, width in zip(rows, w, strict=True):
-        away, slope = cell.placement.translation[row] - point[row], axis[row]
-        if abs(slope) < 1e-9:
-            if abs(away) > width:
-                return ""
-            continue
-        ends = sorted(((away - width) / slope, (away + width) / slope))
-        low, high = max(low, ends[0]), min(high, ends[1])
-    if low > high:
+    away, slope = (cell.placement.translation - point)[rows], axis[rows]
+    slope[np.abs(slope) < 1e-9] = 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([away - w, away + w]) / slope  # of the line point + t axis
+    if (
+        ends.min(axis=0).max() > ends.max(axis=0).min()
+    ):  # it is not in all slabs at once
         return ""
     return (
         f"the cell contains the axis of {task.joint_names[0]}, and no single-valued function "

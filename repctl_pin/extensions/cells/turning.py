@@ -6,12 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import Array, percentage
 from ...model.task import Task
 from ...strategies.strategy import Inverse
 from .cell import Cell
-from .chart import Chart
+from .chart import Chart, Points
 from .kinematics import placed
 from .margins import CandidateFunction, Margin, searched
 from .monomials import Monomials
@@ -114,7 +115,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
     points = candidate.at(U)
-    good = points.found & (cell.limit_margin(points.Q).min(axis=1) >= 0)
+    good = _inside(cell, points)
     if not good.any():
         return np.nan, np.nan, np.nan, np.full(len(_SHARES) + 1, np.nan)
     share = float(good[:_POSES].mean())
@@ -129,11 +130,16 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
         found = candidate.at(
             searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]])
         )
-        good = found.found & (cell.limit_margin(found.Q).min(axis=1) >= 0)
-        inside = found.Q[good, joint]
+        inside = found.Q[_inside(cell, found), joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
     widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])
     return ends[0], ends[1], share, widths
+
+
+def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
+    """Test at which points the function exists, inside the joint limits: (K,)."""
+    margin = cell.limit_margin(points.Q).min(axis=1)
+    return np.asarray(points.found & (margin >= 0))
 
 
 def _limits(task: Task, joint: int) -> tuple[float, float]:
@@ -188,19 +194,16 @@ def expanded(chart: Chart) -> Chart:
         return chart
     whole, old = sector.whole, chart.monomials
     new = Monomials(whole.k, max(old.degree, 1))
-    columns = np.flatnonzero(whole._active)
-    kept = [list(columns).index(i) for i in np.flatnonzero(sector._active)]
-    powers = np.zeros((old.size, whole.k), int)
-    powers[:, kept] = old.exponents
     at = {tuple(e): i for i, e in enumerate(new.exponents.tolist())}
+    powers = np.zeros((old.size, whole.k), int)
+    powers[:, np.isin(whole.moved, sector.moved)] = old.exponents
     coefficients = np.zeros((new.size, *chart.coefficients.shape[1:]))
     coefficients[[at[tuple(e)] for e in powers.tolist()]] = chart.coefficients
     for one in sector.removed:
-        linear = (columns == one.coordinate).astype(int)
-        coefficients[at[tuple(linear.tolist())], one.joint, 0] = (
-            one.sign * sector.widths[one.coordinate]
-        )
-        coefficients[0, one.joint, 0] += one.sign * whole._offset[one.coordinate]
+        q_ref = coefficients[:, one.joint, 0]
+        linear = (whole.moved == one.coordinate).astype(int)
+        q_ref[at[tuple(linear.tolist())]] = one.sign * sector.widths[one.coordinate]
+        q_ref[0] += one.sign * whole._offset[one.coordinate]
     return Chart(whole, new, coefficients)
 
 
@@ -223,9 +226,9 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
         V = U.copy()
         V[:, others] = tilt
         points = chart.solve(V)
-        good = points.found & (sector.limit_margin(points.Q).min(axis=1) >= 0)
-        low = np.where(good, np.minimum(low, points.Q[:, joint]), low)
-        high = np.where(good, np.maximum(high, points.Q[:, joint]), high)
+        good, values = _inside(sector, points), points.Q[:, joint]
+        low[good] = np.minimum(low, values)[good]
+        high[good] = np.maximum(high, values)[good]
     low[high < low] = np.nan
     lower, upper = _limits(sector.task, joint)
     return np.minimum(upper - lower - (high - low), 2 * np.pi)

@@ -147,11 +147,11 @@ class ArmAngleChain:
         Returns their coefficients (K, k, M) and bounds (K, k).
         """
         native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
-        space, _ = held = space_of(k)
+        space = space_of(k)
         ints = {name: getattr(self, name) for name in ("before", "revolute", "carries")}
         reals = {name: getattr(self, name) for name in ("R", "p", "a", "o", "place")}
         reals |= {"direction": self.direction, "S": self.S[:, on]}
-        arm, arrays = filled_struct(
+        arm, _ = filled_struct(
             ARM_ANGLE,
             ints | {"joint": self.joint},
             reals | {"bases": [basis(axis) for axis in self.a]},
@@ -165,7 +165,6 @@ class ArmAngleChain:
         Q, half = np.ascontiguousarray(Q, float), np.ascontiguousarray(half, float)
         address = [ctypes.c_void_p(array.ctypes.data) for array in (Q, half, P, r)]
         done = native.arm_gradients(ctypes.byref(arm), ctypes.c_long(K), *address)
-        del held, arrays
         if not done:
             raise MemoryError("no memory for the Taylor models of an arm angle")
         return P, r

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...arguments import Array
 from ...certificate import Proof
 from ..cells.margins import leaf_margins
+from .boxes import halved
 from .cells import CellBounds, CellProof
 
 _BATCH = 1024
@@ -124,11 +125,9 @@ class _CellSearch:
         low, high, split = low[~done], high[~done], found.split[~done]
         if len(low):
             self._stop_if_hopeless(low, high)
-        rows, middle = np.arange(len(low)), (low + high) / 2
-        first, second = high.copy(), low.copy()
-        first[rows, split] = second[rows, split] = middle[rows, split]
-        self.low = np.concatenate([self.low[: take.start], low, second])
-        self.high = np.concatenate([self.high[: take.start], first, high])
+        low, high, _ = halved(low, high, split)
+        self.low = np.concatenate([self.low[: take.start], low])
+        self.high = np.concatenate([self.high[: take.start], high])
 
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
         """Stop the search at a box that cannot be proved by halving it.

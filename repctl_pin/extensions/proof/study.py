@@ -9,9 +9,9 @@ from ...design import Design
 from ...errors import InputError
 from ...native import library
 from ...regions import Tube
+from .boxes import cover, enclosing
 from .certify import prove
 from .potentials import features_of
-from .regions import cover, enclosing
 
 PROVED = 0.9
 """Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
