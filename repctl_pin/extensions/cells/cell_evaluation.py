@@ -141,7 +141,7 @@ class Evaluation:
         return f"{np.floor(1e4 * self.coverage) / 100:.2f} % of the held-out poses"
 
 
-class Sample(NamedTuple):
+class _Sample(NamedTuple):
     """A function at K poses of its cell: its configurations, joint speeds and margins there.
 
     Joint speeds are per unit of task speed, and NaN at singularities.
@@ -187,22 +187,22 @@ class Sample(NamedTuple):
         """True where the function exists on its sheet, inside the joint limits: (K,)."""
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
-    def rows(self, which: NDArray[Any] | slice) -> Sample:
+    def rows(self, which: NDArray[Any] | slice) -> _Sample:
         """Select some of the poses."""
-        return Sample(*(each[which] for each in self))
+        return _Sample(*(each[which] for each in self))
 
     @classmethod
-    def joined(cls, samples: Sequence[Sample]) -> Sample:
+    def joined(cls, samples: Sequence[_Sample]) -> _Sample:
         """Join several samples."""
         return cls(*map(np.concatenate, zip(*samples, strict=True)))
 
 
-def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
+def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> _Sample:
     """Evaluate a candidate function with s = 0 at poses U (K, k)."""
     middle = candidate.at(np.zeros((1, U.shape[1])))
     parts = [U[start : start + _BLOCK] for start in range(0, len(U), _BLOCK)]
     side = _sides(middle)
-    return Sample.joined([_block(desired, candidate, part, side) for part in parts])
+    return _Sample.joined([_block(desired, candidate, part, side) for part in parts])
 
 
 def _sides(at: Points) -> Array:
@@ -213,7 +213,7 @@ def _sides(at: Points) -> Array:
 
 def _block(
     desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
-) -> Sample:
+) -> _Sample:
     """Evaluate a sample, given the sign (1,) of det [J; n_refᵀ] in the middle of the cell."""
     chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref)
@@ -230,7 +230,7 @@ def _block(
     margin = chart.cell.limit_margin(at.Q).min(axis=1)
     leaf = leaf_margins(chart, at)
     figures = at.Q, at.residual, margin, *squares, s[:, -1], leaf, ok, sheet
-    return Sample._make([U, *figures])
+    return _Sample._make([U, *figures])
 
 
 def _joint_speeds(desired: Inverse, chart: Chart, at: Points) -> tuple[Array, Array]:
@@ -319,7 +319,7 @@ def evaluate_cell(
     least = float(held_out.limit_margin[lowest])
     ends = candidate.at(np.stack([U[lowest], low.U[worst]]))
     most = limits_of(cell).attainable(chart, ends, far=True)
-    tested = Sample.joined([at, low])
+    tested = _Sample.joined([at, low])
     tested = tested.rows(tested.covered)
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
@@ -348,7 +348,7 @@ def evaluate_cell(
 
 
 def _searched(
-    desired: Inverse, candidate: CandidateFunction, at: Sample, quick: bool
+    desired: Inverse, candidate: CandidateFunction, at: _Sample, quick: bool
 ) -> Array:
     """Search for poses with smaller limit margins, smaller σ_min(J), smaller leaf margins, and
     larger joint speeds.
@@ -388,14 +388,14 @@ def _worst(values: Array, U: Array, count: int) -> Array:
 
 
 def _failures(
-    cell: Cell, at: Sample, low: Sample, near: Array
+    cell: Cell, at: _Sample, low: _Sample, near: Array
 ) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
     ``near`` (L, n) are configurations from which a reachability test starts. The ``share`` of each
     reason refers to the sampled poses.
     """
-    both = Sample.joined([at, low])
+    both = _Sample.joined([at, low])
     on, folds = both.rows(both.sheet), both.U[both.ok & ~both.sheet]
     violated = float((at.sheet & (at.limit_margin < 0)).mean())
     failures = [
@@ -407,7 +407,7 @@ def _failures(
 
 
 def _bodies(
-    candidate: CandidateFunction, at: Sample, count: int, quick: bool
+    candidate: CandidateFunction, at: _Sample, count: int, quick: bool
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 

@@ -127,7 +127,7 @@ class ArmAngleChain:
                 joint = self.before[joint]
         return found
 
-    def gradient_bounds(self, Q: Array, half: Array) -> GradientBounds:
+    def gradient_bounds(self, Q: Array, half: Array) -> _GradientBounds:
         """Expand the gradient of the arm angle on boxes Q ± half, (K, n) each.
 
         Boxes that differ only in joints that do not move the three points are evaluated once.
@@ -191,7 +191,7 @@ def _carried(
 
 @dataclass(frozen=True, eq=False)
 @read_only
-class GradientBounds:
+class _GradientBounds:
     """Expansions of a gradient V on K boxes.
 
     Attributes
@@ -211,7 +211,7 @@ class GradientBounds:
     size: Array
 
 
-def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBounds:
+def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientBounds:
     """Convert Taylor models of the gradient (K, k) to first-order expansions on boxes."""
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))
@@ -225,4 +225,4 @@ def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> GradientBo
     more[bad], size[bad], slopes[bad] = np.inf, np.inf, 0.0
     V[:, on], rest[:, on] = P[..., 0], more
     dV[:, on[:, None], on] = slopes
-    return GradientBounds(V, dV, rest, size)
+    return _GradientBounds(V, dV, rest, size)

@@ -17,7 +17,7 @@ _BATCH = 4096
 _MOST = 4_000_000
 """Maximum number of undecided boxes; the search stops beyond it."""
 
-TIGHT = 0.95
+_TIGHT = 0.95
 """Accuracy of the search without a goal.
 
 A box is halved until its bound is this share of the smallest leaf margin found at a centre.
@@ -136,7 +136,7 @@ class _Search:
         if self.goal is None:
             if self.upper <= 0:
                 self._stop(Q, half, least, "J_V is singular there")
-            return TIGHT * self.upper
+            return _TIGHT * self.upper
         if self.upper < self.goal:
             self._stop(Q, half, least, f"the leaf margin there is {self.upper:.4g}")
         return self.goal

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ...potentials.fourier import FourierMap
     from .arm_angle import ArmAngleChain
 
-CONSTANT, PRODUCT, SINE, COSINE = range(4)
+_CONSTANT, _PRODUCT, _SINE, _COSINE = range(4)
 U = 2.0**-53
 """Unit roundoff of double precision."""
 
@@ -249,14 +249,14 @@ class _Builder:
     ) -> int:
         used = [i for i, power in enumerate(beta) if power]
         if not used:
-            return self._feature(_Feature(CONSTANT, 0, 0, 1.0, 0.0))
+            return self._feature(_Feature(_CONSTANT, 0, 0, 1.0, 0.0))
         i = used[-1]
         parent = monomial((*beta[:i], beta[i] - 1, *beta[i + 1 :]))
         before, argument = self.found[parent], self.arguments[z[i]]
         bound = before.bound * argument.most
         error = before.error * argument.most
         error += (before.bound + before.error) * argument.error + U * bound
-        return self._feature(_Feature(PRODUCT, parent, z[i], bound, error))
+        return self._feature(_Feature(_PRODUCT, parent, z[i], bound, error))
 
     def _fourier(self, field: FourierMap) -> None:
         """Add the terms of ``h = Σ a sin(w · q) + b cos(w · q)``."""
@@ -266,7 +266,7 @@ class _Builder:
             error = self.arguments[z].error + 8 * U
             sine, cosine = (
                 self._feature(_Feature(kind, 0, z, 1.0, error))
-                for kind in (SINE, COSINE)
+                for kind in (_SINE, _COSINE)
             )
             (used,) = np.nonzero(row)
             for i in used:
