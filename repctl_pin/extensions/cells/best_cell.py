@@ -19,9 +19,9 @@ from ...model.task import Task, require_task
 from ...progress import Report, reporter
 from ...strategies import Pseudoinverse
 from .cell import Cell
-from .cell_arguments import sizes
+from .cell_arguments import of_positions
 from .posture_search import Candidate, chosen, judged, searched
-from .reach import STEPS, Grown, apart, drawn, grown, rays
+from .reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -182,10 +182,7 @@ def best_cell(
             f"{task!r} is not redundant: with r = {task.r} the pose determines the joints",
             remedy="use another kind of task",
         )
-    positions = min(3, task.m)
-    edges = sizes(
-        size, positions, "size", "m", "one per position that the task commands"
-    )
+    edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
     R = _rotation(task, orientation, yaw)
@@ -251,7 +248,7 @@ def _candidates(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
             "turn the tool, or use another kind of task"
         )
-    wide = found.rows(apart(found.p, box.half_width.max(), _TRIED))
+    wide = found.rows(unlike_rows(found.p, box.half_width.max(), _TRIED))
     found = _free(box, found, _LOOKED).joined(_free(box, wide, _TRIED))
     found = _ordered(box, found, at)
     for k, width in enumerate(_WIDTHS):
@@ -296,8 +293,8 @@ def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:
     free = _free(box, found, len(found.p))
     best: tuple[Cell, Candidate, Array] | None = None
     size = 0
-    unlike = apart(free.Q, _ALIKE, _TRIED)
-    for k in [*unlike, *apart(free.p, box.half_width.max(), _TRIED)]:
+    unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
+    for k in [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]:
         low, high, middle = size, int(free.steps[k]), free.steps[k]
         while low < high:  # the box grows beyond ``low`` steps, and not beyond ``high``
             cell = _box_at(box, free.p[k], middle / STEPS)

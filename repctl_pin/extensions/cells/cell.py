@@ -34,7 +34,7 @@ from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
 from ...native import CHART, REGION, filled_struct, point
 from ...regions.sobol import scrambled_points
-from .cell_arguments import LEAST_WIDTH, as_middle, sizes, stacked
+from .cell_arguments import LEAST_WIDTH, as_middle, of_positions, sizes, stacked
 from .kinematics import exp3, left_jacobian, placed
 from .symmetry import Symmetry
 
@@ -115,13 +115,7 @@ class Cell:
             )
         positions = min(3, task.m)
         turns = task.m - positions
-        w = sizes(
-            half_width,
-            positions,
-            "half_width",
-            "m",
-            "one per position that the task commands",
-        )
+        w = of_positions(task, half_width, "half_width")
         theta = sizes(half_angle, turns or 1, "half_angle", "rad", "one per axis")
         if not turns and theta.any():
             raise InputError(
@@ -175,28 +169,19 @@ class Cell:
         p, R = stacked(task, listed, "placement")
         middle = pin.SE3(R[0], (p.max(axis=0) + p.min(axis=0)) / 2)
         positions, turns = min(3, task.m), task.m - min(3, task.m)
-        unit = cls(task, middle, 1.0, 0.1 if turns else 0.0)
+        unit = cls(task, middle, 1.0)
         if turns:  # again, with the orientation in the middle of all of them
             y = unit._measured(p, R)[:, positions:]
             mean = unit.vectors((y.max(axis=0) + y.min(axis=0))[None] / 2)
-            unit = cls(
-                task,
-                pin.SE3(exp3(mean)[0] @ middle.rotation, middle.translation),
-                1.0,
-                0.1,
-            )
+            turned = exp3(mean)[0] @ middle.rotation
+            unit = cls(task, pin.SE3(turned, middle.translation), 1.0)
         reach = np.abs(unit._measured(p, R)).max(axis=0)
         reach[reach < LEAST_WIDTH] = 0.0
-        more = sizes(
-            margin, positions, "margin", "m", "one per position that the task commands"
-        )
-        turn = (
-            reach[positions:]
-            + sizes(half_angle, turns, "half_angle", "rad", "one per axis")
-            if turns
-            else half_angle
-        )
-        return cls(task, unit.placement, reach[:positions] + more, turn)
+        if turns:
+            more = sizes(half_angle, turns, "half_angle", "rad", "one per axis")
+            half_angle = reach[positions:] + more
+        half_width = reach[:positions] + of_positions(task, margin, "margin")
+        return cls(task, unit.placement, half_width, half_angle)
 
     @property
     def k(self) -> int:

@@ -90,6 +90,12 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
     return array
 
 
+def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
+    """Convert lengths, m, given as one number or one per position that the task commands."""
+    each = "one per position that the task commands"
+    return sizes(value, min(3, task.m), name, "m", each)
+
+
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` to an array (2, 3): a point, m, and the unit direction.
 

@@ -31,7 +31,7 @@ from .margins import (
     searched,
     singular_values_of,
 )
-from .reach import apart
+from .reach import unlike_rows
 from .turning import Turn, expanded
 
 _BLOCK = 4096
@@ -384,7 +384,7 @@ def _worst(values: Array, U: Array, count: int) -> Array:
     Selected rows differ from each other by more than 0.3 in some coordinate.
     """
     ordered = U[np.argsort(values)]
-    return ordered[apart(ordered, _SPREAD, count)]
+    return ordered[unlike_rows(ordered, _SPREAD, count)]
 
 
 def _failures(

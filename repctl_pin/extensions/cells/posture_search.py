@@ -20,7 +20,7 @@ from ...strategies.strategy import Inverse
 from ...studies.problem import Problem
 from .cell import Cell
 from .kinematics import bases, placed
-from .reach import EXACT, SINGULAR, apart, rays, reached
+from .reach import EXACT, SINGULAR, rays, reached, unlike_rows
 from .turning import reduced
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 4
@@ -102,7 +102,7 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     )
     ordered = [first, *(c for c in candidates if c is not first)]
     Q = np.array([c.q for c in ordered])
-    return [ordered[i] for i in apart(Q, _APART, _OFFERED, norm=2)]
+    return [ordered[i] for i in unlike_rows(Q, _APART, _OFFERED, norm=2)]
 
 
 def _configurations(cell: Cell, seed: int) -> Array:

@@ -70,7 +70,7 @@ def reached(
         Norm of the remaining task error, m and rad.
     """
     task = cell.task
-    room = _ROOM * np.minimum(1.0, task.upper - task.lower)
+    inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
         p_now, R_now, J = placed(task, Q)
@@ -78,8 +78,8 @@ def reached(
         e = cell.errors(p[on], R[on], p_now, R_now)
         dQ = np.einsum("Knm,Km->Kn", G, e)
         if inward:
-            low = np.maximum(0.0, task.lower + room - Q)
-            back = low - np.maximum(0.0, Q - task.upper + room)
+            low = np.maximum(0.0, task.lower + inner - Q)
+            back = low - np.maximum(0.0, Q - task.upper + inner)
             dQ += _PUSH * np.einsum("Knr,Klr,Kl->Kn", N, N, back)
         return dQ
 
@@ -94,7 +94,9 @@ def reached(
     return Q, np.linalg.norm(cell.errors(p, R, p_now, R_now), axis=1)
 
 
-def apart(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
+def unlike_rows(
+    rows: Array, distance: float, count: int, norm: float = np.inf
+) -> list[int]:
     """Select the first rows (K, ·) that are farther than a distance from each one before.
 
     At most ``count`` indices are returned. ``norm`` is the order of the norm of a difference.

@@ -13,7 +13,7 @@ from ...regions import Box, Region, Tube, WorkspaceBox
 from .potentials import U
 
 _STRETCH = 0.25
-"""Maximum motion of a joint on a section of a path, relative to its room."""
+"""Maximum motion of a joint on a section of a path, relative to its clearance."""
 
 
 def cover(region: Region) -> tuple[Array, Array]:
@@ -51,16 +51,16 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
     return low - wide, high + wide
 
 
-def sections(Q: Array, room: Array) -> list[slice]:
+def sections(Q: Array, clearance: Array) -> list[slice]:
     """Divide a path through Q (K, n) into sections, on which each joint moves by at most a quarter
-    of its smallest ``room`` (K, n).
+    of its smallest ``clearance`` (K, n).
 
     A section has at least two configurations; its last one is the first one of the next section.
     """
     first, parts = 0, []
     for i in range(2, len(Q)):
         moved = np.ptp(Q[first : i + 1], axis=0)
-        least = room[first : i + 1].min(axis=0)
+        least = clearance[first : i + 1].min(axis=0)
         if i > first + 1 and (moved > _STRETCH * least).any():
             parts.append(slice(first, i))
             first = i - 1
