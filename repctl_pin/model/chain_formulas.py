@@ -93,7 +93,7 @@ def rotation_vectors(R: Array) -> Array:
     angle = np.arctan2(sine, cosine)
     vectors = (
         axis
-        * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-9)[:, None]
+        * np.divide(angle, sine, out=np.ones_like(sine), where=~(sine <= 1e-9))[:, None]
     )
     for k in np.flatnonzero(
         cosine < -0.9

@@ -221,7 +221,7 @@ def _block(
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (upright > 1e-6)
     squares = np.full((4, len(U)), np.nan)
     if sound.any():
-        own, desired_own = _joint_speeds(desired, chart, at.chosen(sound))
+        own, desired_own, _ = chart.joint_speeds(desired, at.chosen(sound))
         for row, speeds in enumerate((own - desired_own, own, desired_own)):
             squares[row, sound] = (speeds**2).sum(axis=(1, 2))
         squares[3, sound] = _largest_ratio(own, desired_own)
@@ -231,14 +231,6 @@ def _block(
     leaf = leaf_margins(chart, at)
     figures = at.Q, at.residual, margin, *squares, s[:, -1], leaf, ok, sheet
     return _Sample._make([U, *figures])
-
-
-def _joint_speeds(desired: Inverse, chart: Chart, at: Points) -> tuple[Array, Array]:
-    """Evaluate ∂F C and G_d E C (K, n, k + l) of the function s = 0 at configurations on it."""
-    cell = chart.cell
-    dF, _ = chart.derivative(at)
-    C = cell.speeds(at.U)
-    return dF @ C, desired.batch(at.Q, at.J) @ cell.twists(at.U, at.R) @ C
 
 
 def _largest_ratio(A: Array, B: Array) -> Array:
@@ -278,7 +270,7 @@ class _SpeedRatio(Quantity):
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
         if not len(found):
             return ratio
-        own, desired = _joint_speeds(self.desired, self.chart, at.chosen(found))
+        own, desired, _ = self.chart.joint_speeds(self.desired, at.chosen(found))
         finite = np.isfinite(own).all(axis=(1, 2))
         found, own, desired = found[finite], own[finite], desired[finite]
         if self.direction:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...native import CHART, PART, filled_struct, point
 from ...solvers import newton_rows
+from ...strategies.strategy import Inverse
 from .cell import Cell
 from .kinematics import chain_for_c, placed, run, solved
 from .monomials import Monomials
@@ -281,6 +282,36 @@ class Chart:
             J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2)
         )
         return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
+
+    def joint_speeds(
+        self,
+        desired: Inverse,
+        at: Points,
+        ds: Array | None = None,
+        C: Array | None = None,
+    ) -> tuple[Array, Array, Array]:
+        """Evaluate the joint speeds of a function and of G_d, per unit of task speed.
+
+        Parameters
+        ----------
+        desired
+            G_d.
+        at, ds
+            See :meth:`derivative`.
+        C : (K, k + l, k + l) array, optional
+            Result of :meth:`Cell.speeds` at the poses, if it is known.
+
+        Returns
+        -------
+        own, wanted : (K, n, k + l) arrays
+            ∂F C, and G_d E C.
+        B : (K, n, r) array
+            ∂F/∂s.
+        """
+        E = self.cell.twists(at.U, at.R)
+        C = self.cell.speeds(at.U) if C is None else C
+        dF, B = self.derivative(at, ds, E)
+        return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
 
 
 @dataclass(frozen=True, eq=False)

@@ -146,10 +146,8 @@ class Cost:
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return _Value(np.inf, np.inf, np.nan, points, ds)
-        residual, _, desired_square = self._residual(
-            points.chosen(self.inner), ds[self.inner]
-        )
-        nearness = float((residual**2).sum() / len(residual))
+        own, desired, _ = self._joint_speeds(points.chosen(self.inner), ds[self.inner])
+        nearness = float(((own - desired) ** 2).sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
@@ -160,7 +158,7 @@ class Cost:
         return _Value(
             nearness + penalty,
             nearness,
-            float((desired_square**2).sum() / len(desired_square)),
+            float((desired**2).sum() / len(desired)),
             points,
             ds,
         )
@@ -174,7 +172,8 @@ class Cost:
         s only."""
         chart, r = self.chart, self.chart.cell.task.r
         points, ds = at.points.chosen(self.inner), at.ds[self.inner]
-        residual, B, _ = self._residual(points, ds)
+        own, desired, B = self._joint_speeds(points, ds)
+        residual = own - desired
         K, n, k = (
             residual.shape
         )  # here k counts the coordinates removed by a symmetry, too
@@ -193,7 +192,7 @@ class Cost:
                 )
                 for w in (1.0, -1.0)
             ]
-            up, down = (self._residual(end, ds)[0] for end in ends)
+            up, down = (self._residual(end, ds) for end in ends)
             M[:, :, :, j, 0] = (up - down) / (2 * _DIFFERENCE)
         for c in range(k):
             M[:, :, c, :, 1 + c] = B
@@ -229,13 +228,14 @@ class Cost:
         )
         return gradient.ravel(), 2 * _products(features, L, r)
 
-    def _residual(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
-        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), ∂F/∂s (K, n, r), and ``G_d E C``
-        (K, n, k + l)."""
-        E = self.chart.cell.twists(points.U, points.R)
-        dF, B = self.chart.derivative(points, ds, E)
-        desired_square = self.desired.batch(points.Q, points.J) @ E @ self.C
-        return dF @ self.C - desired_square, B, desired_square
+    def _joint_speeds(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
+        """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r)."""
+        return self.chart.joint_speeds(self.desired, points, ds, self.C)
+
+    def _residual(self, points: Points, ds: Array) -> Array:
+        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l)."""
+        own, desired, _ = self._joint_speeds(points, ds)
+        return own - desired
 
 
 def _products(features: Array, L: Array, r: int) -> Array:

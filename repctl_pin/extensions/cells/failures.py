@@ -164,9 +164,8 @@ def round_the_base(cell: Cell) -> str:
     slope[np.abs(slope) < 1e-9] = 0.0
     with np.errstate(divide="ignore", invalid="ignore"):
         ends = np.stack([away - w, away + w]) / slope  # of the line point + t axis
-    if (
-        ends.min(axis=0).max() > ends.max(axis=0).min()
-    ):  # it is not in all slabs at once
+    low, high = ends.min(axis=0).max(), ends.max(axis=0).min()
+    if low >= high:  # the line is not in all slabs at once
         return ""
     return (
         f"the cell contains the axis of {task.joint_names[0]}, and no single-valued function "
