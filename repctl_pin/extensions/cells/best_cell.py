@@ -20,6 +20,7 @@ from ...progress import Report, reporter
 from ...strategies import Pseudoinverse
 from .cell import Cell
 from .cell_arguments import of_positions
+from .kinematics import joined, rows_of
 from .posture_search import Candidate, chosen, judged, searched
 from .reach import STEPS, Grown, drawn, grown, rays, unlike_rows
 
@@ -248,16 +249,16 @@ def _candidates(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
             "turn the tool, or use another kind of task"
         )
-    wide = found.rows(unlike_rows(found.p, box.half_width.max(), _TRIED))
-    found = _free(box, found, _LOOKED).joined(_free(box, wide, _TRIED))
+    wide = rows_of(found, unlike_rows(found.p, box.half_width.max(), _TRIED))
+    found = joined([_free(box, found, _LOOKED), _free(box, wide, _TRIED)])
     found = _ordered(box, found, at)
     for k, width in enumerate(_WIDTHS):
         report("trying places beside the best", 0.4 + 0.4 * k / len(_WIDTHS))
         parents = _free(box, found, _PARENTS)
-        best = parents.rows(np.arange(len(parents.p)).repeat(_CHILDREN))
+        best = rows_of(parents, np.arange(len(parents.p)).repeat(_CHILDREN))
         U = width * rng.uniform(-1, 1, (len(best.p), box.k))
         beside = best.p + box.placements(U)[0] - box.placement.translation
-        found = _ordered(box, found.joined(grown(box, beside, best.Q)), at)
+        found = _ordered(box, joined([found, grown(box, beside, best.Q)]), at)
     return found
 
 
@@ -268,7 +269,7 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
     margin = np.minimum(found.margin, _ENOUGH)
     swing = np.abs(found.ends - found.Q[:, None]).max(axis=(1, 2), initial=0.0)
-    return found.rows(np.lexsort((swing, -margin, below, far, -found.steps)))
+    return rows_of(found, np.lexsort((swing, -margin, below, far, -found.steps)))
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
@@ -281,7 +282,7 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
         free += [*first + np.flatnonzero(here)]
         if len(free) >= count:
             break
-    return found.rows(np.array(free[:count] or [0], int))
+    return rows_of(found, free[:count] or [0])
 
 
 def _fitted(box: Cell, found: Grown) -> tuple[Cell, Candidate, Array] | None:

@@ -5,7 +5,6 @@ that ∂F C and G_d E C are in joint speed per unit of task speed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from ...strategies.strategy import Inverse
 from .cell import Cell
 from .chart import Chart, Points
 from .failures import FailureReason, broken_limit, folded, touching, unreached
-from .kinematics import null_bases, solved
+from .kinematics import joined, null_bases, rows_of, solved
 from .margins import (
     CandidateFunction,
     LeafMargin,
@@ -187,22 +186,13 @@ class _Sample(NamedTuple):
         """True where the function exists on its sheet, inside the joint limits: (K,)."""
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
-    def rows(self, which: NDArray[Any] | slice) -> _Sample:
-        """Select some of the poses."""
-        return _Sample(*(each[which] for each in self))
-
-    @classmethod
-    def joined(cls, samples: Sequence[_Sample]) -> _Sample:
-        """Join several samples."""
-        return cls(*map(np.concatenate, zip(*samples, strict=True)))
-
 
 def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> _Sample:
     """Evaluate a candidate function with s = 0 at poses U (K, k)."""
     middle = candidate.at(np.zeros((1, U.shape[1])))
     parts = [U[start : start + _BLOCK] for start in range(0, len(U), _BLOCK)]
     side = _sides(middle)
-    return _Sample.joined([_block(desired, candidate, part, side) for part in parts])
+    return joined([_block(desired, candidate, part, side) for part in parts])
 
 
 def _sides(at: Points) -> Array:
@@ -221,7 +211,7 @@ def _block(
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (upright > 1e-6)
     squares = np.full((4, len(U)), np.nan)
     if sound.any():
-        own, desired_own, _ = chart.joint_speeds(desired, at.chosen(sound))
+        own, desired_own, _ = chart.joint_speeds(desired, rows_of(at, sound))
         for row, speeds in enumerate((own - desired_own, own, desired_own)):
             squares[row, sound] = (speeds**2).sum(axis=(1, 2))
         squares[3, sound] = _largest_ratio(own, desired_own)
@@ -270,7 +260,7 @@ class _SpeedRatio(Quantity):
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
         if not len(found):
             return ratio
-        own, desired, _ = self.chart.joint_speeds(self.desired, at.chosen(found))
+        own, desired, _ = self.chart.joint_speeds(self.desired, rows_of(at, found))
         finite = np.isfinite(own).all(axis=(1, 2))
         found, own, desired = found[finite], own[finite], desired[finite]
         if self.direction:
@@ -297,8 +287,8 @@ def evaluate_cell(
     middle = candidate.at(np.zeros((1, cell.k)))
     some = at.Q[at.covered][:: max(1, len(U) // 7)][:7]
     failures = _failures(cell, at, low, np.concatenate([middle.Q, some]))
-    held_out = at.rows(slice(count))
-    inside = held_out.rows(held_out.covered)
+    held_out = rows_of(at, slice(count))
+    inside = rows_of(held_out, held_out.covered)
     if not len(inside.U):
         figures: dict[str, Any] = dict.fromkeys(
             Evaluation.__dataclass_fields__, float("nan")
@@ -311,8 +301,8 @@ def evaluate_cell(
     least = float(held_out.limit_margin[lowest])
     ends = candidate.at(np.stack([U[lowest], low.U[worst]]))
     most = limits_of(cell).attainable(chart, ends, far=True)
-    tested = _Sample.joined([at, low])
-    tested = tested.rows(tested.covered)
+    tested = joined([at, low])
+    tested = rows_of(tested, tested.covered)
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
     ratio = inside.own.mean() / desired_square
@@ -348,7 +338,7 @@ def _searched(
     The searches start from the worst of the sampled poses. Return all poses visited (L, k). A quick
     evaluation does not search for leaf margins and joint speeds.
     """
-    chart, at = candidate.chart, at.rows(at.sheet)
+    chart, at = candidate.chart, rows_of(at, at.sheet)
     limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)
     middle, U = np.zeros((1, at.U.shape[1])), at.U
     starts: list[tuple[Quantity, Array]] = [
@@ -387,8 +377,8 @@ def _failures(
     ``near`` (L, n) are configurations from which a reachability test starts. The ``share`` of each
     reason refers to the sampled poses.
     """
-    both = _Sample.joined([at, low])
-    on, folds = both.rows(both.sheet), both.U[both.ok & ~both.sheet]
+    both = joined([at, low])
+    on, folds = rows_of(both, both.sheet), both.U[both.ok & ~both.sheet]
     violated = float((at.sheet & (at.limit_margin < 0)).mean())
     failures = [
         broken_limit(cell, on.U, on.Q, violated),
@@ -417,7 +407,7 @@ def _bodies(
         ends = searched(candidate, distances_of(cell.task), starts)[-_BODY_STARTS:]
         nearer = candidate.at(ends)
         margin = cell.task.limit_margin(nearer.Q).min(axis=1)
-        nearer = nearer.chosen(nearer.found & (margin >= 0))
+        nearer = rows_of(nearer, nearer.found & (margin >= 0))
         U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])
         distances = np.concatenate([distances, bodies.distances(nearer.Q)])
     links = bodies.nearest(Q[int(np.argmin(distances))]).links

@@ -11,7 +11,7 @@ from ...arguments import Array, read_only
 from ...model.bodies import bodies_of
 from ...progress import Report
 from .cell import Cell
-from .kinematics import bases, placed
+from .kinematics import bases, placed, rows_of
 from .monomials import Monomials
 from .reach import STEPS, Grown, drawn, grown
 
@@ -90,10 +90,10 @@ def _section(box: Cell, known: Grown, axes: tuple[int, int]) -> Section:
         column, row = np.rint((found.p[:, axes] - low) / step).astype(int).T
         price = np.full(len(found.p), np.inf)
         fits = found.steps == STEPS
-        price[fits] = _extra_speed(box, found.rows(fits))
+        price[fits] = _extra_speed(box, rows_of(found, fits))
         best = np.lexsort((price, -found.steps))
         at, first = np.unique((row * len(a) + column)[best], return_index=True)
-        found, price = found.rows(best[first]), price[best[first]]
+        found, price = rows_of(found, best[first]), price[best[first]]
         free = _separate(box, found)
         gained = found.steps / STEPS * free
         better = gained > share[at]

@@ -48,10 +48,6 @@ class _Goals(NamedTuple):
     p: Array
     R: Array
 
-    def at(self, rows: NDArray[Any] | slice) -> _Goals:
-        """Select poses by their indices, by a mask (K,) or by a slice."""
-        return _Goals(*(each[rows] for each in self))
-
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -314,9 +310,7 @@ class Chart:
         return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
 
 
-@dataclass(frozen=True, eq=False)
-@read_only
-class Points:
+class Points(NamedTuple):
     """Configurations that solve the equations of a chart at K poses, and the kinematics there.
 
     Attributes
@@ -342,16 +336,12 @@ class Points:
     residual: Array
     found: NDArray[np.bool_]
 
-    def chosen(self, at: NDArray[np.bool_ | np.intp] | slice) -> Points:
-        """Return the points with the given indices, or at which a mask is True."""
-        return Points(*(getattr(self, name)[at] for name in self.__dataclass_fields__))
-
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
         """Return a copy in which the points with the given indices are those of ``other``."""
-        arrays = {name: values.copy() for name, values in vars(self).items()}
-        for name, values in arrays.items():
-            values[at] = getattr(other, name)
-        return Points(**arrays)
+        arrays = [values.copy() for values in self]
+        for values, new in zip(arrays, other, strict=True):
+            values[at] = new
+        return Points._make(arrays)
 
 
 class CellPotentials:

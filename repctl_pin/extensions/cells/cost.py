@@ -13,6 +13,7 @@ from ...arguments import Array, read_only
 from ...solvers import Damping, Point, Step, levenberg_marquardt
 from ...strategies.strategy import Inverse
 from .chart import Chart, Points
+from .kinematics import rows_of
 from .margins import Margin
 from .monomials import Monomials
 
@@ -146,7 +147,9 @@ class Cost:
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return _Value(np.inf, np.inf, np.nan, points, ds)
-        own, desired, _ = self._joint_speeds(points.chosen(self.inner), ds[self.inner])
+        own, desired, _ = self._joint_speeds(
+            rows_of(points, self.inner), ds[self.inner]
+        )
         nearness = float(((own - desired) ** 2).sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
@@ -171,7 +174,7 @@ class Cost:
         ∂F/∂s. The derivative with respect to s is taken by central differences. A margin depends on
         s only."""
         chart, r = self.chart, self.chart.cell.task.r
-        points, ds = at.points.chosen(self.inner), at.ds[self.inner]
+        points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
         residual = own - desired
         K, n, k = (
@@ -179,7 +182,7 @@ class Cost:
         )  # here k counts the coordinates removed by a symmetry, too
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         M = np.zeros((K, n, k, r, 1 + k))  # ∂(residual)/∂(s_j, (∂s_j C)_c)
-        goals = self.goals.at(self.inner)
+        goals = rows_of(self.goals, self.inner)
         for j in range(r):
             step = _DIFFERENCE * np.eye(r)[j]
             ends = [
@@ -210,7 +213,7 @@ class Cost:
         )
         at_s = np.arange(r) * (1 + k)
         for part, where in self.kept:
-            there = at.points.chosen(where)
+            there = rows_of(at.points, where)
             hinge = _hinge(part, there.Q)
             onto = chart.derivative(there, at.ds[where])[1]
             D = (

@@ -1,14 +1,17 @@
-"""Batched kinematics, rotations, linear solves and null-space bases; a singular matrix does not
-affect the results of the other rows."""
+"""Batches: kinematics, rotations, linear solves, null-space bases, and records of many rows.
+
+A singular matrix does not affect the results of the other rows."""
 
 from __future__ import annotations
 
 import ctypes
 import weakref
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ...arguments import Array
@@ -24,6 +27,9 @@ _REGULAR = 1e-6
 _LONG = 0.5
 """Minimum length of the projection of a unit vector onto the null space from which the unit null
 vector is computed by normalising."""
+
+Record = TypeVar("Record", bound=tuple[Any, ...])
+"""A named tuple of arrays with K rows each."""
 
 _arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
 """Kinematic chains for C, by task; None where there is none."""
@@ -57,6 +63,20 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
     native = library()
     assert native is not None, "there is a chain for it"
     native[name](ctypes.byref(arm), ctypes.c_long(count), *pointers)
+
+
+def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
+    """Select some rows of all arrays of a named tuple."""
+    make: Any = type(record)
+    selected: Record = make(*(each[which] for each in record))
+    return selected
+
+
+def joined(records: Sequence[Record]) -> Record:
+    """Join named tuples of arrays: all rows of the first one, then those of the next."""
+    make: Any = type(records[0])
+    together: Record = make(*map(np.concatenate, zip(*records, strict=True)))
+    return together
 
 
 def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:

@@ -17,7 +17,7 @@ from ...redundancy import leaf_margin
 from ...solvers import StepLengths, descend_in_box
 from .cell import Cell
 from .chart import Chart, Points
-from .kinematics import null_bases
+from .kinematics import null_bases, rows_of
 from .monomials import Monomials
 
 _DIFFERENCE = 3e-4
@@ -160,7 +160,7 @@ class Margin(Quantity):
             """Evaluate labels (K, r) from configurations Q (K, n), which become those found there;
             update the best label of each pose if its margin is larger."""
             on = np.flatnonzero(most < enough)
-            there = goals.at(on)
+            there = rows_of(goals, on)
             points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
             least = np.where(points.found, self.least(points), -np.inf)
             better, Q[on] = least > most[on], points.Q
@@ -234,7 +234,7 @@ def leaf_margins(chart: Chart, at: Points) -> Array:
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
     if len(rows):
-        on = at.chosen(rows)
+        on = rows_of(at, rows)
         N, s = null_bases(on.J, on.n_ref)
         values = leaf_margin(N, potential_gradients(chart, on))
         margin[rows] = np.where(s[:, -1] > 1e-12 * s[:, 0], np.nan_to_num(values), 0.0)
@@ -330,11 +330,11 @@ def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
     the descents are last.
     """
     here = candidate.at(U)
-    here = here.chosen(here.found)
+    here = rows_of(here, here.found)
     tried, visited = here, [here.U]
 
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
-        part = here.chosen(rows)
+        part = rows_of(here, rows)
         slope = margin.slope(candidate, part)  # (L, k)
         outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
         slope = np.where(outward, 0.0, slope)
@@ -349,7 +349,7 @@ def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
 
     def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
         nonlocal here
-        here = here.replaced(rows[better], tried.chosen(better))
+        here = here.replaced(rows[better], rows_of(tried, better))
         visited.append(tried.U[better | ~tried.found])
 
     U = here.U.copy()

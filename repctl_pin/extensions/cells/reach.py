@@ -201,14 +201,6 @@ class Grown(NamedTuple):
     margin: NDArray[Any]
     ends: NDArray[Any]
 
-    def rows(self, which: NDArray[Any] | list[int]) -> Grown:
-        """Select some of the middles."""
-        return Grown(*(each[which] for each in self))
-
-    def joined(self, other: Grown) -> Grown:
-        """Join two sets of middles."""
-        return Grown(*map(np.concatenate, zip(self, other, strict=True)))
-
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Draw random configurations Q (K, n); return the positions p (K, 3) of the frame, and Q.
