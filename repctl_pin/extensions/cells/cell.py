@@ -357,17 +357,6 @@ class Cell:
     # ---- symmetries
     # --------------------------------------------------------------------------------
 
-    def without(
-        self: C, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
-    ) -> C:
-        """Return the cell with the coordinates of the given symmetries removed from u, at 0.
-
-        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
-        cell.
-        """
-        free = self.free if free is None else tuple(free)
-        return self._changed(removed=tuple(symmetries), free=free)
-
     @property
     def whole(self: C) -> C:
         """The same cell, with the coordinates that symmetries remove included in u."""

@@ -31,7 +31,7 @@ from .monomials import Monomials
 from .penalty import ActiveConstraint, PenaltyMethod, padded
 from .posture_search import Candidate
 from .reach import Rays, rays
-from .sector import ANGLE
+from .sector import ANGLE, Sector
 from .turning import Turn, centred
 
 MOST_UNKNOWNS, _MOST_TERMS = 260, 220
@@ -208,7 +208,9 @@ class CellFit:
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
         turns = {turn.coordinate: turn for turn in found.evaluation.turns}
-        if ANGLE in sector.free or names[ANGLE] not in turns:
+        if not isinstance(sector, Sector) or ANGLE in sector.free:
+            return found
+        if names[ANGLE] not in turns:
             return found
         turn = turns[names[ANGLE]]
         if not turn.reach < 2 * sector.widths[ANGLE] + _SPARE:

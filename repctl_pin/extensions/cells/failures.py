@@ -93,7 +93,7 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
         return []
     some = U[np.linspace(0, len(U) - 1, min(_SPARSE, len(U))).astype(int)]
     goals = cell.placements(some.repeat(len(near), axis=0))
-    Q, left = reached(cell, *goals, np.tile(near, (len(some), 1)))
+    Q, left = reached(cell, *goals, np.tile(near, (len(some), 1)), iterations=40)
     left = left.reshape(len(some), -1)
     best = left.argmin(axis=1) + len(near) * np.arange(len(some))
     shortfall = left.min(axis=1)

@@ -3,7 +3,7 @@ vertical axis."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,7 @@ from .cell_arguments import (
 from .kinematics import exp3, left_jacobian
 from .symmetry import (
     NEAR,
+    Symmetry,
     axis_symmetry,
     difference,
     difference_words,
@@ -280,6 +281,17 @@ class Sector(Cell):
 
     # ---- other sectors
     # --------------------------------------------------------------------------------
+
+    def without(
+        self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None
+    ) -> Sector:
+        """Return the sector with the coordinates of the given symmetries removed from u, at 0.
+
+        ``free`` are the indices of coordinates with the range ``"all"``; by default those of this
+        sector.
+        """
+        free = self.free if free is None else tuple(free)
+        return self._changed(removed=tuple(symmetries), free=free)
 
     @classmethod
     def around(cls, *_: object, **__: object) -> Sector:

@@ -239,7 +239,7 @@ def reduced(cell: Cell, desired: Inverse) -> Cell:
 
     G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change with the symmetric joint.
     """
-    if not cell.symmetries:
+    if not isinstance(cell, Sector):
         return cell
     task, one = cell.task, cell.whole
     rng = np.random.default_rng(1)
