@@ -19,7 +19,7 @@ from ....regions import Region
 from ....regions.region import A_REGION
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
-from ...cells.cell_potentials import CellPotentials
+from ...cells.chart import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.sector import Sector
 from .kdl import kdl_header, quoted

@@ -17,7 +17,7 @@ from ....regions import Region
 from ....strategies.native_arm import native_arm
 from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
-from ...cells.cell_potentials import CellPotentials
+from ...cells.chart import CellPotentials
 from ...cells.function import InverseFunction
 from .constants import constants
 from .governor import governor_source, torque_code
