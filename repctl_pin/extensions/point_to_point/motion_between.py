@@ -31,7 +31,7 @@ from ..cells.cell_arguments import stacked
 from ..cells.function import InverseFunction
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
-from ..timing.profile import Segment
+from ..timing.profile import Course
 from .lines import Function
 from .parts import parts_of
 
@@ -107,38 +107,6 @@ class MotionBetween(TimedMotion):
             raise InputError("t must be a finite number, s, or an array (T,) of them")
         q = np.asarray(self.trajectory.derivatives(np.atleast_1d(times))[0], float)
         return q if times.ndim else q[0]
-
-
-@dataclass(frozen=True, eq=False)
-@read_only
-class _Course:
-    """The motion as a function of time: profiles in order, each with its time stretched.
-
-    Attributes
-    ----------
-    segments
-        The profiles.
-    begins : (R + 1,) array
-        Times at which they begin, and the last one ends, s.
-    """
-
-    segments: tuple[Segment, ...]
-    begins: Array
-
-    def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,)."""
-        last = len(self.segments) - 1
-        which = np.clip(np.searchsorted(self.begins, t, side="right") - 1, 0, last)
-        found = np.zeros((4, len(t), self.segments[0].curve.c.shape[2]))
-        for k in np.unique(which):
-            rows, segment = np.flatnonzero(which == k), self.segments[k]
-            end = segment.t[-1]
-            factor = (self.begins[k + 1] - self.begins[k]) / end
-            own = (t[rows] - self.begins[k]) / factor
-            moved = segment.derivatives(np.clip(own, 0.0, end))
-            found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
-            found[1:, rows[(own < 0) | (own > end)]] = 0.0
-        return found
 
 
 def motion_between(
@@ -236,8 +204,8 @@ def between(
         )
     samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
     rows = np.concatenate([[0], np.cumsum(samples)])
-    course = _Course(tuple(segments), rows / rate)
     t = np.arange(rows[-1] + 1) / rate
+    course = Course(segments, t[rows[:-1]], np.diff(t[rows]))
     q, qdot, qddot, _ = course.derivatives(t)
     rests = [0, *(part.last for part in parts)]
     q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
@@ -292,7 +260,7 @@ def _configurations(F: Function, X: Array, names: Sequence[str]) -> Array:
     return np.array(Q)
 
 
-def _looked_at(task: Task, course: _Course, times: Array) -> JointMotion:
+def _looked_at(task: Task, course: Course, times: Array) -> JointMotion:
     """Evaluate the motion at the points at which limits and bodies are checked.
 
     ``times`` are those of the poses.

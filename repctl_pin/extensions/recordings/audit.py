@@ -21,7 +21,7 @@ from ...model.task import Task
 from ...motion.displacement import LinkPoints
 from ...motion.motion import CLOSED
 from ...studies.task_choice import choose_task
-from .joint_log import JointLog, in_seconds, joint_log, read_joint_log
+from .joint_log import JointLog, joint_log, read_joint_log
 from .verdict import CREEPS, LATER, NO_RETURN, REPEATS, Trend, Verdict, trend, verdict
 from .visits import Visits, find_visits
 
@@ -299,16 +299,12 @@ def audit(
     if tolerance is not None:
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
-    if isinstance(log, tuple) and len(log) == 2:
-        given = joint_log(*log, task.n)
-    else:
-        given = read_joint_log(log, task.robot_joints)
     units = np.where(task.revolute & degrees, _DEGREE, 1.0)
-    given = replace(given, q=units * given.q)
-    notes = []
-    if given.clock:
-        given = in_seconds(given, task.joint_limits[2])
-        notes.append(given.read)
+    if isinstance(log, tuple) and len(log) == 2:
+        given = joint_log(*log, units)
+    else:
+        given = read_joint_log(log, task, units)
+    notes = [given.read] if given.read else []
     notes += _units(task, given)
     if given.dropped:
         notes.append(f"{given.dropped} rows without new numbers were left out")

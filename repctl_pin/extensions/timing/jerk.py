@@ -440,8 +440,8 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
     h, m = np.diff(s), len(x0)
     i = np.arange(m - 1)
     columns = np.stack([i, i + 1, m + i, m + i + 1], axis=1)
-    one, half = np.ones(m - 1), -h[1:-1] / 2
-    parabola = np.stack([-one, one, half, half], axis=1)
+    whole, half = np.ones(m - 1), -h[1:-1] / 2
+    parabola = np.stack([-whole, whole, half, half], axis=1)
     scales = np.concatenate([x0, unit])
     equal, where = [parabola * scales[columns] / x0[:-1, None]], [columns]
     for k, step in ((0, h[0]), (m - 1, -h[-1])):
@@ -449,9 +449,9 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
         where.append(np.array([[k, m + k, k, k]]))
     if ties:
         a, b = (k - 1 for k in ties)
-        for i, j in ((a, b), (m + a, m + b)):
-            equal.append(np.array([[1.0, -scales[j] / scales[i], 0.0, 0.0]]))
-            where.append(np.array([[i, j, i, i]]))
+        for one, other in ((a, b), (m + a, m + b)):
+            equal.append(np.array([[1.0, -scales[other] / scales[one], 0.0, 0.0]]))
+            where.append(np.array([[one, other, one, one]]))
     return _sparse(np.concatenate(equal), np.concatenate(where), 2 * m)
 
 

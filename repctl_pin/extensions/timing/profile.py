@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -110,11 +110,52 @@ def most_used(
     return factor
 
 
+@dataclass(frozen=True, eq=False)
+@read_only
+class Course:
+    """Segments in order as a function of time, each stretched to its duration, with rests between.
+
+    Attributes
+    ----------
+    segments
+        The segments.
+    begins, durations : (R,) arrays
+        Time at which each of them begins, and the time that it takes, s.
+    """
+
+    segments: Sequence[Segment]
+    begins: Array
+    durations: Array
+
+    def stretched(self, factor: float) -> Course:
+        """Return the course with all times multiplied by a factor."""
+        return Course(self.segments, self.begins * factor, self.durations * factor)
+
+    def derivatives(self, t: Array) -> Array:
+        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
+
+        The arm is at rest before the start, between two segments, and after the end.
+        """
+        which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
+        found = np.zeros((4, len(t), self.segments[0].curve.c.shape[2]))
+        for k in np.unique(which):
+            rows, segment = np.flatnonzero(which == k), self.segments[k]
+            end = segment.t[-1]
+            factor = self.durations[k] / end
+            own = (t[rows] - self.begins[k]) / factor
+            moved = np.array(segment.derivatives(np.clip(own, 0.0, end)))
+            found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
+            found[1:, rows[(own < 0) | (own > end)]] = 0.0
+        return found
+
+
 class Profile:
     """Timing of a few cycles: segments in order, with pauses between them.
 
     Attributes
     ----------
+    course : Course
+        The segments as a function of time.
     marks : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s; before a pause there, if any.
     stretch : float
@@ -133,14 +174,14 @@ class Profile:
         ends: list[int],
         limits: JointLimits,
     ) -> None:
-        self.runs = runs
         took = np.array([run.t[-1] for run in runs])
-        self.starts = np.cumsum(stays) + np.concatenate([[0.0], np.cumsum(took)[:-1]])
+        starts = np.cumsum(stays) + np.concatenate([[0.0], np.cumsum(took)[:-1]])
+        self.course = Course(runs, starts, took)
         marks, speeds = [0.0], [0.0]
         for k in ends[1:]:
             j = int(np.searchsorted(stops, k, side="left")) - 1
             passed = runs[j].passed[[k - stops[j]]]
-            marks.append(float(self.starts[j] + passed[0]))
+            marks.append(float(starts[j] + passed[0]))
             speeds.append(float(runs[j].law(passed)[1][0]))
         self.marks = np.array(marks)
         self.stretch = max(run.excess(limits) for run in runs)
@@ -152,44 +193,24 @@ class Profile:
             np.concatenate([run.speed for run in runs]),
         )
 
-    def derivatives(self, clock: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,).
-
-        The arm is at rest before the start and after the end.
-        """
-        which = np.clip(
-            np.searchsorted(self.starts, clock, side="right") - 1, 0, len(self.runs) - 1
-        )
-        found = np.zeros((4, len(clock), self.runs[0].curve(0.0).size))
-        for j in np.unique(which):
-            rows = which == j
-            run = self.runs[j]
-            t = clock[rows] - self.starts[j]
-            found[:, rows] = run.derivatives(np.clip(t, 0.0, run.t[-1]))
-            found[1:, np.flatnonzero(rows)[(t < 0) | (t > run.t[-1])]] = 0.0
-        return found
-
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A profile as a function of time, with its second cycle repeated.
+    """A course of a few cycles as a function of time, with its second cycle repeated.
 
     Attributes
     ----------
-    profile
-        Phase-plane profile of a few cycles.
-    factor
-        Factor by which the profile's time is stretched.
+    course
+        The course.
     lead
-        Time at rest before the profile, s.
+        Time at rest before the course, s.
     begin, period : float
         Time at which the second cycle begins, and its duration, s.
     more : int
         Number of additional repetitions of the second cycle.
     """
 
-    profile: Profile
-    factor: float
+    course: Course
     lead: float
     begin: float
     period: float
@@ -201,8 +222,7 @@ class Trajectory:
         if self.more:
             again = np.floor((clock - self.begin) / self.period)
             clock = clock - self.period * np.clip(again, 0, self.more)
-        found = self.profile.derivatives(clock / self.factor)
-        return found / self.factor ** np.arange(4)[:, None, None]
+        return self.course.derivatives(clock)
 
 
 def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list[int]:

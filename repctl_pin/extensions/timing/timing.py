@@ -259,8 +259,9 @@ def _sampled(
         )
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
+    course = profile.course.stretched(factor)
     back, before, q, after, beyond = (
-        profile.derivatives((clock + k * moment) / factor)[0] for k in range(-2, 3)
+        course.derivatives(clock + k * moment)[0] for k in range(-2, 3)
     )
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
@@ -287,9 +288,7 @@ def _sampled(
         acceleration=limits.acceleration,
         stops=stops,
         jerk=limits.jerk,
-        trajectory=Trajectory(
-            profile, factor, lead * dt, float(marks[1]), period * dt, more
-        ),
+        trajectory=Trajectory(course, lead * dt, float(marks[1]), period * dt, more),
     )
 
 
