@@ -1,4 +1,4 @@
-"""Report of an audit: a sentence and a short table for a terminal of 24 rows, a page and a figure."""
+"""Report of an audit: a sentence and a table for a terminal of 24 rows, a page and a figure."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from ...arguments import Array, read_only
 from ...errors import InputError, needed
 from ...motion.limits import JointLimits
 
-_BEND = 0.05
+BEND = 0.05
 """Change of direction of the joint path, rad, above which a point is a corner."""
 
 SHARP = 0.3
@@ -225,7 +225,7 @@ class Trajectory:
         return self.course.derivatives(clock)
 
 
-def corners_of(Q: Array, candidates: Iterable[int], bend: float = _BEND) -> list[int]:
+def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
     """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
 
     Cusps are found everywhere, other corners only among the indices ``candidates``.
