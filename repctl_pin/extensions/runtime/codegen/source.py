@@ -19,9 +19,8 @@ from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.cell import Cell
 from ...cells.cell_potentials import CellPotentials
 from ...cells.function import InverseFunction
-from .constants import constants
 from .governor import governor_source, torque_code
-from .text import comment, filled, pasted
+from .text import comment, constants, filled, pasted
 
 _MEANING = {
     "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",

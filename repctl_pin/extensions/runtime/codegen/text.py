@@ -1,10 +1,11 @@
-"""Formatting of C code: names, numbers, safe comments, and templates."""
+"""Formatting of C code: names, numbers, structs as constants, safe comments, and templates."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -15,6 +16,9 @@ from ....errors import InputError
 
 _PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
 _LONGEST = 80
+
+_TYPES = {"frame": "Arm"}
+"""Types of the members that do not bear their type's name."""
 
 _VARIANT = re.compile(r"(_r|_t|_np|f?(32|64|128)x?|f|l)$")
 """Ending of variants of a name of the C library, such as ``sinf`` and ``gamma_r``."""
@@ -95,15 +99,58 @@ def value(x: float) -> str:
     return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
 
 
-def number(value: float) -> str:
-    """Format a finite number in C by the shortest text that parses to the same double."""
-    assert math.isfinite(value)
-    return repr(float(value) + 0.0)
-
-
-def integer(values: Iterable[int]) -> str:
+def _integers(values: Iterable[int]) -> str:
     """Format integers as a C initialiser, ``{1, 2}``."""
     return f"{{{', '.join(str(int(v)) for v in values)}}}"
+
+
+def constants(made: Any, kind: str, name: str) -> str:
+    """Write a struct of :func:`repctl_pin.native.filled_struct` as ``static const`` C.
+
+    Parameters
+    ----------
+    made
+        The struct; ``made.held`` has its arrays, and the structs it points to, by member.
+    kind
+        Name of its type in C; a struct that the member ``x`` points to is an ``X``, a frame an
+        ``Arm``.
+    name
+        Name of the constant; the names of its arrays begin with it.
+    """
+    return "\n".join(_definitions(made, kind, name)) + "\n"
+
+
+def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
+    entries = []
+    for member, of in made._fields_:
+        held = made.held.get(member)
+        if of is not ctypes.c_void_p:
+            entries.append(_number(getattr(made, member), of))
+        elif held is None or len(held) == 0:
+            entries.append("NULL")
+        else:
+            yield from _array(held, member, f"{name}_{member}")
+            entries.append(f"{name}_{member}")
+    yield f"static const {kind} {name}[1] = {{{{{', '.join(entries)}}}}};"
+
+
+def _array(held: Any, member: str, name: str) -> Iterator[str]:
+    """Write the array of numbers, or of structs, that a member points to."""
+    if isinstance(held, np.ndarray):
+        real = held.dtype.kind == "f"
+        values = row(held.ravel()) if real else _integers(held.ravel())
+        yield f"static const {'double' if real else 'int'} {name}[{held.size}] = {values};"
+        return
+    kind, entries = _TYPES.get(member, member.capitalize()), []
+    for k, one in enumerate(held):
+        *arrays, last = _definitions(one, kind, f"{name}_{k}")
+        yield from arrays
+        entries.append(last.split(" = ")[1][1:-2])
+    yield f"static const {kind} {name}[{len(held)}] = {{{', '.join(entries)}}};"
+
+
+def _number(value: Any, of: Any) -> str:
+    return row([value])[1:-1] if of is ctypes.c_double else str(value)
 
 
 def _template(file: str) -> str:
