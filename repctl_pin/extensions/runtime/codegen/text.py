@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -70,38 +70,29 @@ def comment(text: str) -> str:
     return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
 
 
-def table(rows: Iterable[Iterable[float]], indent: str = "        ") -> str:
-    """Format rows of doubles as the rows of a two-dimensional C initialiser."""
-    return ",\n".join(f"{indent}{{{', '.join(map(value, row))}}}" for row in rows)
+def initialiser(value: Any) -> str:
+    """Format a value as C: a number, a name, or in braces an array, a tuple or a placement.
+
+    Numbers may be infinite or nan. A placement is its position, and its rotation row by row.
+    """
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, float):
+        return _double(value)
+    if isinstance(value, pin.SE3):
+        value = value.translation, np.ravel(value.rotation)
+    return f"{{{', '.join(map(initialiser, value))}}}"
 
 
-def row(values: Iterable[float]) -> str:
-    """Format doubles as a C initialiser, ``{1.0, HUGE_VAL}``."""
-    return f"{{{', '.join(map(value, values))}}}"
-
-
-def pose(placement: pin.SE3) -> str:
-    """Format a placement as a C initialiser: position, and rotation row by row."""
-    return f"{{{row(placement.translation)}, {row(np.ravel(placement.rotation))}}}"
-
-
-def poses(placements: Iterable[pin.SE3]) -> str:
-    """Format the placements of all frames as a C initialiser."""
-    return f"{{{', '.join(map(pose, placements))}}}"
-
-
-def value(x: float) -> str:
+def _double(x: float) -> str:
     """Format a double, which may be infinite or nan, as a C expression."""
     if math.isnan(x):
         return "(HUGE_VAL - HUGE_VAL)"
     if math.isfinite(x):
         return repr(float(x) + 0.0)  # the shortest text that parses to the same double
     return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
-
-
-def _integers(values: Iterable[int]) -> str:
-    """Format integers as a C initialiser, ``{1, 2}``."""
-    return f"{{{', '.join(str(int(v)) for v in values)}}}"
 
 
 def constants(made: Any, kind: str, name: str) -> str:
@@ -125,7 +116,7 @@ def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
     for member, of in made._fields_:
         held = made.held.get(member)
         if of is not ctypes.c_void_p:
-            entries.append(_number(getattr(made, member), of))
+            entries.append(initialiser(getattr(made, member)))
         elif held is None or len(held) == 0:
             entries.append("NULL")
         else:
@@ -137,9 +128,9 @@ def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
 def _array(held: Any, member: str, name: str) -> Iterator[str]:
     """Write the array of numbers, or of structs, that a member points to."""
     if isinstance(held, np.ndarray):
-        real = held.dtype.kind == "f"
-        values = row(held.ravel()) if real else _integers(held.ravel())
-        yield f"static const {'double' if real else 'int'} {name}[{held.size}] = {values};"
+        kind = "double" if held.dtype.kind == "f" else "int"
+        values = initialiser(held.ravel())
+        yield f"static const {kind} {name}[{held.size}] = {values};"
         return
     kind, entries = _TYPES.get(member, member.capitalize()), []
     for k, one in enumerate(held):
@@ -147,10 +138,6 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
         yield from arrays
         entries.append(last.split(" = ")[1][1:-2])
     yield f"static const {kind} {name}[{len(held)}] = {{{', '.join(entries)}}};"
-
-
-def _number(value: Any, of: Any) -> str:
-    return row([value])[1:-1] if of is ctypes.c_double else str(value)
 
 
 def _template(file: str) -> str:
