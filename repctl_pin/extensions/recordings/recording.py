@@ -252,14 +252,11 @@ def blocks(count: int) -> list[slice]:
 
 def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     X = as_numbers(poses)
-    free = not task.kind.turns
-    shapes = "(K, 4, 4) or (K, 7)" + (" or (K, 3)" if free else "")
-    fits = X is not None and (
-        X.shape[1:] in ((4, 4), (7,)) or (free and X.shape[1:] == (3,))
-    )
-    if X is None or not fits:
-        what = shown(poses) if X is None else f"shape {X.shape}"
-        raise InputError(f"must be numbers {shapes}; got {what}", argument="poses")
+    shapes = [(4, 4), (7,)] if task.kind.turns else [(4, 4), (7,), (3,)]
+    if X is None or X.shape[1:] not in shapes:
+        forms = " or ".join(f"(K, {', '.join(map(str, shape))})" for shape in shapes)
+        got = shown(poses) if X is None else f"shape {X.shape}"
+        raise InputError(f"must be numbers {forms}; got {got}", argument="poses")
     wrong = ~np.isfinite(X.reshape(len(X), -1)).all(axis=1)
     if wrong.any():
         raise InputError("a pose is not finite", at=int(np.argmax(wrong)))
