@@ -81,7 +81,7 @@ class Part:
             found = with_jerk(found, limits)
         steps = np.diff(found.t)[:, None] * _CHECKED * (1 - 1e-9)
         moved = found.derivatives((found.t[:-1, None] + steps).ravel())
-        factor = most_used(limits, *moved) * (1 + _ROUNDING)
+        factor = most_used(limits, moved) * (1 + _ROUNDING)
         return found, float(found.t[-1] * factor)
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion.limits import JointLimits
-from .profile import STAGES, Segment, fastest, most_used
+from .profile import STAGES, Segment, fastest, most_used, used_fractions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -125,15 +125,13 @@ class _JerkSegment(Segment):
 
     def used(self, limits: JointLimits) -> Array:
         """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,)."""
-        _, _, push, jerk = self.derivatives(self.between())
-        share = np.maximum(
-            np.abs(push) / limits.acceleration, np.abs(jerk) / limits.jerk
-        )
+        _, *rates = used_fractions(limits, self.derivatives(self.between()))
+        share = np.maximum(*(used for _, _, used in rates))
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
         """Factor by which time must be stretched to keep the limits between stages; 1 if kept."""
-        return most_used(limits, *self.derivatives(self.between()))
+        return most_used(limits, self.derivatives(self.between()))
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,24 +78,31 @@ class Segment:
         that of jerk is not checked.
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
-        return most_used(limits, *self.derivatives(t)[:3])
+        return most_used(limits, self.derivatives(t)[:3])
 
 
-def most_used(
-    limits: JointLimits,
-    Q: Array,
-    qdot: Array,
-    qddot: Array,
-    qdddot: Array | None = None,
-) -> float:
+def used_fractions(
+    limits: JointLimits, moved: Sequence[Array]
+) -> Iterator[tuple[str, int, Array]]:
+    """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk.
+
+    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each fraction comes
+    with its name and its order k: it goes with the k-th power of the speed along the path.
+    """
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    named = zip(("speed", "acceleration", "jerk"), bounds, moved[1:], strict=False)
+    for k, (name, most, values) in enumerate(named, 1):
+        if most is not None:
+            yield name, k, np.abs(values) / most
+
+
+def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
     """Compute the factor by which time must be stretched to keep a motion's limits; 1 if kept.
 
-    The motion is given by (T, n) arrays; without q⃛, the limit of jerk is not checked.
+    The motion is given as for :func:`used_fractions`.
     """
-    factor = max(1.0, float((np.abs(qdot) / limits.velocity).max()))
-    factor = max(factor, float(np.sqrt((np.abs(qddot) / limits.acceleration).max())))
-    if limits.jerk is not None and qdddot is not None:
-        factor = max(factor, float(np.cbrt((np.abs(qdddot) / limits.jerk).max())))
+    used = [float(x.max()) ** (1 / k) for _, k, x in used_fractions(limits, moved)]
+    factor, (Q, qdot, qddot) = max(1.0, *used), moved[:3]
     if limits.tool is not None:
         factor = max(factor, float(limits.tool(Q, qdot).max()))
     if limits.torque is None or limits.dynamics is None:
@@ -104,9 +111,8 @@ def most_used(
         weight = limits.dynamics(q, 0 * v, 0 * v)
         moving = limits.dynamics(q, v, a) - weight  # goes with the square of the speed
         available = np.where(moving > 0, limits.torque - weight, limits.torque + weight)
-        factor = max(
-            factor, float(np.sqrt((np.abs(moving) / np.maximum(available, 1e-9)).max()))
-        )
+        share = float((np.abs(moving) / np.maximum(available, 1e-9)).max())
+        factor = max(factor, share**0.5)
     return factor
 
 

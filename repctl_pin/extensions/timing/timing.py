@@ -284,20 +284,17 @@ def _sampled(
             "lower the rate"
         )
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
-    clock = np.linspace(-lead, samples - 1 - lead, samples) * dt
+    clock = np.arange(-lead, samples - lead, dtype=float) * dt
     course = profile.course.stretched(factor)
     back, before, q, after, beyond = (
         course.derivatives(clock + k * moment)[0] for k in range(-2, 3)
     )
     qdot = (after - before) / (2 * moment)
     qddot = (beyond - 2 * q + back) / (4 * moment**2)
-    begin = int(np.ceil((marks[1] / dt if more else 0) - 1e-6)) + lead
-    steady_rows = np.tile(np.arange(begin, begin + period), more)
-    rows = np.concatenate(
-        [np.arange(begin + period), steady_rows, np.arange(begin + period, len(clock))]
-    )
-    starts = marks
+    rows, starts = np.arange(samples + more * period), marks
     if more:
+        begin = int(np.ceil(marks[1] / dt - 1e-6)) + lead
+        rows -= period * np.clip((rows - begin) // period, 0, more)
         turns = marks[1] + period * dt * np.arange(more + 2)
         starts = np.concatenate([marks[:1], turns, marks[3:] + more * period * dt])
     length, speed = profile.phase
