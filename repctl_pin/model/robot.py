@@ -511,7 +511,7 @@ def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
     Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
     """
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
-    if entry is not None and entry.srdf is not None:
+    if entry is not None and entry.srdf is not None and entry.posture is not None:
         poses["reference"] = reference_posture(entry.srdf, entry.posture)
     if entry is not None and entry.ready is not None:
         poses["ready"] = reference_posture(urdf_folder() / READY, entry.ready)

@@ -29,7 +29,7 @@ ROBOTS = {
 }
 PATH = "circle:0.08"
 CYCLES = 10
-STEPS = 300
+STEPS = 500
 
 COLUMNS = (
     "robot",

@@ -121,6 +121,10 @@ def test_the_reference_names_everything_public() -> None:
     assert sorted(listed) == sorted(
         f"{thing.__module__}.{thing.__qualname__}" for thing in public
     )
+    index = (ROOT / "docs" / "reference" / "index.md").read_text("utf-8")
+    table = re.findall(r"^\| \[.*?\| (.*) \|$", index, flags=re.MULTILINE)
+    named = re.findall(r"`(\w+)`", " ".join(table))
+    assert sorted(named) == sorted(thing.__name__ for thing in public)
 
 
 def python_of(page: Path) -> list[str]:

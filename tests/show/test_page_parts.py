@@ -369,3 +369,16 @@ def test_text_in_a_colour_can_be_read() -> None:
             int(text[k : k + 2], 16) <= int(colour[k : k + 2], 16) for k in (1, 3, 5)
         )
     assert luminance("#ffffff") == pytest.approx(1) and luminance("#000000") == 0
+
+
+def test_no_two_scripts_define_the_same_name() -> None:
+    """The page joins its scripts into one scope, where a second function replaces the first."""
+    scripts = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
+    declared = r"(?m)^(?:export )?(?:async )?(?:function\*?|class|const|let) (\w+)"
+    names = [
+        name
+        for script in scripts.glob("*.js")
+        for name in re.findall(declared, script.read_text("utf-8"))
+    ]
+    assert len(names) > 100
+    assert sorted(set(names)) == sorted(names)

@@ -108,8 +108,8 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         "0 under the repeatable one."
     )
     assert (
-        notes == "The repeatable one takes 0.3 % more joint speed. Joint limits kept. "
-        "Links 13 cm apart or more, in both."
+        notes == "The repeatable one takes 0.3 % more joint speed (rms). "
+        "Joint limits kept. Links 13 cm apart or more, in both."
     )
     exact = [
         span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact
@@ -217,6 +217,14 @@ def test_a_hand_that_is_not_back_is_said() -> None:
     assert told == (
         "Under the usual control the hand is not back after 10 cycles: 12 cm off. After 10 cycles "
         "the elbow is not back: 32 cm off under the usual control, 0 under the repeatable one."
+    )
+
+
+def test_a_motion_along_an_open_path_is_not_judged_as_a_cycle() -> None:
+    told = words(headline_of([replace(USUAL, hand_off=0.12)], 1))
+    assert told == (
+        "The path is not closed: the hand ends 12 cm from where it began.",
+        "Joint limits kept. Links 13 cm apart or more.",
     )
 
 

@@ -83,7 +83,7 @@ def test_every_robot_is_what_it_promises(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, row in catalogue().items() if "srdf" in row]
+    "name", [name for name, row in catalogue().items() if "posture" in row]
 )
 def test_reference_poses_are_the_srdfs_inside_the_limits(name: str) -> None:
     machine = rp.Robot.load(name)

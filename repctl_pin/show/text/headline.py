@@ -138,6 +138,10 @@ def headline_of(
     said = [*_winds(summaries), *(Span(f"{text} ", "bad") for text in stopped)]
     if not summaries:
         return Headline(tuple(said), ())
+    if cycles == 1 and all(_is_open(one) for one in summaries):
+        way = metres(max(one.hand_off for one in summaries)).replace(" ", "\u00a0")
+        words = f"The path is not closed: the hand ends {way} from where it began."
+        return Headline((*said, Span(words)), tuple(_notes(summaries)))
     worst = max(summaries, key=lambda one: one.off)
     lost = _lost(summaries, times)
     whose = _EITHER.get(len(summaries), " under every control")
@@ -156,6 +160,11 @@ def headline_of(
         start = f"After {times} {subject}" if lost else capital(subject)
         words += [Span(f"{start} {verb}: "), *offs, Span(".")]
     return Headline((*said, *words, *_ends(summaries)), tuple(_notes(summaries)))
+
+
+def _is_open(one: MotionSummary) -> bool:
+    """Return whether the hand follows its path, but does not end where it began."""
+    return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
 
 def _drifted(
@@ -235,7 +244,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
     said = []
     for one in summaries:
         if one.path_loss is None:
-            if one.hand_off > ON_PATH * one.size:
+            if _is_open(one):
                 said += [
                     Span(
                         f"Under {under(one.label)} the hand is not back after {times}: "
@@ -313,10 +322,10 @@ def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
         subject = capital(under(summaries[-1].label))
         said.append(
-            Span(f"{subject} takes no more joint speed.")
+            Span(f"{subject} takes no more joint speed (rms).")
             if cost.startswith("0")
             else Span(
-                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed."
+                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed (rms)."
             )
         )
     return [
@@ -344,7 +353,8 @@ def _limits(summaries: Sequence[MotionSummary]) -> list[Span]:
                     "bad",
                 )
             )
-    return said or [Span("Joint limits kept.")]
+    later = any(one.leaves is not None for one in summaries)
+    return said or [Span(f"Joint limits kept{' so far' if later else ''}.")]
 
 
 def _leads(summaries: Sequence[MotionSummary]) -> list[Span]:

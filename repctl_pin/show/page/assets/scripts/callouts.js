@@ -20,7 +20,7 @@ export class Callouts {
   // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far it was off, m, and when.
   say(read = null) {
     for (const { arm, part, hand } of this.sets) {
-      const [off, when] = read ? read(arm) : [arm.partOff(), this.scene.leading || arm.reference ? "from the repeatable arm" : "from its place in cycle 1"], way = arm.handOff();
+      const [off, when] = read ? read(arm) : [arm.partOff(), this.scene.leading || arm.reference ? "from the repeatable arm, in grey" : "from its place in cycle 1"], way = arm.handOff();
       write(part.note, when);
       write(part.value, this.words(off));
       part.value.className = tint(off);

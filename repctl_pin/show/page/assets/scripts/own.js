@@ -357,7 +357,7 @@ export class Own {
     ring.classList.remove("under"); // there the words are shorter
     this.wide = ring.firstChild.offsetWidth ? ring.offsetWidth / 2 + 4 + ring.firstChild.offsetWidth : this.wide;
     const long = "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m off under the usual control, 0 under the repeatable one.";
-    const more = `The repeatable one takes 0.8 % more joint speed. Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
+    const more = `The repeatable one takes 0.8 % more joint speed (rms). Joint limits kept. Leaf margin 0.88 or more (1 is best, 0 singular). Collisions are not checked. ${this.chain.proved ? "The repeatable arm closes every loop within 1.1 cm of the start: proved. " : ""}Can you draw one, 25 cm or longer, that does not make it drift? Your best: 0.88 mm.`;
     for (const [id, text] of [["verdict", long], ["notes", more]]) {
       const node = byId(id);
       node.style.minHeight = "";

@@ -53,7 +53,7 @@ function mostOff(chain, arm, off) {
 
 function notesOf(arms, runs, cycles) {
   const cost = runs.at(-1).speed / runs[0].speed - 1, said = [];
-  if (runs.length > 1) said.push([Math.abs(cost) < 5e-4 ? "The repeatable one takes no more joint speed." : `The repeatable one takes ${Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0)}\u00a0% ${cost > 0 ? "more" : "less"} joint speed.`]);
+  if (runs.length > 1) said.push([Math.abs(cost) < 5e-4 ? "The repeatable one takes no more joint speed (rms)." : `The repeatable one takes ${Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0)}\u00a0% ${cost > 0 ? "more" : "less"} joint speed (rms).`]);
   const broken = runs.flatMap(({ data: { broken, under } }) => (broken && broken.cycle <= cycles ? [[` ${broken.name ? `${broken.name} leaves its range` : broken.words} in cycle ${broken.cycle} under ${under}.`, "bad"]] : []));
   said.push(...(broken.length ? broken : [[" Joint limits kept."]]));
   const margin = Math.min(...runs.map((run) => run.margin));
