@@ -346,7 +346,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
     violations of joint limits, and speeds far beyond the limits, are noted.
     """
     (lower, upper, _), q = task.joint_limits, log.q
-    beyond = _beyond(q, lower, upper)
+    beyond = _beyond(task, q)
     if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
         return []
     worst = int(np.argmax(beyond))
@@ -358,7 +358,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
     if beyond[worst] <= _SLIGHT:
         found = f"{log.name}: the joints are far faster than their speed limits"
     turned = q * np.where(task.revolute, _DEGREE, 1.0)
-    within = (_beyond(turned, lower, upper) <= _SOME).all()
+    within = (_beyond(task, turned) <= _SOME).all()
     if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
         raise InputError(
             f"{found}: the values look like degrees", remedy="pass degrees=True"
@@ -372,7 +372,7 @@ def _units(task: Task, log: JointLog) -> list[str]:
         "alphabetical": np.argsort(np.argsort(task.robot_joints)),  # as ROS sorts them
     }
     for name, order in orders.items():
-        if not log.by_name and (_beyond(q[:, order], lower, upper) <= _SOME).all():
+        if not log.by_name and (_beyond(task, q[:, order]) <= _SOME).all():
             raise InputError(
                 f"{found}: the joints seem to be in {name} order",
                 remedy="name the columns by the joints",
@@ -389,9 +389,9 @@ def _speed_ratio(task: Task, t: Array, q: Array) -> float:
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.joint_limits[2]))
 
 
-def _beyond(q: Array, lower: Array, upper: Array) -> Array:
+def _beyond(task: Task, q: Array) -> Array:
     """Compute how far each joint exceeds its limits at most (n,), rad or m; 0 within them."""
-    return np.maximum(np.max(lower - q, axis=0), np.max(q - upper, axis=0)).clip(0.0)
+    return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)
 
 
 def _measured(

@@ -201,19 +201,16 @@ def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     usual = [
         u for u in possible if _USUAL_STEPS[0] <= step * _UNITS[u] <= _USUAL_STEPS[1]
     ]
-    for units in (usual, possible):
-        if len(units) == 1:
-            return units[0], False
-        if len(units) > 1:
-            moving = [unit for unit in units if ratio / _UNITS[unit] >= _TOO_SLOW]
-            if moving == units[:1]:
-                return units[0], False
-            each = " or ".join(units)
-            raise InputError(
-                f"{log.name}: the times in {clock!r} may be in {each}",
-                remedy="name the column " + " or ".join(f"time_{u}" for u in units),
-            )
-    return "s", False  # no unit fits; the speeds are noted
+    units = usual or possible
+    if not units:
+        return "s", False  # the speeds are noted
+    moving = [unit for unit in units if ratio / _UNITS[unit] >= _TOO_SLOW]
+    if len(units) == 1 or moving == units[:1]:
+        return units[0], False
+    raise InputError(
+        f"{log.name}: the times in {clock!r} may be in {' or '.join(units)}",
+        remedy=f"name the column {' or '.join(f'time_{unit}' for unit in units)}",
+    )
 
 
 def _unit_of(clock: str) -> str:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...motion.limits import JointLimits
-from .profile import STAGES, Segment, fastest, most_used, used_fractions
+from .profile import Segment, most_used, used_fractions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -145,20 +145,6 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
     return np.where(small, 1 + z / 6 + z**2 / 120, S), np.where(
         small, 0.5 + z / 24 + z**2 / 720, C
     )
-
-
-def fastest_with_jerk(
-    Q: Array,
-    limits: JointLimits,
-    stages: float = STAGES,
-    seams: tuple[int, ...] = (),
-    weight: float = 1.0,
-) -> _JerkSegment:
-    """Find the time-optimal profile with bounded jerk along a smooth joint path Q (T, n).
-
-    ``stages`` is the minimum number of stages. See :func:`with_jerk`.
-    """
-    return with_jerk(fastest(Q, limits, stages), limits, seams, weight)
 
 
 def with_jerk(

@@ -205,12 +205,12 @@ def _as_fast_as_possible(
     for a, b in pairwise(stops):
         part, stages = laps.Q[a : b + 1], density * (way[b] - way[a])
         key = part.tobytes()
-        if key not in known and steady < 0:
+        if key not in known:
             known[key] = fastest(part, limits, stages)
-        elif key not in known:
-            from .jerk import fastest_with_jerk  # most motions have no such limit
+            if steady >= 0:
+                from .jerk import with_jerk  # most motions have no such limit
 
-            known[key] = fastest_with_jerk(part, limits, stages, seams, steady)
+                known[key] = with_jerk(known[key], limits, seams, steady)
         runs.append(known[key])
     return laps.profile(runs, stops, limits)
 
@@ -407,12 +407,11 @@ def approach(
             )
     line = begin + share * (end - begin)
     rate = positive(rate, "rate", "samples per second")
-    if kept.jerk is None:
-        segment = fastest(line, kept)
-    else:
-        from .jerk import fastest_with_jerk
+    segment = fastest(line, kept)
+    if kept.jerk is not None:
+        from .jerk import with_jerk
 
-        segment = fastest_with_jerk(line, kept)
+        segment = with_jerk(segment, kept)
     ends_of_line = [0, len(line) - 1]
     profile = Profile([segment], [0.0], ends_of_line, ends_of_line, kept)
     return _sampled(profile, task.robot_joints, 0, rate, kept, 0)
