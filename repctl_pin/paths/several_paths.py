@@ -77,7 +77,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     Raises
     ------
     InputError
-        If their number is not that of the frames, or their periods differ.
+        If their number is not that of the frames, their periods differ, or every frame holds still.
 
     Examples
     --------
@@ -96,6 +96,10 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
             f"has {len(listed)} paths for {len(task.frames)} frames ({', '.join(task.frames)})",
             argument="path",
             remedy="give one path per frame",
+        )
+    if all(path is None for path in listed):
+        raise InputError(
+            "holds every frame still", argument="path", remedy="give one of them a path"
         )
     made = [
         _path_of(single, q, path)

@@ -79,6 +79,8 @@ def test_paths_of_several_frames_are_checked(hands):
     task, q0 = hands
     with pytest.raises(rp.InputError, match="1 paths for 2 frames"):
         rp.several_paths(task, q0, [circle])
+    with pytest.raises(rp.InputError, match="holds every frame still"):
+        rp.several_paths(task, q0, [None, None])
     with pytest.raises(rp.InputError, match="must hold closed paths"):
         rp.several_paths(task, q0, [circle, 3])
     with pytest.raises(rp.InputError, match="2 placements, one per frame"):
