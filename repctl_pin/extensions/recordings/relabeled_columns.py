@@ -63,7 +63,10 @@ def relabeled_columns(recording: Recording, Q: Array) -> Columns:
         return Columns(_beside(recording) | poses | joints)
     source, lost = recording.source.columns, np.isnan(Q[:, 0])
     arrays = {3: p, 7: X, 16: homogeneous(p, R)}
-    poses |= {name: arrays[source[name][0].size] for name in POSES if name in source}
+    for name in POSES:
+        size = np.size(source[name][0]) if name in source else 0
+        if size in arrays:
+            poses[name] = arrays[size]
     made = dict[str, Column]()
     removed, recomputed = list[str](), list[str]()
     for name, values in source.items():
