@@ -12,7 +12,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ...arguments import (
-    MOST_STEPS,
     Array,
     as_numbers,
     flag_or_function,
@@ -31,15 +30,12 @@ from ..cells.cell_arguments import stacked
 from ..cells.function import InverseFunction
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
-from ..timing.profile import Course
+from ..timing.profile import Course, require_samples
 from .lines import Function
 from .parts import parts_of
 
 _LOOKED_AT = 50
 """Number of points per line at which limit margins and body distances are evaluated."""
-
-_MOST_SAMPLES = MOST_STEPS // 5
-"""Maximum number of samples of a motion."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -197,11 +193,7 @@ def between(
             segment, duration = part.timed(kept)
             segments.append(segment)
             durations.append(duration)
-    if not sum(durations) * rate < _MOST_SAMPLES:
-        raise InputError(
-            f"{sum(durations):.3g} s at {rate:g} samples per second exceed "
-            f"{_MOST_SAMPLES:,} samples; lower the rate"
-        )
+    require_samples(sum(durations) * rate, sum(durations), rate)
     samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
     rows = np.concatenate([[0], np.cumsum(samples)])
     t = np.arange(rows[-1] + 1) / rate

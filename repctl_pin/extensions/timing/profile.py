@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arguments import Array, read_only
+from ...arguments import MOST_STEPS, Array, read_only
 from ...errors import InputError, needed
 from ...motion.limits import JointLimits
 
@@ -25,6 +25,9 @@ STAGES = 450
 
 _LEAST_STAGES = 50
 """Minimum number of stages (grid points of the profile) between two stops."""
+
+MOST_SAMPLES = MOST_STEPS // 5
+"""Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
 _BETWEEN = np.array([0.0, 0.5, 1.0 - 1e-9])
 """Points at which limits are checked between two stages, as fractions of the time."""
@@ -153,6 +156,15 @@ class Course:
             found[:, rows] = moved / factor ** np.arange(4)[:, None, None]
             found[1:, rows[(own < 0) | (own > end)]] = 0.0
         return found
+
+
+def require_samples(count: float, seconds: float, rate: float) -> None:
+    """Raise InputError if a motion has too many samples."""
+    if not count < MOST_SAMPLES:
+        raise InputError(
+            f"{seconds:.3g} s at {rate:g} samples per second exceed {MOST_SAMPLES:,} samples; "
+            "lower the rate"
+        )
 
 
 class Profile:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arguments import (
-    MOST_STEPS,
     Array,
     flag,
     positive,
@@ -27,6 +26,7 @@ from ...motion.timed_motion import TimedMotion
 from ...studies.study_result import Row
 from .profile import (
     BEND,
+    MOST_SAMPLES,
     SHARP,
     STAGES,
     Profile,
@@ -34,13 +34,11 @@ from .profile import (
     Trajectory,
     corners_of,
     fastest,
+    require_samples,
 )
 
 _MOMENT = 1e-3
 """Half-width, s, of the central differences that give q̇ and q̈; the exact accelerations jump."""
-
-_MOST_SAMPLES = MOST_STEPS // 5
-"""Maximum number of samples of a timed motion; each takes the memory of several steps."""
 
 
 def timed(
@@ -268,7 +266,7 @@ def _sampled(
     period = 0
     if len(marks) > 3:  # a steady cycle takes a whole number of samples
         steady = float(marks[2] - marks[1])
-        if not steady / dt < _MOST_SAMPLES:
+        if not steady / dt < MOST_SAMPLES:
             raise InputError(
                 f"a cycle of {steady:.3g} s at {rate:g} samples per second is too long; "
                 "lower the rate"
@@ -278,11 +276,7 @@ def _sampled(
         marks = profile.marks * factor
     moment = min(dt, _MOMENT)
     lead = int(np.ceil(2 * moment / dt - 1e-9))
-    if not marks[-1] / dt + (more * period) + 2 * lead < _MOST_SAMPLES:
-        raise InputError(
-            f"{marks[-1]:.3g} s at {rate:g} samples per second exceed {_MOST_SAMPLES:,} samples; "
-            "lower the rate"
-        )
+    require_samples(marks[-1] / dt + more * period + 2 * lead, marks[-1], rate)
     samples = int(np.ceil(marks[-1] / dt - 1e-9)) + 2 * lead + 1
     clock = np.arange(-lead, samples - lead, dtype=float) * dt
     course = profile.course.stretched(factor)
