@@ -140,8 +140,8 @@ def headline_of(
         return Headline(tuple(said), ())
     if cycles == 1 and all(_is_open(one) for one in summaries):
         way = metres(max(one.hand_off for one in summaries)).replace(" ", "\u00a0")
-        words = f"The path is not closed: the hand ends {way} from where it began."
-        return Headline((*said, Span(words)), tuple(_notes(summaries)))
+        ends = Span(f"The path is not closed: the hand ends {way} from where it began.")
+        return Headline((*said, ends), tuple(_notes(summaries)))
     worst = max(summaries, key=lambda one: one.off)
     lost = _lost(summaries, times)
     whose = _EITHER.get(len(summaries), " under every control")
@@ -321,13 +321,9 @@ def _notes(summaries: Sequence[MotionSummary]) -> list[Span]:
     ):
         cost = percent(last.speed / first.speed - 1).replace(" ", "\u00a0")
         subject = capital(under(summaries[-1].label))
-        said.append(
-            Span(f"{subject} takes no more joint speed (rms).")
-            if cost.startswith("0")
-            else Span(
-                f"{subject} takes {cost[1:]} {'more' if cost[0] == '+' else 'less'} joint speed (rms)."
-            )
-        )
+        change = f"{cost[1:]} {'more' if cost[0] == '+' else 'less'}"
+        change = "no more" if cost.startswith("0") else change
+        said.append(Span(f"{subject} takes {change} joint speed (rms)."))
     return [
         *said,
         *_limits(summaries),

@@ -16,10 +16,9 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header.
 
-    All three are empty for a task in other joint coordinates or of several frames, which has no
-    governor.
+    All three are empty for a task in other joint coordinates, which has no governor.
     """
-    if task.coordinates is not None or len(task.frames) > 1:
+    if task.coordinates is not None:
         return "", "", ""
     structs, types = _structs("governor.h", name)
     parts = {
@@ -64,7 +63,7 @@ def _structs(file: str, name: str) -> tuple[str, str]:
         public = re.sub(rf"\b{known}\b(?! of)", f"{name}_{known.lower()}", public)
     for macro in macros:
         public = re.sub(rf"\b{macro}\b", f"{big}_{macro}", public)
-    public = re.sub(r"\bMOST_(?=[NM]\b)", f"{big}_", public)
+    public = re.sub(r"\bMOST_(?=(N|M|FRAMES)\b)", f"{big}_", public)
     lines = [f"#define {macro} {big}_{macro}" for macro in macros]
     lines += [f"typedef {name}_{known.lower()} {known};" for known in own]
     return public.strip("\n") + "\n", "\n".join(lines) + "\n"
