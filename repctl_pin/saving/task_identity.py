@@ -11,12 +11,12 @@ import msgspec
 import numpy as np
 
 from ..arguments import Array
+from ..design.subject import check_configurations, points_at
 from ..errors import InputError
 from ..model.kind import task_kind
 from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames
 from ..model.task import Task
-from ..model.task_parts import check_configurations, points_at
 from ..model.tool import ToolTask, with_tool
 from .schema import (
     ArmAngleFile,

@@ -279,7 +279,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
         mirrored += 1
         return visual[0] if mirrored <= 6 else ""
 
-    text = re.sub(r"(?s)<visual>.*?</visual>", kept, talos.description.xml)
+    text = re.sub(r"(?s)<visual>.*?</visual>", kept, talos.description.path.read_text())
     assert mirrored > 5
     (tmp_path / "talos.urdf").write_text(text, encoding="utf-8")
     robot = rp.Robot.load(tmp_path / "talos.urdf", package_dirs=talos.package_dirs)

@@ -14,9 +14,9 @@ from ...arguments import Array
 from ...certificate import fingerprint
 from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
-from ...model.shapes import Solid, find_mesh
+from ...model.shapes import Shape, find_mesh
 from ...model.task import Task
-from ...model.validate import Description
+from ...model.urdf import Description
 
 
 def shapes_fingerprint(task: Task) -> str:
@@ -56,7 +56,7 @@ def bodies_at(task: Task, Q: ArrayLike) -> Array:
         standing = [places[solid.link] for solid in robot.surroundings.collisions]
     Q = np.asarray(Q, float)
     sums = []
-    for q in Q if drive is None else drive.joints(Q):
+    for q in drive.joints(Q):
         pin.forwardKinematics(model, data, q)
         moved = [
             data.oMi[frames[link].parentJoint] * frames[link].placement
@@ -70,7 +70,7 @@ def bodies_at(task: Task, Q: ArrayLike) -> Array:
 
 
 def _solid(
-    solid: Solid, description: Description, package_dirs: tuple[str, ...]
+    solid: Shape, description: Description, package_dirs: tuple[str, ...]
 ) -> tuple[object, ...]:
     """Return a shape as plain data, with the content of its mesh file."""
     mesh = None

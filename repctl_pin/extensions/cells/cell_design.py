@@ -17,8 +17,8 @@ from ...certificate import (
     own_proof,
     proved_words,
 )
+from ...design.subject import rounded, task_parts
 from ...model.task import Task
-from ...model.task_parts import rounded, task_parts
 from ...strategies import RepeatableInverse
 from ...strategies.strategy import Inverse
 from .cell import Cell

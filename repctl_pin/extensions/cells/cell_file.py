@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from ...arguments import as_int
+from ...design.subject import check_configurations
 from ...errors import InputError
 from ...model.task import Task
-from ...model.task_parts import check_configurations
 from ...saving.design_file import FileKind, head
 from ...saving.files import load
 from ...saving.schema import (

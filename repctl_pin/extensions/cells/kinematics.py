@@ -29,7 +29,7 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
     if fast is not None:
         return fast.placed(Q)
     drive, nv = task.drive, task.model.nv
-    whole = np.ascontiguousarray(Q if drive is None else drive.joints(Q))
+    whole = np.ascontiguousarray(drive.joints(Q))
     p, R, full = (
         np.empty((len(Q), 3)),
         np.empty((len(Q), 3, 3)),
@@ -49,7 +49,7 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
         )
     else:
         J = full if task.kind == "pose" else full[:, task.rows]
-    return p, R, J if drive is None else J @ drive.S
+    return p, R, drive.derivatives(J)
 
 
 def solved(A: Array, b: Array) -> Array:

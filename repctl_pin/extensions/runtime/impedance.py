@@ -260,16 +260,12 @@ def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
     """
     model, drive = task.bodies_model()
     data = model.createData()
-
-    def own(q: Array, qdot: Array) -> tuple[Array, Array]:
-        return pin.crba(model, data, q), pin.nonLinearEffects(model, data, q, qdot)
-
-    if drive is None:
-        return own
     S = drive.S
 
-    def driven(q: Array, qdot: Array) -> tuple[Array, Array]:
-        M, b = own(drive.joints(q), S @ qdot)
+    def dynamics(q: Array, qdot: Array) -> tuple[Array, Array]:
+        whole = drive.joints(q)
+        M = pin.crba(model, data, whole)
+        b = pin.nonLinearEffects(model, data, whole, drive.rates(qdot))
         return S.T @ M @ S, S.T @ b
 
-    return driven
+    return dynamics

@@ -13,13 +13,12 @@ import pinocchio as pin
 from ...arguments import Array, read_only
 from ...errors import InputError
 from ...model.arm_links import arm_links
-from ...model.body_corners import corners
 from ...model.model import frame_id
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames
 from ...model.surfaces import read_surfaces
 from ...model.task import Task, unit_of
-from ...model.visuals import Visuals
+from ...model.visuals import Visuals, corners
 from ...motion import Motion, elbow
 from ...motion.csv_file import read_motions
 from ...motion.displacement import farthest
