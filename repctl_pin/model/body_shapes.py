@@ -124,7 +124,8 @@ def body_shape(
     if path is None:
         raise UnusableShape(
             f"mesh {solid.filename!r} is missing; "
-            "give the folder of its package by package_dirs, or replace the mesh by a box"
+            "give the folder of its package (--package-dir, package_dirs=), "
+            "or replace the mesh by a box"
         )
     collada = ["collada"] if path.suffix.lower() == ".dae" else []
     needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")

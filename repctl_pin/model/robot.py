@@ -389,7 +389,8 @@ class Robot(Mechanism):
         which = short(missing[0])[1:-1] + (", …" if len(missing) > 1 else "")
         return [
             f"{len(missing)} of {len(names)} meshes are missing ({which}); "
-            "those links are drawn as tubes; give the folders of their packages by package_dirs"
+            "those links are drawn as tubes; give the folders of their packages "
+            "(--package-dir, package_dirs=)"
         ]
 
     def _frame_id(self, frame: str) -> int:

@@ -314,7 +314,7 @@ class Task:
         which = [order[id(target)] for target in targets]
         to = np.array([goal.homogeneous for goal in goals.values()]).reshape(-1, 4, 4)
         p, R = self._placements(Q)
-        return self.kind.errors(p, R, to[which])
+        return self.kind.errors(p, R, to[which, :3, 3], to[which, :3, :3])
 
     def positions(self, Q: ArrayLike) -> Array:
         """Compute the frame's origin at every row of Q (K, n): an array (K, 3), m."""

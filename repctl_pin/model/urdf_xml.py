@@ -336,7 +336,7 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
         ]
         reason = (stated or said)[0][:200]
         remedy = (
-            "give the folder that contains it by package_dirs"
+            "give the folder that contains it (--package-dir, package_dirs=)"
             if reason.startswith("package ")
             else "correct it"
         )

@@ -837,7 +837,7 @@ def test_xacro_finds_packages(
     )
     told = refusal(path)
     assert "'arm' not found" in told and told.endswith(
-        "give the folder that contains it by package_dirs"
+        "give the folder that contains it (--package-dir, package_dirs=)"
     )
     folders: list[Path] = []
     if place == "ROS":

@@ -107,9 +107,10 @@ def _object(shape: Shape, surfaces: Surfaces) -> _Element:
         box = {"type": "BoxGeometry", "width": width, "height": height, "depth": depth}
         return _plain(box)
     if shape.kind == "sphere":
-        return _plain(_round(size[0], 0.0))
+        around = {"widthSegments": _RINGS, "heightSegments": _RINGS}
+        return _plain({"type": "SphereGeometry", "radius": size[0], **around})
     if shape.kind == "capsule":
-        return _plain(_round(size[0], size[1]))
+        return _plain(_capsule(*size), _UPRIGHT)
     if shape.kind == "cylinder":
         radius, height = size
         cylinder = {
@@ -200,28 +201,10 @@ def _array(
     return {"itemSize": size, "type": kind, "array": data, "normalized": normalized}
 
 
-def _round(radius: float, length: float) -> _Element:
-    """Make the three.js geometry of a capsule along z, or of a sphere if ``length`` is 0."""
-    n = _RINGS
-    polar = np.concatenate(
-        [np.linspace(0, np.pi / 2, n // 2), np.linspace(np.pi / 2, np.pi, n // 2)]
-    )
-    height = radius * np.cos(polar) + np.repeat(
-        [length / 2, -length / 2], n // 2
-    )  # (n,)
-    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    ring = radius * np.sin(polar)[:, None]
-    z = np.broadcast_to(height[:, None], (n, n))
-    points = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], -1).reshape(-1, 3)
-    i, j = (a.ravel() for a in np.indices((n - 1, n)))
-    a = i * n + j
-    b = i * n + (j + 1) % n
-    c = (i + 1) * n + j
-    d = (i + 1) * n + (j + 1) % n
-    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
-    position = _array("Float32Array", points, 3)
-    index = _array("Uint32Array", faces, 3)
-    return {
-        "type": "BufferGeometry",
-        "data": {"attributes": {"position": position}, "index": index},
-    }
+def _capsule(radius: float, length: float) -> _Element:
+    """Make the three.js geometry of a capsule along y: its outline from below, turned around y."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS)
+    x = radius * np.cos(angles)
+    y = radius * np.sin(angles) + length / 2 * np.sign(angles)
+    outline = [{"x": float(a), "y": float(b)} for a, b in zip(x, y, strict=True)]
+    return {"type": "LatheGeometry", "points": outline, "segments": _RINGS}

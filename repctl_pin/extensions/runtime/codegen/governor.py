@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from ....model.task import Task
-from .text import filled, pasted, row
+from .text import filled, initialiser, pasted
 
 _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
@@ -25,7 +25,7 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
         "structs": structs,
         "types": types,
         "library": pasted("governor.h", *_GOVERNOR),
-        "velocity": row(task.velocity_limit),
+        "velocity": initialiser(task.velocity_limit),
     }
     header, code, more = (filled(f"governor.{end}", name, parts) for end in _ENDINGS)
     return header, code, more
@@ -38,7 +38,7 @@ def torque_code(task: Task, name: str) -> tuple[str, str]:
         "structs": structs,
         "types": types,
         "library": pasted("torque.h", "torque.c"),
-        "stiffness": row(np.where(task.kind.linear, 1000.0, 50.0)),
+        "stiffness": initialiser(np.where(task.kind.linear, 1000.0, 50.0)),
     }
     header, code = (filled(f"torque.{end}", name, parts) for end in _ENDINGS[:2])
     return header, code
