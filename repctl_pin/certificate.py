@@ -54,8 +54,8 @@ class ClosingRadius:
     start : (n,) array
         Configuration on the leaf, at the start, rad or m.
     positions, rotations : (K, 3) and (K, 3, 3) arrays
-        The start pose, or poses along the path, m. Of F frames: (K, 3 F) and (K, 3 F, 3), those of
-        the first frame first.
+        The start pose, or poses along the path, m. With F frames: (K, 3 F) and (K, 3 F, 3), those
+        of the first frame first.
     boxes : int
         Number of boxes evaluated.
     complete : bool

@@ -46,7 +46,7 @@ def cases(folder: Path) -> list[rp.Design]:
     designs = [design_over(task, 0.1) for task in tasks(folder)]
     for seed, task in enumerate(
         [
-            baxter.task(["left_gripper", ("right_gripper", "position")]),
+            baxter.task([("left_gripper", "position"), "right_gripper"]),
             baxter.task([("left_gripper", "axis"), tray]),
         ]
     ):
